@@ -1,0 +1,31 @@
+"""The fingerprint of the message table: two ends with the same one understand each other."""
+
+import hashlib
+from collections.abc import Iterable
+from enum import IntEnum
+
+from hubowire.messages import ENUMS, MESSAGES, Message, wire_fields
+
+
+def canonical_text(
+    messages: Iterable[type[Message]] = MESSAGES, enums: Iterable[type[IntEnum]] = ENUMS
+) -> str:
+    """What the fingerprint covers: names, types, scales and units of every field, and every code.
+
+    One line a message, field or enum, "\\n" between. The meaning in words is not covered.
+    """
+    lines = []
+    for message in messages:
+        lines.append(f"message {message.type_id} {message.__name__}")
+        lines += [f"{row.name} {row.type} {row.scale} {row.unit}" for row in wire_fields(message)]
+    for enum in enums:
+        lines.append(f"enum {enum.__name__} " + " ".join(f"{item.name}={item.value}" for item in enum))
+    return "\n".join(lines)
+
+
+def fingerprint(text: str) -> int:
+    """The first four bytes of the SHA-256 of a table's canonical text, as a little-endian u32."""
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
+
+
+FINGERPRINT = fingerprint(canonical_text())
