@@ -1,0 +1,176 @@
+"""Answers to what the host asks."""
+
+import struct
+from time import ticks_us
+
+import bias_filter
+import reports
+import settings
+from framing import PAYLOAD
+from wire import (
+    ACK,
+    ACK_FORMAT,
+    ACK_SIZE,
+    BIAS_INIT,
+    BIAS_INIT_SIZE,
+    CONFIG_KEY_ACCEL_RANGE_G,
+    CONFIG_KEY_FILTER_KIND,
+    CONFIG_KEY_GAIN_BIAS_Q30,
+    CONFIG_KEY_GAIN_RATE_Q20,
+    CONFIG_KEY_GYRO_RANGE_DPS,
+    CONFIG_KEY_RATE_HZ,
+    FILTER_STATE_INITIALISING,
+    GET_HELLO,
+    NACK,
+    NACK_FORMAT,
+    NACK_SIZE,
+    PING,
+    REASON_BAD_VALUE,
+    REASON_BUSY,
+    REASON_NO_IMU,
+    REASON_NOT_STORED,
+    REASON_UNKNOWN_MESSAGE,
+    REASON_WHEEL_TURNS,
+    REBOOT,
+    REBOOT_MODE_REPL,
+    REBOOT_SIZE,
+    SET_CONFIG,
+    SET_CONFIG_FORMAT,
+    SET_CONFIG_SIZE,
+    START,
+    STOP,
+    TIME_REPLY,
+    TIME_REPLY_SIZE,
+    TIME_REQUEST,
+    TIME_REQUEST_SIZE,
+)
+
+_ANY_NODE = 0
+
+
+class Commands:
+    """Carries out requests on `node`; each is answered exactly once."""
+
+    def __init__(self, node):
+        self._node = node
+        self._bias_seq = -1
+
+    def handle(self, frame, received_us):
+        """Answers the request in a FrameReader; one that is for another node is left alone."""
+        node = self._node
+        if frame.node != node.outbox.node_id and frame.node != _ANY_NODE:
+            return
+        request, seq, raw, size = frame.type_id, frame.seq, frame.raw, frame.size
+        if request == TIME_REQUEST and size >= TIME_REQUEST_SIZE:
+            self._reply_time(raw, received_us)
+        elif request == PING:
+            self.ack(request, seq)
+        elif request == GET_HELLO:
+            reports.hello(node)
+        elif request == START:
+            node.start()
+            if node.chip is None:
+                self.nack(request, seq, REASON_NO_IMU, node.faults)
+            else:
+                self.ack(request, seq)
+        elif request == STOP:
+            node.stop()
+            self.ack(request, seq)
+        elif request == BIAS_INIT and size >= BIAS_INIT_SIZE:
+            self._begin_bias(seq, raw[PAYLOAD] | raw[PAYLOAD + 1] << 8)
+        elif request == SET_CONFIG and size >= SET_CONFIG_SIZE:
+            key, value = struct.unpack_from(SET_CONFIG_FORMAT, raw, PAYLOAD)
+            self._set(seq, key, value)
+        elif request == REBOOT and size >= REBOOT_SIZE:
+            self._reboot(seq, raw[PAYLOAD])
+        elif request in (TIME_REQUEST, BIAS_INIT, SET_CONFIG, REBOOT):
+            self.nack(request, seq, REASON_BAD_VALUE, size)
+        else:
+            self.nack(request, seq, REASON_UNKNOWN_MESSAGE, request)
+
+    def ack(self, request, seq):
+        outbox = self._node.outbox
+        struct.pack_into(ACK_FORMAT, outbox.note(), PAYLOAD, request, seq)
+        outbox.post(ACK, ACK_SIZE)
+
+    def nack(self, request, seq, reason, detail):
+        outbox = self._node.outbox
+        struct.pack_into(NACK_FORMAT, outbox.note(), PAYLOAD, request, seq, reason, detail)
+        outbox.post(NACK, NACK_SIZE)
+
+    def bias_done(self, turning):
+        """The static initialisation has ended: the answer that BiasInit waits for."""
+        seq, self._bias_seq = self._bias_seq, -1
+        if seq < 0:
+            return
+        if turning:
+            self.nack(BIAS_INIT, seq, REASON_WHEEL_TURNS, 0)
+        else:
+            self.ack(BIAS_INIT, seq)
+
+    def bias_given_up(self):
+        """No samples come any more: BiasInit is answered with that."""
+        seq, self._bias_seq = self._bias_seq, -1
+        if seq >= 0:
+            self.nack(BIAS_INIT, seq, REASON_NO_IMU, self._node.faults)
+
+    def _reply_time(self, raw, received_us):
+        outbox = self._node.outbox
+        note = outbox.note()
+        for i in range(PAYLOAD, PAYLOAD + 8):
+            note[i] = raw[i]
+        struct.pack_into("<II", note, PAYLOAD + 8, received_us, ticks_us())
+        outbox.post(TIME_REPLY, TIME_REPLY_SIZE)
+
+    def _begin_bias(self, seq, samples):
+        node = self._node
+        if samples < bias_filter.LEAST_SAMPLES:
+            self.nack(BIAS_INIT, seq, REASON_BAD_VALUE, samples)
+        elif node.chip is None:
+            self.nack(BIAS_INIT, seq, REASON_NO_IMU, node.faults)
+        elif node.static.state == FILTER_STATE_INITIALISING:
+            self.nack(BIAS_INIT, seq, REASON_BUSY, 0)
+        else:
+            self._bias_seq = seq
+            node.static.begin(samples, node.chip.gyro_lsb_ndps, node.chip.accel_lsb_ng)
+
+    def _set(self, seq, key, value):
+        node = self._node
+        row = settings.remote(key)
+        if row is None:
+            self.nack(SET_CONFIG, seq, REASON_BAD_VALUE, key)
+            return
+        _, name, least, most = row
+        choices = self._choices(key)
+        if not least <= value <= most or (choices is not None and value not in choices):
+            self.nack(SET_CONFIG, seq, REASON_BAD_VALUE, value)
+            return
+        node.settings[name] = value
+        try:
+            settings.store(node.settings)
+        except OSError:
+            self.nack(SET_CONFIG, seq, REASON_NOT_STORED, value)
+        else:
+            self.ack(SET_CONFIG, seq)
+        node.outbox.node_id = node.settings["node_id"]
+        if key in (CONFIG_KEY_FILTER_KIND, CONFIG_KEY_GAIN_RATE_Q20, CONFIG_KEY_GAIN_BIAS_Q30):
+            node.make_filter()
+
+    def _choices(self, key):
+        chip = self._node.chip
+        if key == CONFIG_KEY_FILTER_KIND:
+            return bias_filter.KINDS
+        if chip is None:
+            return None
+        if key == CONFIG_KEY_RATE_HZ:
+            return chip.RATES_HZ
+        if key == CONFIG_KEY_GYRO_RANGE_DPS:
+            return chip.RANGES_DPS
+        return chip.RANGES_G if key == CONFIG_KEY_ACCEL_RANGE_G else None
+
+    def _reboot(self, seq, mode):
+        if mode > REBOOT_MODE_REPL:
+            self.nack(REBOOT, seq, REASON_BAD_VALUE, mode)
+            return
+        self.ack(REBOOT, seq)
+        self._node.leave = mode

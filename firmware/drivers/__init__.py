@@ -1,0 +1,1 @@
+"""Chips a node can read: one flat file each."""

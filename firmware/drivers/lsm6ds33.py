@@ -1,0 +1,192 @@
+"""LSM6DS33: gyro and accelerometer of the MinIMU-9 (ST, register family of the LSM6DS3).
+
+chip = LSM6DS33(i2c, odr_hz=208, range_dps=2000, range_g=16)
+words = array("h", bytes(12))
+if chip.read_into(words, 0):
+    print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
+"""
+
+import time
+
+from buffers import shared
+from micropython import const
+from wire import PART_LSM6DS33
+
+_FIFO_CTRL3 = const(0x08)
+_FIFO_CTRL5 = const(0x0A)
+_WHO_AM_I = const(0x0F)
+_CTRL1_XL = const(0x10)
+_CTRL2_G = const(0x11)
+_CTRL3_C = const(0x12)
+_STATUS = const(0x1E)
+_OUT_TEMP = const(0x20)
+_FIFO_STATUS1 = const(0x3A)
+_FIFO_DATA_OUT = const(0x3E)
+
+_SW_RESET = const(0x01)
+_BDU_IF_INC = const(0x44)
+_XLDA_GDA = const(0x03)
+_NO_DECIMATION = const(0x09)
+_BYPASS = const(0)
+_CONTINUOUS = const(6)
+_OVERRUN = const(0x40)
+_PATTERN = const(6)
+
+# (public value, what it truly is, code)
+_RATES_HZ = (
+    (13, 12500, 1),
+    (26, 26000, 2),
+    (52, 52000, 3),
+    (104, 104000, 4),
+    (208, 208000, 5),
+    (416, 416000, 6),
+    (833, 833000, 7),
+    (1660, 1660000, 8),
+)
+# One step is not range / 32768: the label and the step disagree by up to 17 %.
+_RANGES_DPS = (
+    (125, 4375000, 0x02),
+    (245, 8750000, 0x00),
+    (500, 17500000, 0x04),
+    (1000, 35000000, 0x08),
+    (2000, 70000000, 0x0C),
+)
+_RANGES_G = ((2, 61000, 0x00), (4, 122000, 0x08), (8, 244000, 0x0C), (16, 488000, 0x04))
+
+
+def _setting(table, value, name):
+    for row in table:
+        if row[0] == value:
+            return row
+    raise ValueError("{} {}: one of {}".format(name, value, [row[0] for row in table]))
+
+
+class LSM6DS33:
+    """fifo: samples through the FIFO at 208 Hz and below too; above, always.
+
+    Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
+    """
+
+    PART = PART_LSM6DS33
+    ADDRESSES = (0x6B, 0x6A)
+    RATES_HZ = tuple(row[0] for row in _RATES_HZ)
+    RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
+    RANGES_G = tuple(row[0] for row in _RANGES_G)
+    WHO_AM_I_REGISTER = _WHO_AM_I
+    WHO_AM_I = (0x69,)
+    ANY_WHO_AM_I = False
+    """Whether another id at this address is taken for a variant, rather than refused."""
+
+    def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False):
+        odr, self.rate_mhz, odr_code = _setting(_RATES_HZ, odr_hz, "odr_hz")
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = _setting(_RANGES_DPS, range_dps, "range_dps")
+        self.range_g, self.accel_lsb_ng, accel_code = _setting(_RANGES_G, range_g, "range_g")
+        self.temperature_lsb_udegc = 62500
+        self.temperature_offset_udegc = 25000000
+        self.i2c = i2c
+        self.address = address
+        self.uses_fifo = fifo or odr > 208
+        self.temperature_raw = 0
+        self.realigned = 0
+        self._byte = bytearray(1)
+        self.who_am_i = self._read(_WHO_AM_I)
+        if self.who_am_i not in self.WHO_AM_I:
+            raise OSError("chip 0x{:02x} at 0x{:02x}: not an LSM6DS33".format(self.who_am_i, address))
+        self._settings = (
+            (_FIFO_CTRL3, _NO_DECIMATION if self.uses_fifo else 0),
+            (_CTRL3_C, _BDU_IF_INC),
+            (_CTRL1_XL, odr_code << 4 | accel_code),
+            (_CTRL2_G, odr_code << 4 | gyro_code),
+        )
+        self._fifo_on = odr_code << 3 | _CONTINUOUS
+        self._burst, self._burst_words = shared(8)
+        self._status = bytearray(4)
+        stray = memoryview(bytearray(2 * _PATTERN))
+        self._stray = tuple(stray[: 2 * i] for i in range(_PATTERN))
+        self.configure()
+
+    def configure(self):
+        """Resets the chip and writes every setting; sampling starts."""
+        self._write(_CTRL3_C, _SW_RESET)
+        for _ in range(10):
+            time.sleep_us(100)
+            if not self._read(_CTRL3_C) & _SW_RESET:
+                break
+        else:
+            raise OSError("LSM6DS33 at 0x{:02x}: reset does not end".format(self.address))
+        for register, value in self._settings:
+            self._write(register, value)
+        if self.uses_fifo:
+            self.fifo_flush()
+
+    def intact(self):
+        """Whether the settings still stand in the chip: a dip of its supply resets them."""
+        for register, value in self._settings:
+            if self._read(register) != value:
+                return False
+        return True
+
+    def ready(self):
+        """Whether a new sample of both triads is there.
+
+        Looking with `read_into` instead may cost the sample: one that comes during the burst loses its flag.
+        """
+        self.i2c.readfrom_mem_into(self.address, _STATUS, self._byte)
+        return self._byte[0] & _XLDA_GDA == _XLDA_GDA
+
+    def read_into(self, words, at):
+        """One burst; 1 and a sample of six words at words[at], or 0 while none is new."""
+        self.i2c.readfrom_mem_into(self.address, _STATUS, self._burst)
+        if self._burst[0] & _XLDA_GDA != _XLDA_GDA:
+            return 0
+        burst = self._burst_words
+        self.temperature_raw = burst[1]
+        words[at] = burst[2]
+        words[at + 1] = burst[3]
+        words[at + 2] = burst[4]
+        words[at + 3] = burst[5]
+        words[at + 4] = burst[6]
+        words[at + 5] = burst[7]
+        return 1
+
+    def fifo_level(self):
+        """Whole samples that wait in the FIFO; -1 when it has overflowed."""
+        status = self._status
+        self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
+        if status[1] & _OVERRUN:
+            return -1
+        words = status[0] | (status[1] & 0x0F) << 8
+        pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
+        if pattern and words:
+            # The next word is not a gyro x: the rest of this torn sample is thrown away.
+            rest = _PATTERN - pattern
+            if words < rest:
+                return 0
+            self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._stray[rest])
+            words -= rest
+            self.realigned += 1
+        return words // _PATTERN
+
+    def fifo_read_into(self, rows):
+        """One burst of len(rows) / 12 whole samples, in the order of the wire."""
+        self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, rows)
+
+    def fifo_flush(self):
+        """Empties the FIFO and starts it again at a whole sample."""
+        self._write(_FIFO_CTRL5, _BYPASS)
+        self._write(_FIFO_CTRL5, self._fifo_on)
+
+    def read_temperature(self):
+        """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""
+        raw = self._status
+        self.i2c.readfrom_mem_into(self.address, _OUT_TEMP, raw)
+        value = raw[0] | raw[1] << 8
+        self.temperature_raw = value - 65536 if value & 0x8000 else value
+
+    def _read(self, register):
+        self.i2c.readfrom_mem_into(self.address, register, self._byte)
+        return self._byte[0]
+
+    def _write(self, register, value):
+        self._byte[0] = value
+        self.i2c.writeto_mem(self.address, register, self._byte)

@@ -1,0 +1,199 @@
+"""MPU-6050 and MPU-6500: gyro and accelerometer (InvenSense); what is sold as such answers with many ids.
+
+chip = MPU6050(i2c, odr_hz=200, range_dps=2000, range_g=16)
+words = array("h", bytes(12))
+if chip.read_into(words, 0):
+    print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
+"""
+
+import time
+
+from micropython import const
+from wire import PART_MPU6050, PART_MPU6500
+
+_SMPLRT_DIV = const(0x19)
+_CONFIG = const(0x1A)
+_GYRO_CONFIG = const(0x1B)
+_ACCEL_CONFIG = const(0x1C)
+_FIFO_EN = const(0x23)
+_INT_ENABLE = const(0x38)
+_INT_STATUS = const(0x3A)
+_TEMP_OUT = const(0x41)
+_USER_CTRL = const(0x6A)
+_PWR_MGMT_1 = const(0x6B)
+_FIFO_COUNT = const(0x72)
+_FIFO_R_W = const(0x74)
+_WHO_AM_I = const(0x75)
+
+_DEVICE_RESET = const(0x80)
+_CLOCK_OF_GYRO = const(0x01)
+_DATA_READY = const(0x01)
+_FIFO_OVERFLOW = const(0x10)
+_GYRO_AND_ACCEL = const(0x78)
+_FIFO_ON = const(0x40)
+_FIFO_RESET = const(0x04)
+_SAMPLE = const(12)
+
+# (public value, what it truly is, divider of 1 kHz minus 1, low-pass code below half the rate)
+_RATES_HZ = (
+    (50, 50000, 19, 5),
+    (100, 100000, 9, 3),
+    (125, 125000, 7, 3),
+    (200, 200000, 4, 2),
+    (250, 250000, 3, 2),
+    (500, 500000, 1, 1),
+    (1000, 1000000, 0, 1),
+)
+_RANGES_DPS = (
+    (250, 7633588, 0x00),
+    (500, 15267176, 0x08),
+    (1000, 30487805, 0x10),
+    (2000, 60975610, 0x18),
+)
+_RANGES_G = ((2, 61035, 0x00), (4, 122070, 0x08), (8, 244141, 0x10), (16, 488281, 0x18))
+
+
+def _setting(table, value, name):
+    for row in table:
+        if row[0] == value:
+            return row
+    raise ValueError("{} {}: one of {}".format(name, value, [row[0] for row in table]))
+
+
+class MPU6050:
+    """fifo: samples through the FIFO at 250 Hz and below too; above, always.
+
+    Raises ValueError for a setting outside the tables, OSError when nothing answers.
+
+    An unknown WHO_AM_I is not refused: PART is then 0, and Hello carries the id.
+    """
+
+    PART = PART_MPU6050
+    ADDRESSES = (0x68, 0x69)
+    RATES_HZ = tuple(row[0] for row in _RATES_HZ)
+    RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
+    RANGES_G = tuple(row[0] for row in _RANGES_G)
+    WHO_AM_I_REGISTER = _WHO_AM_I
+    WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
+    ANY_WHO_AM_I = True
+    """Whether another id at this address is taken for a variant, rather than refused."""
+
+    def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False):
+        odr, self.rate_mhz, divider, low_pass = _setting(_RATES_HZ, odr_hz, "odr_hz")
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = _setting(_RANGES_DPS, range_dps, "range_dps")
+        self.range_g, self.accel_lsb_ng, accel_code = _setting(_RANGES_G, range_g, "range_g")
+        self.i2c = i2c
+        self.address = address
+        self.uses_fifo = fifo or odr > 250
+        self.temperature_raw = 0
+        self.realigned = 0
+        self._byte = bytearray(1)
+        self.who_am_i = self._read(_WHO_AM_I)
+        if self.who_am_i in (0x70, 0x71, 0x73):
+            self.PART = PART_MPU6500
+            self.temperature_lsb_udegc = 2995
+            self.temperature_offset_udegc = 21000000
+        else:
+            if self.who_am_i not in self.WHO_AM_I:
+                self.PART = 0
+            self.temperature_lsb_udegc = 2941
+            self.temperature_offset_udegc = 36530000
+        self._settings = (
+            (_PWR_MGMT_1, _CLOCK_OF_GYRO),
+            (_SMPLRT_DIV, divider),
+            (_CONFIG, low_pass),
+            (_GYRO_CONFIG, gyro_code),
+            (_ACCEL_CONFIG, accel_code),
+            (_FIFO_EN, _GYRO_AND_ACCEL if self.uses_fifo else 0),
+            (_INT_ENABLE, _DATA_READY),
+        )
+        self._burst = bytearray(15)
+        self._count = bytearray(2)
+        self._ready = 0
+        self.configure()
+
+    def configure(self):
+        """Resets the chip, wakes it and writes every setting; sampling starts."""
+        self._write(_PWR_MGMT_1, _DEVICE_RESET)
+        for _ in range(20):
+            time.sleep_ms(10)
+            if not self._read(_PWR_MGMT_1) & _DEVICE_RESET:
+                break
+        else:
+            raise OSError("MPU-6050 at 0x{:02x}: reset does not end".format(self.address))
+        for register, value in self._settings:
+            self._write(register, value)
+        if self.uses_fifo:
+            self.fifo_flush()
+
+    def intact(self):
+        """Whether the settings still stand in the chip: a dip of its supply resets them."""
+        for register, value in self._settings:
+            if self._read(register) != value:
+                return False
+        return True
+
+    def ready(self):
+        """Whether a new sample is there."""
+        # Reading the flag clears it.
+        self._ready |= self._read(_INT_STATUS)
+        return self._ready & _DATA_READY
+
+    def read_into(self, words, at):
+        """One burst; 1 and a sample of six words at words[at], or 0 while none is new."""
+        raw = self._burst
+        self.i2c.readfrom_mem_into(self.address, _INT_STATUS, raw)
+        if not (self._ready | raw[0]) & _DATA_READY:
+            return 0
+        self._ready = 0
+        words[at] = _signed(raw[9] << 8 | raw[10])
+        words[at + 1] = _signed(raw[11] << 8 | raw[12])
+        words[at + 2] = _signed(raw[13] << 8 | raw[14])
+        words[at + 3] = _signed(raw[1] << 8 | raw[2])
+        words[at + 4] = _signed(raw[3] << 8 | raw[4])
+        words[at + 5] = _signed(raw[5] << 8 | raw[6])
+        self.temperature_raw = _signed(raw[7] << 8 | raw[8])
+        return 1
+
+    def fifo_level(self):
+        """Whole samples that wait in the FIFO; -1 when it has overflowed."""
+        count = self._count
+        self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
+        if self._read(_INT_STATUS) & _FIFO_OVERFLOW:
+            return -1
+        return (count[0] << 8 | count[1]) // _SAMPLE
+
+    def fifo_read_into(self, rows):
+        """One burst of len(rows) / 12 whole samples, put into the order of the wire."""
+        self.i2c.readfrom_mem_into(self.address, _FIFO_R_W, rows)
+        # Big-endian accelerometer, then gyro: each byte changes places with one of the other triad.
+        for i in range(0, len(rows), 12):
+            rows[i], rows[i + 7] = rows[i + 7], rows[i]
+            rows[i + 1], rows[i + 6] = rows[i + 6], rows[i + 1]
+            rows[i + 2], rows[i + 9] = rows[i + 9], rows[i + 2]
+            rows[i + 3], rows[i + 8] = rows[i + 8], rows[i + 3]
+            rows[i + 4], rows[i + 11] = rows[i + 11], rows[i + 4]
+            rows[i + 5], rows[i + 10] = rows[i + 10], rows[i + 5]
+
+    def fifo_flush(self):
+        """Empties the FIFO and starts it again at a whole sample."""
+        self._write(_USER_CTRL, _FIFO_RESET)
+        self._write(_USER_CTRL, _FIFO_ON)
+
+    def read_temperature(self):
+        """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""
+        raw = self._count
+        self.i2c.readfrom_mem_into(self.address, _TEMP_OUT, raw)
+        self.temperature_raw = _signed(raw[0] << 8 | raw[1])
+
+    def _read(self, register):
+        self.i2c.readfrom_mem_into(self.address, register, self._byte)
+        return self._byte[0]
+
+    def _write(self, register, value):
+        self._byte[0] = value
+        self.i2c.writeto_mem(self.address, register, self._byte)
+
+
+def _signed(value):
+    return value - 65536 if value & 0x8000 else value

@@ -1,0 +1,122 @@
+"""Frames without allocation: CRC-16 by table, COBS in place, and the way back for requests.
+
+A frame is built where it is sent from: one spare byte for COBS, header, payload, CRC, delimiter.
+    raw[START] code, raw[BODY:] type, node, seq, raw[PAYLOAD:] payload, then CRC and a zero.
+"""
+
+from micropython import const
+from wire import CRC_INITIAL, CRC_POLYNOMIAL, CRC_SIZE, HEADER_SIZE, MAX_FRAME
+
+START = const(1)
+BODY = const(2)
+PAYLOAD = const(6)
+SLOT_WORDS = const(126)
+"""int16 that hold the largest frame behind its unused first byte; the payload so lies on an even address."""
+
+_ZERO = b"\0"
+
+
+def _crc_tables():
+    high, low = bytearray(256), bytearray(256)
+    for i in range(256):
+        crc = i << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ CRC_POLYNOMIAL if crc & 0x8000 else crc << 1
+        high[i], low[i] = (crc >> 8) & 0xFF, crc & 0xFF
+    return bytes(high), bytes(low)
+
+
+_HIGH, _LOW = _crc_tables()
+
+
+def crc16_table(raw, start, end):
+    """CRC-16/CCITT-FALSE of raw[start:end]."""
+    high_table, low_table = _HIGH, _LOW
+    high, low = CRC_INITIAL >> 8, CRC_INITIAL & 0xFF
+    for i in range(start, end):
+        at = high ^ raw[i]
+        high = low ^ high_table[at]
+        low = low_table[at]
+    return high << 8 | low
+
+
+try:
+    from fast import crc16  # type: ignore[assignment]
+except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
+    # This interpreter has no native code, or the file was compiled for another processor.
+    crc16 = crc16_table
+
+
+def seal(raw, payload_size):
+    """Closes the frame whose header and payload stand in `raw`: it is then raw[START:result]."""
+    end = PAYLOAD + payload_size
+    crc = crc16(raw, BODY, end)
+    raw[end] = crc & 0xFF
+    raw[end + 1] = crc >> 8
+    end += CRC_SIZE
+    at = START
+    zero = raw.find(_ZERO, BODY, end)
+    while zero >= 0:
+        raw[at] = zero - at
+        at = zero
+        zero = raw.find(_ZERO, at + 1, end)
+    raw[at] = end - at
+    raw[end] = 0
+    return end + 1
+
+
+class FrameReader:
+    """Bytes from the host, one at a time, to frames; damage is counted.
+
+    After `feed` has returned True: `type_id`, `node`, `seq`, and the payload raw[PAYLOAD:PAYLOAD + size].
+    """
+
+    def __init__(self):
+        self.raw = bytearray(START + MAX_FRAME)
+        self.damaged = 0
+        self.type_id = self.node = self.seq = self.size = 0
+        self._end = START
+        self._skipping = False
+
+    def feed(self, byte):
+        """True when `byte` closed an undamaged frame."""
+        if byte:
+            if self._end < START + MAX_FRAME - 1:
+                self.raw[self._end] = byte
+                self._end += 1
+            else:
+                self._skipping = True
+            return False
+        end, skipping = self._end, self._skipping
+        self._end, self._skipping = START, False
+        if skipping:
+            self.damaged += 1
+            return False
+        if end == START:
+            return False
+        if not self._open(end):
+            self.damaged += 1
+            return False
+        return True
+
+    def _open(self, end):
+        raw = self.raw
+        at = START
+        while at < end:
+            step = raw[at]
+            raw[at] = 0
+            at += step
+        size = end - PAYLOAD - CRC_SIZE
+        if at != end or size < 0:
+            return False
+        crc = crc16(raw, BODY, end - CRC_SIZE)  # type: ignore[arg-type]
+        if crc != raw[end - 2] | raw[end - 1] << 8:
+            return False
+        self.type_id = raw[BODY]
+        self.node = raw[BODY + 1]
+        self.seq = raw[BODY + 2] | raw[BODY + 3] << 8
+        self.size = size
+        return True
+
+
+assert PAYLOAD == BODY + HEADER_SIZE

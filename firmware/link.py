@@ -1,0 +1,183 @@
+"""The byte streams to the host: USB, UART, UDP; what a stream does not take at once stays in the outbox."""
+
+import select
+import sys
+
+import micropython
+from framing import START, FrameReader
+from micropython import const
+
+_WHOLE = const(256)
+_USB_CHUNK = const(64)
+_READS_PER_TURN = const(32)
+_CTRL_C = const(3)
+_SLICES = sys.implementation.name != "micropython"
+
+
+def _write(stream, raw, at, size):
+    """How many bytes of raw[at:at + size] the stream took, or None; MicroPython's streams need no slice."""
+    if _SLICES:
+        return stream.write(memoryview(raw)[at : at + size])
+    return stream.write(raw, at, size)
+
+
+class Link:
+    """What every link does; a link adds how much of raw[at:at + size] it took, and the next byte or -1."""
+
+    MOST = _WHOLE
+    """Bytes offered to the stream at once."""
+
+    def __init__(self):
+        self.reader = FrameReader()
+
+    def send(self, outbox, turns):
+        """Offers waiting frames to the stream, at most `turns` times."""
+        slot = outbox.oldest()
+        while slot is not None and turns:
+            turns -= 1
+            at = START + outbox.sent
+            size = slot.end - at
+            taken = self._take(slot.raw, at, size if size < self.MOST else self.MOST)
+            if not taken:
+                return
+            outbox.took(taken)
+            slot = outbox.oldest()
+
+    def _take(self, raw, at, size):
+        raise NotImplementedError
+
+    def _byte(self):
+        raise NotImplementedError
+
+    def receive(self):
+        """True when a frame from the host has come: it stands in `reader` until the next call."""
+        for _ in range(_READS_PER_TURN):
+            byte = self._byte()
+            if byte < 0:
+                return False
+            if self.reader.feed(byte):
+                return True
+        return False
+
+    def turn(self):
+        """Looks after the carrier of the link; may take its time when there is none."""
+
+    def close(self):
+        """Gives the stream back."""
+
+
+class UsbLink(Link):
+    """USB CDC, shared with the REPL: ctrl-C is an ordinary byte until `close`.
+
+    The driver waits when more is written than fits, and drops after half a second: hence small chunks, and
+    single bytes while the host does not keep up.
+    """
+
+    def __init__(self):
+        super().__init__()
+        self.MOST = _USB_CHUNK
+        self._in = sys.stdin.buffer
+        self._out = sys.stdout.buffer
+        self._one = bytearray(1)
+        self._readable = _poll(sys.stdin, select.POLLIN)
+        self._writable = _poll(sys.stdout, select.POLLOUT)
+        micropython.kbd_intr(-1)
+
+    def _take(self, raw, at, size):
+        if not _ready(self._writable, select.POLLOUT):
+            self.MOST = 1
+            return 0
+        if self.MOST < _USB_CHUNK:
+            self.MOST += 1
+        return _write(self._out, raw, at, size)
+
+    def _byte(self):
+        if _ready(self._readable, select.POLLIN) and self._in.readinto(self._one):
+            return self._one[0]
+        return -1
+
+    def close(self):
+        micropython.kbd_intr(_CTRL_C)
+
+
+class UartLink(Link):
+    """A UART that was opened with timeout=0 and room for two frames in its send buffer."""
+
+    def __init__(self, uart):
+        super().__init__()
+        self.MOST = _USB_CHUNK
+        self._uart = uart
+        self._one = bytearray(1)
+        self._writable = _poll(uart, select.POLLOUT)
+
+    def _take(self, raw, at, size):
+        return _write(self._uart, raw, at, size) if _ready(self._writable, select.POLLOUT) else 0
+
+    def _byte(self):
+        if self._uart.any() and self._uart.readinto(self._one):
+            return self._one[0]
+        return -1
+
+
+class UdpLink(Link):
+    """One datagram per frame to one host; frames wait while there is no Wi-Fi.
+
+    wlan: an active station; connect(): joins the network; open_socket(): a connected, non-blocking socket.
+    """
+
+    def __init__(self, wlan, connect, open_socket):
+        super().__init__()
+        self._wlan = wlan
+        self._connect = connect
+        self._open_socket = open_socket
+        self._socket = None
+        self._raw = bytearray(_WHOLE)
+        self._at = self._end = 0
+        connect()
+
+    def turn(self):
+        if not self._wlan.isconnected():
+            if self._socket is not None:
+                self._socket.close()
+                self._socket = None
+                self._connect()
+        elif self._socket is None:
+            self._socket = self._open_socket()
+
+    def _take(self, raw, at, size):
+        if self._socket is None:
+            return 0
+        try:
+            return _write(self._socket, raw, at, size)
+        except OSError:
+            # Full buffers or no route: the frame stays, or is the oldest to go.
+            return 0
+
+    def _byte(self):
+        if self._at == self._end:
+            self._at = self._end = 0
+            if self._socket is None:
+                return -1
+            try:
+                self._end = self._socket.readinto(self._raw) or 0
+            except OSError:
+                return -1
+            if not self._end:
+                return -1
+        byte = self._raw[self._at]
+        self._at += 1
+        return byte
+
+
+def _poll(stream, event):
+    """Ready, without allocation, with `_ready`: MicroPython's ipoll where it is."""
+    poll = select.poll()
+    poll.register(stream, event)
+    return poll.ipoll if hasattr(poll, "ipoll") else poll.poll
+
+
+def _ready(poll, event):
+    for item in poll(0):
+        if item[1] & event:
+            return True
+    return False

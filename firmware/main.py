@@ -1,0 +1,5 @@
+"""Runs the node after power-on."""
+
+from node import main
+
+main()

@@ -1,0 +1,111 @@
+"""Frames that wait for the link: a fixed number of slots, the oldest given up first, and counted.
+
+Slots are never copied: who fills one hands it in and gets an empty one back.
+"""
+
+import struct
+from array import array
+
+from buffers import shared
+from framing import PAYLOAD, SLOT_WORDS, START, seal
+from micropython import const
+from wire import HEADER_FORMAT, IMU_BATCH_MAX_ROWS, IMU_BATCH_SIZE
+
+_BODY = const(2)
+FIRST_ROW = (PAYLOAD + IMU_BATCH_SIZE) // 2
+"""Where the samples of an ImuBatch begin, in int16 from the start of a slot."""
+
+_ROW = const(6)
+
+
+class Slot:
+    """Room for one frame.
+
+    raw: the frame's bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch;
+    samples: the same as int16; end: where the frame ends in raw, once sealed.
+    """
+
+    def __init__(self):
+        self.raw, self.values = shared(SLOT_WORDS)
+        self.end = START
+        self.shape(1)
+
+    def shape(self, batch):
+        """Fits `rows` and `samples` to batches of that many samples."""
+        first = 2 * FIRST_ROW
+        self.rows = memoryview(self.raw)[first : first + 2 * _ROW * batch]
+        self.samples = memoryview(self.values)[FIRST_ROW : FIRST_ROW + _ROW * batch]
+
+
+class Outbox:
+    """Ring of `depth` sealed frames."""
+
+    def __init__(self, depth, node_id):
+        self.node_id = node_id
+        self.dropped = 0
+        self.high_water = 0
+        self.count = 0
+        self.sent = 0
+        """Bytes of the oldest frame that the link has taken."""
+        self._ring = [Slot() for _ in range(depth)]
+        self._head = 0
+        self._seqs = array("H", bytes(2 * 256))
+        self._note = Slot()
+
+    def shape(self, batch):
+        """Fits every slot to batches of that many samples."""
+        self._note.shape(batch)
+        for slot in self._ring:
+            slot.shape(batch)
+
+    def note(self):
+        """The bytes to pack a small message into, from PAYLOAD on, for `post`."""
+        return self._note.raw
+
+    def post(self, type_id, payload_size):
+        """Queues what was packed into `note`."""
+        self._note = self.exchange(self._note, type_id, payload_size)
+
+    def exchange(self, slot, type_id, payload_size):
+        """Queues a filled slot; returns an empty one in its place."""
+        seq = self._seqs[type_id]
+        self._seqs[type_id] = (seq + 1) & 0xFFFF
+        struct.pack_into(HEADER_FORMAT, slot.raw, _BODY, type_id, self.node_id, seq)
+        slot.end = seal(slot.raw, payload_size)
+        ring = self._ring
+        depth = len(ring)
+        if self.count == depth:
+            self._drop_oldest()
+        tail = (self._head + self.count) % depth
+        free = ring[tail]
+        ring[tail] = slot
+        self.count += 1
+        if self.count > self.high_water:
+            self.high_water = self.count
+        return free
+
+    def oldest(self):
+        """The slot to send next, or None."""
+        return self._ring[self._head] if self.count else None
+
+    def took(self, size):
+        """The link took `size` more bytes of the oldest frame."""
+        self.sent += size
+        if START + self.sent >= self._ring[self._head].end:
+            self.sent = 0
+            self._head = (self._head + 1) % len(self._ring)
+            self.count -= 1
+
+    def _drop_oldest(self):
+        ring, head = self._ring, self._head
+        after = (head + 1) % len(ring)
+        if self.sent:
+            # Half of the oldest is on the wire already: it stays, the next one goes.
+            ring[head], ring[after] = ring[after], ring[head]
+        self._head = after
+        self.count -= 1
+        self.dropped += 1
+
+
+assert FIRST_ROW + _ROW * IMU_BATCH_MAX_ROWS <= SLOT_WORDS
+assert PAYLOAD + IMU_BATCH_SIZE == 2 * FIRST_ROW

@@ -1,0 +1,115 @@
+"""What a node tells of itself: Hello, Filter, Health. Nothing here allocates."""
+
+import gc
+import struct
+from time import ticks_us
+
+from framing import PAYLOAD
+from micropython import const
+from wire import (
+    FAULT_LOW_BATTERY,
+    FILTER,
+    FILTER_FORMAT,
+    FILTER_SIZE,
+    FINGERPRINT,
+    HEALTH,
+    HEALTH_FORMAT,
+    HEALTH_SIZE,
+    HELLO,
+    HELLO_FORMAT,
+    HELLO_ROW,
+    HELLO_ROW_SIZE,
+    HELLO_SIZE,
+)
+
+VERSION = (0, 1, 0)
+
+_U16 = const(0xFFFF)
+
+
+def hello(node):
+    """Queues Hello."""
+    chip, mag, board = node.chip, node.mag, node.board
+    raw = node.outbox.note()
+    struct.pack_into(
+        HELLO_FORMAT,
+        raw,
+        PAYLOAD,
+        FINGERPRINT,
+        VERSION[0],
+        VERSION[1],
+        VERSION[2],
+        board.serial,
+        board.boot_id,
+        board.kind,
+        board.reset_cause,
+        chip.rate_mhz if chip else 0,
+        chip.range_dps if chip else 0,
+        chip.range_g if chip else 0,
+        chip.gyro_lsb_ndps if chip else 0,
+        chip.accel_lsb_ng if chip else 0,
+        chip.temperature_lsb_udegc if chip else 0,
+        chip.temperature_offset_udegc if chip else 0,
+        mag.lsb_ft if mag else 0,
+        node.batch,
+        node.settings["filter_kind"],
+        len(node.parts),
+    )
+    at = PAYLOAD + HELLO_SIZE
+    for address, who_am_i, part in node.parts:
+        struct.pack_into(HELLO_ROW, raw, at, address, who_am_i, part)
+        at += HELLO_ROW_SIZE
+    node.outbox.post(HELLO, at - PAYLOAD)
+
+
+def filter_state(node):
+    """Queues Filter."""
+    f, static = node.estimator, node.static
+    struct.pack_into(
+        FILTER_FORMAT,
+        node.outbox.note(),
+        PAYLOAD,
+        node.sampler.newest_us,
+        static.state,
+        f.saturations,
+        static.samples,
+        f.rate_q8(0),
+        f.rate_q8(1),
+        f.rate_q8(2),
+        f.bias_q12(0),
+        f.bias_q12(1),
+        f.bias_q12(2),
+        static.variance_q8[0],
+        static.variance_q8[1],
+        static.variance_q8[2],
+    )
+    node.outbox.post(FILTER, FILTER_SIZE)
+
+
+def health(node):
+    """Queues Health; the longest turn is measured anew."""
+    battery_mv = node.board.battery_mv()
+    if 0 < battery_mv < node.settings["low_battery_mv"]:
+        node.faults |= FAULT_LOW_BATTERY
+    else:
+        node.faults &= ~FAULT_LOW_BATTERY
+    struct.pack_into(
+        HEALTH_FORMAT,
+        node.outbox.note(),
+        PAYLOAD,
+        ticks_us(),
+        battery_mv,
+        node.faults,
+        min(node.i2c_errors, _U16),
+        min(node.recoveries, _U16),
+        min(node.sampler.overruns, _U16),
+        min(node.sampler.missed, _U16),
+        min(node.outbox.dropped, _U16),
+        min(node.link.reader.damaged, _U16),
+        node.outbox.high_water,
+        node.worst_us,
+        node.board.reset_cause,
+        gc.mem_free(),
+    )
+    node.outbox.post(HEALTH, HEALTH_SIZE)
+    node.worst_us = 0

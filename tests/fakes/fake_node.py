@@ -1,0 +1,289 @@
+"""A fake node on a pseudo terminal: speaks hubowire from a thread, with unplugs, damage and resets on demand.
+
+It copies what the firmware does with requests: Ack or Nack for each, `Hello` for `GetHello`, two time
+stamps for `TimeRequest`, Nack UNKNOWN_MESSAGE for what a host does not send.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import random
+import select
+import struct
+import termios
+import threading
+import time
+import tty
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from hubowire import FINGERPRINT, Frame, FrameDecoder, Message, decode, encode, encode_frame
+from hubowire.messages import (
+    Ack,
+    BiasInit,
+    GetHello,
+    Health,
+    Hello,
+    ImuBatch,
+    Nack,
+    Ping,
+    Reason,
+    Reboot,
+    SetConfig,
+    Start,
+    Stop,
+    TimeReply,
+    TimeRequest,
+)
+
+PERIOD = 1 << 30
+
+
+def sample(index: int) -> tuple[int, int, int, int, int, int]:
+    """The raw sample of that number: every one of 65536 is another, so a test can tell which came."""
+    low = (index & 0x7FFF) - 0x4000
+    return (low, -low, 300 + index % 7, (index * 7) % 2000 - 1000, 500, 2048)
+
+
+@dataclass
+class Sent:
+    """One frame as the fake put it on the line."""
+
+    wire: bytes
+    intact: bool  # its own bytes
+    whole: bool  # and the delimiter before it, without which nobody can tell where it begins
+    type_id: int
+    plug: int  # how many times the device had been plugged in
+    index: int = -1
+    count: int = 0
+
+
+@dataclass
+class FakeNode:
+    """Runs between `start` and `stop`. All times are real; `skew_ppm` speeds its clock up."""
+
+    node_id: int = 1
+    rate_hz: float = 208.0
+    batch: int = 8
+    damage: float = 0.0  # share of bytes that are changed on the way
+    skew_ppm: float = 0.0
+    fingerprint: int = FINGERPRINT
+    serial: bytes = b"FAKE0001"
+    link: Path | None = None  # a symlink to the pseudo terminal of the moment
+    seed: int = 1
+    answers: bool = True
+    hello_period: float = 5.0  # s, as the firmware
+    spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
+    sent: list[Sent] = field(default_factory=list)
+    requests: list[Message] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.rng = random.Random(self.seed)
+        self.path = ""
+        self.boots = self.plugs = 0
+        self.samples_made = 0
+        self.boot_indices: list[int] = []  # samples made at each start
+        self.dropped = 0
+        self._stop = threading.Event()
+        self._lock = threading.RLock()
+        self._master = self._slave = -1
+        self._spare: list[int] = []
+        self._boot()
+        self.plug()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    # What a test does to it.
+
+    def start(self) -> FakeNode:
+        self._thread.start()
+        return self
+
+    def stop(self) -> None:
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join(5)
+        self.unplug(drain=False)
+        while self._spare:
+            os.close(self._spare.pop())
+
+    def __enter__(self) -> FakeNode:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def plug(self) -> None:
+        """A new pseudo terminal under another name than the one before."""
+        with self._lock:
+            self.plugs += 1
+            self._delimited = True
+            self._master, self._slave = os.openpty()
+            while os.ttyname(self._slave) == self.path:
+                self._spare += [self._master, self._slave]  # held, so that the name is really another
+                self._master, self._slave = os.openpty()
+            tty.setraw(self._slave)
+            os.set_blocking(self._master, False)
+            self.path = os.ttyname(self._slave)
+            self._decoder = FrameDecoder()
+            if self.link is not None:
+                self.link.unlink(missing_ok=True)
+                self.link.symlink_to(self.path)
+
+    def unplug(self, *, drain: bool = True) -> None:
+        """The device goes; what the host has not read yet is let through first, so that a test can count."""
+        with self._lock:
+            deadline = time.monotonic() + 2
+            while drain and self._unread() and time.monotonic() < deadline:
+                time.sleep(0.002)
+            if self._master >= 0:
+                os.close(self._slave)
+                os.close(self._master)
+            self._master = self._slave = -1
+            if self.link is not None:
+                self.link.unlink(missing_ok=True)
+
+    def reset(self) -> None:
+        """The node restarts: clock, counters and sequence numbers from 0, a new boot id, Hello."""
+        with self._lock:
+            self._boot()
+
+    def lose(self, batches: int) -> None:
+        """The node gives up that many frames, as its queue does when the link does not take them."""
+        with self._lock:
+            for _ in range(batches):
+                self._seq(ImuBatch)
+                self._index += self.batch
+                self.samples_made += self.batch
+                self.dropped += 1
+
+    # Its inside.
+
+    def _boot(self) -> None:
+        self.boots += 1
+        self._boot_id = self.rng.randrange(1, 65536)
+        self._t0 = time.monotonic()
+        self._index = 0
+        self._seqs: dict[int, int] = {}
+        self.dropped = 0
+        self._next_hello = 0.0
+        self._next_health = 0.5
+        self._streaming = True
+        self.boot_indices.append(self.samples_made)
+
+    def _clock_us(self) -> int:
+        return int((time.monotonic() - self._t0) * 1e6 * (1 + self.skew_ppm * 1e-6))
+
+    def _unread(self) -> int:
+        if self._slave < 0:
+            return 0
+        return int(struct.unpack("I", fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)))[0])
+
+    def _seq(self, message: type[Message]) -> int:
+        seq = self._seqs.get(message.type_id, 0)
+        self._seqs[message.type_id] = (seq + 1) & 0xFFFF
+        return seq
+
+    def hello(self) -> Hello:
+        return Hello(
+            fingerprint=self.fingerprint,
+            firmware=(0, 1, 0),
+            serial=self.serial,
+            boot_id=self._boot_id,
+            board=0,
+            reset_cause=1 if self.boots == 1 else 3,
+            rate_mhz=int(self.rate_hz * 1000),
+            gyro_range_dps=2000,
+            accel_range_g=16,
+            gyro_lsb_ndps=70_000_000,
+            accel_lsb_ng=488_000,
+            temperature_lsb_udegc=62_500,
+            temperature_offset_udegc=25_000_000,
+            mag_lsb_ft=0,
+            batch=self.batch,
+            filter_kind=0,
+            parts=((0x6B, 0x69, 1),),
+        )
+
+    def _put(self, message: Message, index: int = -1, count: int = 0) -> None:
+        wire = encode_frame(Frame(message.type_id, self.node_id, self._seq(type(message)), encode(message)))
+        on_line = bytearray(wire)
+        for at in range(len(on_line)):
+            if self.damage and self.rng.random() < self.damage:
+                on_line[at] ^= self.rng.randrange(1, 256)
+        if self._master < 0:
+            return
+        try:
+            written = os.write(self._master, on_line)
+        except (BlockingIOError, OSError):
+            self.dropped += 1
+            return
+        intact = bytes(on_line) == wire and written == len(wire)
+        whole = intact and self._delimited
+        self._delimited = on_line[written - 1] == 0
+        self.sent.append(Sent(wire, intact, whole, message.type_id, self.plugs, index, count))
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            with self._lock:
+                self._turn()
+                fd = self._master
+            if fd >= 0:
+                with contextlib.suppress(OSError, ValueError):  # unplugged meanwhile
+                    select.select([fd], [], [], 0.002)
+            time.sleep(0.002)
+
+    def _turn(self) -> None:
+        if self._clock_us() * 1e-6 >= self._next_hello:
+            self._next_hello = self._clock_us() * 1e-6 + self.hello_period
+            self._put(self.hello())
+        self._listen()
+        period = 1 / self.rate_hz
+        now = self._clock_us() * 1e-6
+        while self._streaming and (self._index + self.batch) * period <= now:
+            numbers = range(self._index, self._index + self.batch)
+            rows = tuple(sample(self.samples_made + k) for k in range(self.batch))
+            if self.spin_raw is not None:
+                rows = tuple((0, 0, self.spin_raw, 0, 0, 2048) for _ in numbers)
+            t_us = int(self._index * period * 1e6) % PERIOD
+            batch = ImuBatch(t_us, round(period * 1e9), self._index & 0xFFFF, 16, 0, rows)
+            self._put(batch, self.samples_made, self.batch)
+            self._index += self.batch
+            self.samples_made += self.batch
+        if now >= self._next_health:
+            self._next_health = now + 0.5
+            t_us = self._clock_us() % PERIOD
+            self._put(Health(t_us, 3700, 0, 0, 0, 0, 0, min(self.dropped, 65535), 0, 1, 900, 1, 50_000))
+
+    def _listen(self) -> None:
+        if self._master < 0:
+            return
+        try:
+            data = os.read(self._master, 4096)
+        except (BlockingIOError, OSError):
+            return
+        for frame in self._decoder.feed(data):
+            message = decode(frame.type_id, frame.payload)
+            if message is not None:
+                self.requests.append(message)
+            if self.answers:
+                self._answer(frame, message)
+
+    def _answer(self, frame: Frame, message: Message | None) -> None:
+        match message:
+            case GetHello():
+                self._put(self.hello())
+            case TimeRequest():
+                now = self._clock_us() % PERIOD
+                self._put(TimeReply(message.token, now, self._clock_us() % PERIOD))
+            case Ping() | SetConfig() | BiasInit():
+                self._put(Ack(frame.type_id, frame.seq))
+            case Start() | Stop():
+                self._streaming = isinstance(message, Start)
+                self._put(Ack(frame.type_id, frame.seq))
+            case Reboot():
+                self._put(Ack(frame.type_id, frame.seq))
+                self._boot()
+            case _:
+                self._put(Nack(frame.type_id, frame.seq, Reason.UNKNOWN_MESSAGE, frame.type_id))

@@ -1,0 +1,60 @@
+"""A stand-in for a MicroPython port on CPython: `micropython`, `machine` and the ticks of `time`.
+
+Ticks run modulo 2^30 as on a board, and only when told to, by `time.run`; a sleep lets them run as well.
+"""
+
+import sys
+import time
+import types
+
+TICKS = 1 << 30
+
+
+class FakeTicks:
+    """now_us: time since the port started, not wrapped."""
+
+    def __init__(self) -> None:
+        self.now_us = 0.0
+
+    def us(self) -> int:
+        return int(self.now_us) % TICKS
+
+    def ms(self) -> int:
+        return int(self.now_us) // 1000 % TICKS
+
+    def sleep_us(self, us: float) -> None:
+        self.now_us += us
+
+
+def ticks_add(ticks: int, delta: int) -> int:
+    if not -TICKS // 2 <= delta < TICKS // 2:
+        raise OverflowError("ticks interval overflow")
+    return (ticks + delta) % TICKS
+
+
+def ticks_diff(end: int, begin: int) -> int:
+    return (end - begin + TICKS // 2) % TICKS - TICKS // 2
+
+
+def install(ticks: FakeTicks) -> None:
+    """Makes the port's modules importable; what CPython's `time` has already stays."""
+    micropython = types.ModuleType("micropython")
+    micropython.const = micropython.native = micropython.viper = lambda value: value  # type: ignore[attr-defined]
+    micropython.kbd_intr = lambda char: None  # type: ignore[attr-defined]
+    sys.modules["micropython"] = micropython
+    machine = types.ModuleType("machine")
+    sys.modules["machine"] = machine
+    functions = {
+        "ticks_us": ticks.us,
+        "ticks_ms": ticks.ms,
+        "sleep_us": ticks.sleep_us,
+        "sleep_ms": lambda ms: ticks.sleep_us(1000 * ms),
+        "run": ticks.sleep_us,
+        "ticks_add": ticks_add,
+        "ticks_diff": ticks_diff,
+    }
+    for name, function in functions.items():
+        setattr(time, name, function)
+
+
+PORT_TICKS = FakeTicks()

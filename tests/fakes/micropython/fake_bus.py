@@ -1,0 +1,122 @@
+"""A fake I2C bus with one IMU and a LIS3MDL, that allocates nothing: just enough to feed the sampling path.
+
+Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900).
+"""
+
+import struct
+import time
+
+
+class FakeBus:
+    """period_us: of the IMU's samples; imu: "lsm6ds33" or "mpu6050". Other addresses do not answer."""
+
+    def __init__(self, imu, period_us):
+        self.imu = imu
+        self.address = 0x6B if imu == "lsm6ds33" else 0x68
+        self.period_us = period_us
+        self.registers = {}
+        self.read = 0
+        self.flagged = 0
+        self.taken = 0
+        self.since_us = 0
+        self.made = 0
+
+    def samples(self):
+        now = time.ticks_us()
+        new = time.ticks_diff(now, self.since_us) // self.period_us
+        if new:
+            self.since_us = time.ticks_add(self.since_us, new * self.period_us)
+            self.made += new
+        return self.made
+
+    def writeto_mem(self, address, register, buffer):
+        if address != self.address and address != 0x1E:
+            raise OSError(5)
+        value = buffer[0]
+        if address == self.address:
+            if (self.imu == "lsm6ds33" and register == 0x12) or (self.imu == "mpu6050" and register == 0x6B):
+                value &= ~0x81
+            if (self.imu == "lsm6ds33" and register == 0x0A) or (self.imu == "mpu6050" and register == 0x6A):
+                self.read = self.samples()
+        self.registers[address << 8 | register] = value
+
+    def readfrom_mem_into(self, address, register, buffer):
+        time.run(60 + 23 * len(buffer))
+        if address == 0x1E:
+            self._magnetometer(register, buffer)
+        elif address != self.address:
+            raise OSError(5)
+        elif self.imu == "lsm6ds33":
+            self._lsm6ds33(register, buffer)
+        else:
+            self._mpu6050(register, buffer)
+
+    def _magnetometer(self, register, buffer):
+        if register == 0x0F:
+            buffer[0] = 0x3D
+        elif register == 0xA7:
+            buffer[0] = 0x08
+            for i in range(1, 7):
+                buffer[i] = i
+        else:
+            buffer[0] = self.registers[address_of(0x1E, register)]
+
+    def _lsm6ds33(self, register, buffer):
+        if register == 0x0F:
+            buffer[0] = 0x69
+        elif register == 0x1E:
+            new = self.samples() > self.read
+            buffer[0] = 0x07 if new else 0
+            if len(buffer) == 16:
+                buffer[2], buffer[3] = 0x34, 0x12
+                if new:
+                    self._sample(buffer, 4, 0)
+                    self.read = self.made
+        elif register == 0x20:
+            buffer[0], buffer[1] = 0x34, 0x12
+        elif register == 0x3A:
+            words = 6 * (self.samples() - self.read)
+            buffer[0], buffer[1] = words & 0xFF, words >> 8
+            buffer[2], buffer[3] = 0, 0
+        elif register == 0x3E:
+            for at in range(0, len(buffer), 12):
+                self._sample(buffer, at, 0)
+                self.read += 1
+        else:
+            buffer[0] = self.registers[address_of(self.address, register)]
+
+    def _mpu6050(self, register, buffer):
+        if register == 0x75:
+            buffer[0] = 0x68
+        elif register == 0x3A:
+            # Reading the flag clears it; the FIFO goes on.
+            buffer[0] = 1 if self.samples() > self.flagged else 0
+            self.flagged = self.made
+            if len(buffer) == 15:
+                self._sample(buffer, 1, 8)
+                buffer[7], buffer[8] = 0x12, 0x34
+        elif register == 0x41:
+            buffer[0], buffer[1] = 0x12, 0x34
+        elif register == 0x72:
+            count = 12 * (self.samples() - self.read)
+            buffer[0], buffer[1] = count >> 8, count & 0xFF
+        elif register == 0x74:
+            for at in range(0, len(buffer), 12):
+                self._sample(buffer, at, 6)
+                self.read += 1
+        else:
+            buffer[0] = self.registers[address_of(self.address, register)]
+
+    def _sample(self, buffer, at, gyro_after):
+        """Writes a sample as the chip does: gyro first, little-endian; or accelerometer first, big-endian."""
+        k = self.taken
+        self.taken += 1
+        if gyro_after:
+            struct.pack_into(">3h", buffer, at, -(k % 5), 700, 1900)
+            struct.pack_into(">3h", buffer, at + gyro_after, k & 31, -(k & 31), k % 7)
+        else:
+            struct.pack_into("<6h", buffer, at, k & 31, -(k & 31), k % 7, -(k % 5), 700, 1900)
+
+
+def address_of(address, register):
+    return address << 8 | register

@@ -1,0 +1,51 @@
+"""Runs Python in real MicroPython under node, with the firmware and a fake port on its file system."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FAKES = ROOT / "tests" / "fakes"
+LIMIT_S = 150
+
+
+def node_or_skip():
+    """The node program; without it or the MicroPython package the test skips, or fails where CI is set."""
+    node = shutil.which("node", path=f"{ROOT / '.venv/bin'}{os.pathsep}{os.environ.get('PATH', '')}")
+    package = ROOT / "node_modules" / "@micropython"
+    if node and package.exists():
+        return node
+    missing = "node" if not node else "node_modules/@micropython"
+    if os.environ.get("CI"):
+        pytest.fail(f"{missing} is missing: run tools/setup")
+    pytest.skip(f"needs {missing}: run tools/setup")
+
+
+def board_files():
+    """[(path on the board, path here)] of the firmware and the fake port."""
+    firmware = ROOT / "firmware"
+    files = [(f"/{p.relative_to(firmware).as_posix()}", str(p)) for p in sorted(firmware.rglob("*.py"))]
+    return files + [(f"/{p.name}", str(p)) for p in sorted((FAKES / "micropython").glob("*.py"))]
+
+
+def run(tmp_path, *pieces):
+    """(what the last piece left in /result, what went to stdout as bytes)."""
+    node = node_or_skip()
+    # Modules are found from the script's own folder: it must see node_modules.
+    job, out = tmp_path / "job.json", tmp_path / "stdout"
+    files = [(there, here) for there, here in board_files() if there != "/main.py"]
+    job.write_text(json.dumps({"files": files, "run": pieces, "out": str(out)}))
+    done = subprocess.run(
+        [node, str(FAKES / "run_micropython.mjs"), str(job)],
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
+    )
+    printed = out.read_bytes() if out.exists() else b""
+    assert done.returncode == 0, f"{done.stderr[-2000:]}\n{printed[-2000:]!r}"
+    return json.loads(done.stdout), printed

@@ -1,0 +1,233 @@
+"""The filter in integers is the filter of the paper, for an hour and with every signal."""
+
+import math
+from array import array
+
+import bias_filter
+import native
+import numpy as np
+import pytest
+import wire
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from small_int import SmallInt
+
+HOUR = 749_000
+ROW = 6
+GAIN_RATE, GAIN_BIAS = 314_573, 322
+
+
+def rows(*axes):
+    """Samples as a slot holds them: gyro axes in front of an accelerometer at rest."""
+    table = np.zeros((len(axes[0]), ROW), dtype=np.int64)
+    for i, axis in enumerate(axes):
+        table[:, i] = np.clip(np.round(axis), -32768, 32767)
+    table[:, 5] = 2049
+    return table
+
+
+def twin(z, gain_rate_q20, gain_bias_q30, bias=0.0):
+    """(rate, bias) after each sample, in float64: eq. 10-11 with the same two gains."""
+    rate_gain, bias_gain = gain_rate_q20 / 2**20, gain_bias_q30 / 2**30
+    rate = 0.0
+    out = np.empty((len(z), 2))
+    for i, sample in enumerate(z.tolist()):
+        residual = sample - rate - bias
+        rate += rate_gain * residual
+        bias += bias_gain * residual
+        out[i] = rate, bias
+    return out
+
+
+def in_integers(table, gain_rate, gain_bias, chunk, bias_q14=(0, 0, 0)):
+    """Yields (samples so far, estimator) after each chunk."""
+    estimator = bias_filter.KalmanFilter(gain_rate, gain_bias)
+    for axis in range(3):
+        estimator.begin(axis, bias_q14[axis])
+    for start in range(0, len(table), chunk):
+        part = table[start : start + chunk]
+        estimator.update(part.reshape(-1).tolist(), 0, len(part))
+        yield start + len(part), estimator
+
+
+def state(estimator, axis):
+    """(rate, bias) in gyro steps, with every bit the filter keeps."""
+    rate, rate_rest, bias, bias_rest, *_ = estimator._axes[axis]
+    return rate / 2**4 + rate_rest / 2**24, bias / 2**14 + bias_rest / 2**34
+
+
+def hour_of_signals(seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(HOUR) / 208.0
+    still = 11.4 + rng.normal(0, 1.5, HOUR)
+    speed = 9000 * (1 - np.cos(2 * math.pi * t / 140.0)) + 1500 * np.sin(2 * math.pi * t / 7.3)
+    drive = speed + 11.4 + 0.004 * t + rng.normal(0, 1.5, HOUR)
+    saturating = 50_000 * np.sin(2 * math.pi * t / 23.0) + rng.normal(0, 1.5, HOUR)
+    random_steps = np.repeat(rng.choice([-32768, 32767, 0, 1, -1], HOUR // 50 + 1), 50)[:HOUR]
+    full_swing = np.where(np.arange(HOUR) % 2, 32767, -32768)
+    one_sided = np.full(HOUR, 32767)
+    return rows(still, drive, saturating), rows(random_steps, full_swing, one_sided)
+
+
+@pytest.mark.parametrize(
+    ("which", "gain_rate", "gain_bias"),
+    [(0, GAIN_RATE, GAIN_BIAS), (1, GAIN_RATE, GAIN_BIAS), (0, 5000, bias_filter.GAIN_LIMIT - 1)],
+    ids=["still, drive, saturating", "steps, full swing, constant", "largest bias gain"],
+)
+def test_an_hour_of_samples_stays_within_a_tenth_of_a_step_of_float64(which, gain_rate, gain_bias):
+    seed = 7
+    table = hour_of_signals(seed)[which]
+    expected = [twin(table[:, axis], gain_rate, gain_bias) for axis in range(3)]
+    worst = np.zeros((3, 2))
+    for count, estimator in in_integers(table, gain_rate, gain_bias, 15):
+        for axis in range(3):
+            error = np.abs(np.array(state(estimator, axis)) - expected[axis][count - 1])
+            worst[axis] = np.maximum(worst[axis], error)
+    print(f"seed {seed}: worst difference (rate, bias) by axis in steps: {worst.tolist()}")
+    assert worst.max() <= 1 / 32 + 2**-13, "the bound that bias_filter.py claims"
+    assert worst.max() <= 0.1
+    assert estimator.saturations == 0
+
+
+def test_what_it_reports_is_what_it_holds():
+    table = hour_of_signals(3)[0][:5000]
+    *_, (_, estimator) = in_integers(table, GAIN_RATE, GAIN_BIAS, 8)
+    for axis in range(3):
+        rate, bias = state(estimator, axis)
+        assert 0 <= rate - estimator.rate_q8(axis) / 256 < 1 / 256
+        assert 0 <= bias - estimator.bias_q12(axis) / 4096 < 1 / 4096 + 2**-14
+
+
+SAMPLES = st.integers(-32768, 32767) | st.sampled_from([-32768, -32767, -1, 0, 1, 32766, 32767])
+GAINS = st.integers(0, bias_filter.GAIN_LIMIT - 1) | st.sampled_from([0, 1, bias_filter.GAIN_LIMIT - 1])
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(st.tuples(SAMPLES, SAMPLES, SAMPLES), min_size=1, max_size=120),
+    GAINS,
+    GAINS,
+    st.integers(-(1 << 28), 1 << 28),
+    st.integers(1, 255),
+)
+def test_no_intermediate_needs_more_than_31_bits(samples, gain_rate, gain_bias, bias_q14, repeat):
+    estimator = bias_filter.KalmanFilter(gain_rate, gain_bias)
+    for axis in range(3):
+        estimator.begin(axis, bias_q14)
+    # Lists instead of int32 arrays, so that the state is checked as well.
+    estimator._axes = [[SmallInt(value) for value in axis] for axis in estimator._axes]
+    flat = [SmallInt(value) for row in samples for value in (*row, 0, 0, 0)]
+    for _ in range(3):
+        estimator.update(flat, 0, len(samples))
+    estimator.update(flat[:ROW] * repeat, 0, repeat)
+    for axis in range(3):
+        estimator.rate_q8(axis)
+        estimator.bias_q12(axis)
+
+
+def test_a_residual_beyond_its_format_is_clipped_and_counted():
+    estimator = bias_filter.KalmanFilter(bias_filter.GAIN_LIMIT - 1, bias_filter.GAIN_LIMIT - 1)
+    for axis in range(3):
+        estimator.begin(axis, 1 << 28)
+    swing = [32767, -32768, 0, 0, 0, 0, -32768, 32767, 0, 0, 0, 0]
+    for _ in range(2000):
+        estimator.update(swing, 0, 2)
+    assert estimator.saturations > 0
+    assert all(abs(estimator.bias_q12(axis)) <= 1 << 27 for axis in range(3))
+
+
+@pytest.mark.parametrize(
+    ("k1", "k2", "period"), [(60.0, 2e-4, 1 / 208), (3.0, 0.05, 1 / 416), (400.0, 0.3, 1 / 104)]
+)
+def test_the_closed_form_is_the_matrix_exponential_of_the_paper(k1, k2, period):
+    """Eq. 10 with the integral of exp(-m t) by an augmented matrix exponential (Van Loan 1978)."""
+    m = np.array([[k1, k1], [k2, k2]])
+    augmented = np.zeros((3, 3))
+    augmented[:2, :2], augmented[:2, 2] = -m, (k1, k2)
+    transition = expm(augmented * period)
+    scale = (1 - math.exp(-(k1 + k2) * period)) / (k1 + k2)
+    z = np.random.default_rng(11).normal(300, 40, 400)
+    paper, ours = np.zeros(2), np.zeros(2)
+    for sample in z:
+        paper = transition[:2, :2] @ paper + transition[:2, 2] * sample
+        ours = ours + np.array([k1, k2]) * scale * (sample - ours.sum())
+    np.testing.assert_allclose(ours, paper, rtol=1e-9)
+
+
+@settings(max_examples=60)
+@given(st.lists(SAMPLES, min_size=1, max_size=60), GAINS, GAINS, st.integers(-(1 << 28), 1 << 28))
+def test_the_native_filter_gives_the_same_bits(samples, gain_rate, gain_bias, bias_q14):
+    fast = native.load()
+    words = array("h", [value for sample in samples for value in (sample, 0, 0, 0, 0, 0)])
+    states = [array("i", (0, 0, bias_q14, 0, gain_rate, gain_bias)) for _ in range(2)]
+    clipped = bias_filter.kalman_plain(words, 0, len(words), states[0])
+    unsigned = array("H", words.tobytes())
+    assert fast.kalman(unsigned, 0, len(words), states[1]) == clipped
+    assert states[0] == states[1]
+
+
+def gathered(samples, values, limits=(70_000_000, 488_000), check=lambda value: value):
+    static = bias_filter.StaticInit()
+    static.begin(check(samples), check(limits[0]), check(limits[1]))
+    flat = [check(int(value)) for value in np.asarray(values).reshape(-1)]
+    ended = False
+    for start in range(0, len(flat), 8 * ROW):
+        ended = static.update(flat, start, min(8, (len(flat) - start) // ROW))
+        if ended:
+            break
+    return static, ended
+
+
+def at_rest(n, seed, bias=(12.3, -40.0, 3.7)):
+    rng = np.random.default_rng(seed)
+    table = rows(*(b + rng.normal(0, 1.7, n) for b in bias))
+    table[:, 3:] = np.round(rng.normal((0, 700, 1900), 3.0, (n, 3)))
+    return table
+
+
+@pytest.mark.parametrize("n", [2000, 4096, 65535])
+def test_bias_and_variance_at_rest_are_mean_and_spread_to_the_last_bit(n):
+    table = at_rest(n, seed=n)
+    static, ended = gathered(n, table)
+    assert ended and static.state == wire.FILTER_STATE_TRACKING and static.samples == n
+    for axis in range(3):
+        assert 0 <= table[:, axis].mean() - static.bias_q14[axis] / 2**14 < 2**-14
+        assert static.variance_q8[axis] / 256 == pytest.approx(table[:, axis].var(), abs=0.2)
+
+
+def turning(n, kind):
+    table = at_rest(n, seed=5)
+    angle = np.linspace(0, 0.5, n)
+    if kind == "slowly, with gravity":
+        table[:, 3] = np.round(2049 * np.sin(angle))
+        table[:, 4] = np.round(2049 * np.cos(angle))
+    elif kind == "steadily":
+        table[:, 2] += 800
+    elif kind == "to and fro":
+        table[:, 0] += np.round(40 * np.sin(np.arange(n) / 30)).astype(int)
+    elif kind == "in one jerk":
+        table[n // 2, 1] = 3000
+    return table
+
+
+@pytest.mark.parametrize("kind", ["slowly, with gravity", "steadily", "to and fro", "in one jerk"])
+def test_a_wheel_that_turns_is_refused_and_the_old_bias_kept(kind):
+    static, ended = gathered(2000, turning(2000, kind))
+    assert ended and static.turning and static.state == wire.FILTER_STATE_WAITING
+    assert static.bias_q14 == [0, 0, 0] and static.samples == 0
+
+
+@pytest.mark.parametrize("limits", [(4_375_000, 61_000), (7_633_588, 61_035), (70_000_000, 488_281)])
+@pytest.mark.parametrize("n", [2000, 65535])
+def test_the_sums_of_the_initialisation_stay_small(limits, n):
+    gyro_limit, accel_limit = 1_000_000_000 // limits[0] * 30, 500_000_000 // limits[1]
+    worst = np.zeros((n, ROW), dtype=np.int64)
+    worst[1:, :3], worst[1:, 3:] = -gyro_limit, accel_limit
+    gathered(n, worst, limits, SmallInt)
+
+
+def test_an_estimator_is_chosen_by_its_kind():
+    assert bias_filter.estimator(wire.FILTER_KIND_OFF, 1, 1) is None
+    assert isinstance(bias_filter.estimator(wire.FILTER_KIND_KALMAN, 1, 1), bias_filter.KalmanFilter)
+    assert set(bias_filter.KINDS) == {wire.FILTER_KIND_OFF, *(row[0] for row in bias_filter.ESTIMATORS)}

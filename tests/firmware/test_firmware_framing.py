@@ -1,0 +1,114 @@
+"""The node's frames are the host's frames."""
+
+import json
+import random
+from pathlib import Path
+
+import framing
+import native
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from outbox import Slot
+
+import hubowire
+
+ROOT = Path(__file__).parents[2]
+CASES = [
+    pytest.param(case, id=f"{path.stem}: {case['name']}")
+    for path in sorted((ROOT / "protocol" / "vectors").glob("*.json"))
+    for case in json.loads(path.read_text())
+]
+WHOLE = [
+    case
+    for case in CASES
+    if not (
+        any(case.values[0]["damage"].values())
+        or case.values[0]["idle_delimiters"]
+        or case.values[0]["pending"]
+    )
+]
+FRAMES = st.builds(
+    hubowire.Frame,
+    st.integers(0, 255),
+    st.integers(0, 255),
+    st.integers(0, 65535),
+    st.binary(max_size=hubowire.MAX_PAYLOAD) | st.integers(0, hubowire.MAX_PAYLOAD).map(bytes),
+)
+
+
+def sealed(frame):
+    raw = Slot().raw
+    raw[framing.BODY : framing.PAYLOAD] = bytes((frame.type_id, frame.node, frame.seq & 255, frame.seq >> 8))
+    raw[framing.PAYLOAD : framing.PAYLOAD + len(frame.payload)] = frame.payload
+    end = framing.seal(raw, len(frame.payload))
+    return bytes(raw[framing.START : end])
+
+
+def read(stream):
+    reader = framing.FrameReader()
+    frames = []
+    for byte in stream:
+        if reader.feed(byte):
+            payload = bytes(reader.raw[framing.PAYLOAD : framing.PAYLOAD + reader.size])
+            frames.append(hubowire.Frame(reader.type_id, reader.node, reader.seq, payload))
+    return frames, reader.damaged
+
+
+def frames_of(case):
+    return [
+        hubowire.Frame(f["type"], f["node"], f["seq"], bytes.fromhex(f["payload"])) for f in case["frames"]
+    ]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_vector_reads_on_the_node_as_on_the_host(case):
+    # A delimiter ends what the vector leaves open, so that both ends have counted it.
+    stream = bytes.fromhex(case["stream"]) + b"\0"
+    host = hubowire.FrameDecoder()
+    host.feed(stream)
+    frames, damaged = read(stream)
+    assert frames[: len(case["frames"])] == frames_of(case)
+    assert damaged == host.damage.frames
+
+
+@pytest.mark.parametrize("case", WHOLE)
+def test_every_undamaged_vector_is_sealed_to_the_same_bytes(case):
+    assert b"".join(map(sealed, frames_of(case))).hex() == case["stream"]
+
+
+@given(FRAMES)
+def test_what_the_node_seals_is_what_the_host_encodes(frame):
+    assert sealed(frame) == hubowire.encode_frame(frame)
+
+
+@given(st.lists(FRAMES, max_size=5))
+def test_what_the_host_encodes_reads_back_on_the_node(frames):
+    assert read(b"".join(map(hubowire.encode_frame, frames))) == (frames, 0)
+
+
+@given(st.binary(max_size=2000))
+def test_any_bytes_give_the_frames_the_host_would_see_and_never_an_exception(noise):
+    decoder = hubowire.FrameDecoder()
+    assert read(noise)[0] == decoder.feed(noise)
+
+
+@given(FRAMES, st.integers(0, 10**6))
+def test_no_single_wrong_bit_gives_a_frame(frame, at):
+    stream = bytearray(hubowire.encode_frame(frame))
+    bit = at % (8 * (len(stream) - 1))
+    stream[bit // 8] ^= 1 << bit % 8
+    frames, _ = read(stream)
+    assert frame not in frames
+
+
+def test_the_native_crc_gives_the_same_as_the_table():
+    fast, rng = native.load(), random.Random(4)
+    for _ in range(200):
+        data = rng.randbytes(rng.randrange(1, 250))
+        start = rng.randrange(len(data))
+        assert fast.crc16(data, start, len(data)) == framing.crc16_table(data, start, len(data))
+
+
+def test_the_crc_of_123456789_is_the_catalogue_value():
+    assert framing.crc16_table(b"123456789", 0, 9) == 0x29B1

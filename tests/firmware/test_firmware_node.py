@@ -1,0 +1,266 @@
+"""The whole node in real MicroPython on the virtual board: requests, faults, times, nothing invented."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import real_micropython
+
+import hubowire
+from hubodo.model.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
+from hubodo.model.motion import RecordedMotion, StillMotion
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import messages as m
+
+FIRMWARE = Path(__file__).parents[2] / "firmware"
+PERIOD = 1 << 30
+
+
+def unique_motion(seconds):
+    """No two samples within seconds of each other are alike, so that each can be found again."""
+    t = np.arange(0, seconds + 1, 0.002)
+    gyro = np.stack([3 * np.sin(7 * t), 2 * np.cos(3.1 * t), 9 * np.sin(0.9 * t)], axis=1)
+    accel = np.stack([5 * np.sin(2.3 * t), 5 * np.cos(4.7 * t), 9 + np.sin(t)], axis=1)
+    return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
+
+
+def run(seconds, *, motion=None, **settings):
+    """([(frame, message)] the node sent, truth of its chip, the board's statistics)."""
+    real_micropython.node_or_skip()
+    node = VirtualNode(
+        motion or unique_motion(seconds),
+        firmware=FIRMWARE,
+        run_for=seconds,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        **settings,
+    )
+    with node:
+        node.wait(100)
+        sent = hubowire.FrameDecoder().feed(node.output)
+        return [(f, hubowire.decode(f.type_id, f.payload)) for f in sent], node.chip.truth(), node.stats
+
+
+def of(sent, kind):
+    return [message for _, message in sent if isinstance(message, kind)]
+
+
+def matched(sent, truth, ticks_start_us=0):
+    """(index in the truth, time error in us, number on the wire) of every sample sent; all must be real."""
+    known: dict[tuple[int, ...], list[int]] = {}
+    for k, row in enumerate(truth.raw.tolist()):
+        known.setdefault(tuple(row), []).append(k)
+    rows = []
+    for batch in of(sent, m.ImuBatch):
+        for i, row in enumerate(batch.samples):
+            after = rows[-1][0] if rows else -1
+            later = [k for k in known.get(tuple(row), ()) if k > after]
+            assert later, f"sample {row} was not on the chip after sample {after}"
+            k = later[0]
+            t_us = batch.t_us + i * batch.period_ns / 1000
+            error = (t_us - ticks_start_us - truth.t[k] * 1e6 + PERIOD / 2) % PERIOD - PERIOD / 2
+            rows.append((k, error, batch.index + i))
+    return np.array(rows)
+
+
+def request(seq, message, node=1):
+    return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))
+
+
+RATES = [
+    ("lsm6ds33", 208, 0.0),
+    ("lsm6ds33", 208, 0.1),
+    ("lsm6ds33", 416, -0.1),
+    ("lsm6ds33", 833, 0.07),
+    ("lsm6ds33", 1660, -0.04),
+    ("mpu6050", 200, 0.03),
+    ("lsm6ds33", 104, 0.05),
+    ("mpu6500", 1000, -0.02),
+]
+
+
+@pytest.mark.parametrize(("chip", "rate", "odr_error"), RATES)
+def test_every_sample_arrives_in_order_and_its_time_is_known(chip, rate, odr_error):
+    sent, truth, _ = run(5, chip=chip, odr_error=odr_error, config={"rate_hz": rate})
+    found = matched(sent, truth)
+    # Between waking and its configuration an MPU runs at its own rate: those samples are not asked for.
+    assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
+    assert np.array_equal(found[:, 2], np.arange(len(found)))
+    assert truth.t[int(found[0, 0])] < 0.03 and len(truth.t) - found[-1, 0] <= 20
+    settled = found[truth.t[found[:, 0].astype(int)] > 3.5, 1]
+    print(f"{chip} {rate} Hz: time error {settled.mean():.0f} +- {settled.std():.0f} us")
+    # At 416 Hz the chip is looked at only 26 times a second, and the estimate settles more slowly.
+    assert np.abs(settled).max() < (400 if rate == 416 else 200)
+    period_us = of(sent, m.ImuBatch)[-1].period_ns / 1000
+    assert period_us == pytest.approx(np.median(np.diff(truth.t)) * 1e6, rel=5e-4)
+    health = of(sent, m.Health)[-1]
+    assert (health.faults, health.samples_missed, health.frames_dropped, health.i2c_errors) == (0, 0, 0, 0)
+
+
+def test_times_run_on_when_the_ticks_begin_anew():
+    start = PERIOD - 2_000_000
+    sent, truth, _ = run(4, ticks_start_us=start)
+    found = matched(sent, truth, start)
+    assert np.array_equal(found[:, 0], np.arange(len(found)))
+    assert np.abs(found[len(found) // 2 :, 1]).max() < 200
+    assert {batch.t_us < PERIOD // 2 for batch in of(sent, m.ImuBatch)} == {True, False}
+
+
+FAULTS = [
+    ("lsm6ds33", 208, Nack(t=2.0, count=3)),
+    ("lsm6ds33", 208, StuckBus(t=2.0)),
+    ("lsm6ds33", 208, MissedSamples(t=2.0, n=5)),
+    ("lsm6ds33", 208, BrownOut(t=2.0, of="chips")),
+    ("lsm6ds33", 1660, StuckBus(t=2.0)),
+    ("lsm6ds33", 833, BrownOut(t=2.0, of="chips")),
+    ("mpu6050", 200, StuckBus(t=2.0)),
+    ("mpu6050", 1000, StuckBus(t=2.0)),
+]
+
+
+@pytest.mark.parametrize(
+    ("chip", "rate", "fault"), FAULTS, ids=lambda value: getattr(value, "__class__", value)
+)
+def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fault):
+    sent, truth, _ = run(5, chip=chip, config={"rate_hz": rate}, faults=[fault])
+    found = matched(sent, truth)
+    k = found[:, 0]
+    assert np.all(np.diff(k) > 0), "no sample twice, none out of order"
+    assert truth.t[int(k[-1])] > 4.8, "still sampling at the end"
+    gaps = np.flatnonzero(
+        (np.diff(k) > 1) | (np.diff(truth.t[k.astype(int)]) > 1.5 * np.median(np.diff(truth.t)))
+    )
+    flagged = [batch for batch in of(sent, m.ImuBatch) if batch.flags & m.BatchFlag.GAP_BEFORE]
+    assert len(flagged) == len(gaps)
+    health = of(sent, m.Health)[-1]
+    jumps = np.diff(found[:, 2]) - 1
+    assert jumps.sum() == health.samples_missed
+    if len(gaps):
+        between = np.diff(truth.t[k.astype(int)])[gaps]
+        expected = between / np.median(np.diff(truth.t)) - 1
+        assert abs(health.samples_missed - expected.sum()) <= 1 + 0.01 * expected.sum()
+    assert health.faults == 0
+    if isinstance(fault, StuckBus):
+        assert health.bus_recoveries >= 1 and health.i2c_errors >= 1
+    if isinstance(fault, Nack):
+        assert health.i2c_errors == 3
+
+
+@pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050"])
+def test_the_fifo_serves_low_rates_when_asked_to(chip):
+    sent, truth, stats = run(4, chip=chip, config={"rate_hz": 208, "fifo": True})
+    found = matched(sent, truth)
+    assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
+    # One look at the chip in eight samples: the estimate needs longer to find the edge.
+    assert np.abs(found[len(found) * 3 // 4 :, 1]).max() < 1000
+    assert stats["bus"]["transactions"] < 1.2 * len(found)
+
+
+def test_a_chip_that_becomes_faster_is_followed_without_losing_a_sample():
+    sent, truth, _ = run(5, faults=[OdrStep(t=2.0, ratio=1.02)])
+    found = matched(sent, truth)
+    assert np.array_equal(found[:, 0], np.arange(len(found)))
+    assert len(truth.t) - len(found) <= 8
+
+
+def test_another_chip_at_the_address_is_refused_and_named():
+    sent, _, _ = run(3, who_am_i=0x6A)
+    assert not of(sent, m.ImuBatch)
+    assert of(sent, m.Health)[-1].faults == m.Fault.WRONG_WHO_AM_I
+    assert (0x6B, 0x6A, 0) in of(sent, m.Hello)[-1].parts
+
+
+def test_an_unknown_mpu_is_used_and_its_id_told():
+    sent, truth, _ = run(3, chip="mpu6050", who_am_i=0x34)
+    assert len(matched(sent, truth)) > 500
+    assert (0x68, 0x34, 0) in of(sent, m.Hello)[-1].parts
+
+
+def test_every_request_is_answered():
+    token = b"hostTIME"
+    asked = [
+        m.GetHello(),
+        m.Ping(),
+        m.TimeRequest(token),
+        m.SetConfig(m.ConfigKey.BATCH, 4),
+        m.SetConfig(m.ConfigKey.RATE_HZ, 209),
+        m.SetConfig(m.ConfigKey.FILTER_KIND, m.FilterKind.RLS),
+        m.SetConfig(99, 0),
+        m.BiasInit(1999),
+        m.Stop(),
+        m.BiasInit(2000),
+        m.Start(),
+    ]
+    script = [(1.0 + 0.1 * i, request(100 + i, message)) for i, message in enumerate(asked)]
+    script.append((2.5, hubowire.encode_frame(hubowire.Frame(0x7F, 1, 200, b""))))
+    script.append((2.6, request(201, m.Ping(), node=2)))
+    script.append((2.7, b"\x05noise\x00"))
+    sent, _, _ = run(4, scripted_input=script)
+    acks = {(a.request, a.request_seq) for a in of(sent, m.Ack)}
+    assert acks == {
+        (m.Ping.type_id, 101),
+        (m.SetConfig.type_id, 103),
+        (m.Stop.type_id, 108),
+        (m.Start.type_id, 110),
+    }
+    nacks = {(n.request, n.request_seq, n.reason, n.detail) for n in of(sent, m.Nack)}
+    assert nacks == {
+        (m.SetConfig.type_id, 104, m.Reason.BAD_VALUE, 209),
+        (m.SetConfig.type_id, 105, m.Reason.BAD_VALUE, m.FilterKind.RLS),
+        (m.SetConfig.type_id, 106, m.Reason.BAD_VALUE, 99),
+        (m.BiasInit.type_id, 107, m.Reason.BAD_VALUE, 1999),
+        (m.BiasInit.type_id, 109, m.Reason.NO_IMU, 0),
+        (0x7F, 200, m.Reason.UNKNOWN_MESSAGE, 0x7F),
+    }
+    (reply,) = of(sent, m.TimeReply)
+    assert reply.token == token
+    assert 1.19e6 < reply.received_us <= reply.sent_us < 1.21e6
+    batches = of(sent, m.ImuBatch)
+    assert {len(batch.samples) for batch in batches[-5:]} == {4}, "the new batch size since Start"
+    assert sum(batch.flags & 1 for batch in batches) == 1, "the pause is a gap"
+    assert of(sent, m.Health)[-1].samples_missed == 0, "nothing was missed while stopped"
+    assert of(sent, m.Health)[-1].frames_damaged == 1
+
+
+def test_the_bias_of_a_wheel_at_rest_is_found_and_of_a_turning_one_refused():
+    rate = (0.02, -0.05, 0.1)
+    init = [(0.5, request(7, m.BiasInit(2000)))]
+    sent, _, _ = run(12, motion=StillMotion(rate=rate), scripted_input=init, config={"rate_hz": 416})
+    assert [a.request_seq for a in of(sent, m.Ack)] == [7]
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.samples == 2000
+    steps = np.round(np.degrees(rate) / 0.07)
+    np.testing.assert_allclose(np.array(last.bias_q12) / 4096, steps, atol=0.01)
+    np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=0.05)
+
+    sent, _, _ = run(12, motion=StillMotion(rate=(0, 0, 2.0)), scripted_input=init, config={"rate_hz": 416})
+    assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_TURNS)]
+    assert of(sent, m.Filter)[-1].state == m.FilterState.WAITING
+
+
+@pytest.mark.parametrize("watchdog", [True, False])
+def test_reboot_to_the_repl_ends_at_a_prompt_that_listens_to_ctrl_c(watchdog):
+    script = [(1.0, request(1, m.Reboot(m.RebootMode.REPL))), (3.0, b"\x03print(6 * 7)\r")]
+    node = VirtualNode(
+        unique_motion(12),
+        firmware=FIRMWARE,
+        run_for=12.0,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        config={"watchdog": watchdog},
+        scripted_input=script,
+    )
+    with node:
+        node.wait(100)
+        assert node.output.replace(b"\r", b"").endswith(b"42\n>>> ")
+        assert len(node.stats["resets"]) == (1 if watchdog else 0)
+
+
+def test_a_settings_file_that_makes_no_sense_gives_the_defaults():
+    config = {"rate_hz": "fast", "batch": 200, "node_id": 2, "unknown": 1}
+    sent, _, _ = run(2, config=config)
+    hello = of(sent, m.Hello)[-1]
+    assert (hello.rate_mhz, hello.batch) == (208_000, 8)
+    assert {frame.node for frame, _ in sent} == {2}
