@@ -1,0 +1,114 @@
+"""The `hubodo` command: parse, one call of a verb, render; the only place that sets exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any, NoReturn, Protocol
+
+from rich.console import Console
+
+from hubodo import __version__
+from hubodo.errors import ConfigError, HubodoError, InputError, LogError, WireMismatch
+from hubodo.verbs import VERBS, load
+
+EXIT_OK, EXIT_FAILED, EXIT_REFUSED = 0, 1, 2
+_REFUSALS = (InputError, ConfigError, LogError, WireMismatch)
+
+
+class Result(Protocol):
+    """What a verb returns: one frozen dataclass that feeds both the table and `--json`."""
+
+    def as_json(self) -> dict[str, Any]: ...
+
+    def render(self, console: Console) -> None: ...
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        line = " ".join(message.split())
+        print(f"{self.prog}: {line}; see {self.prog} --help", file=sys.stderr)
+        raise SystemExit(EXIT_REFUSED)
+
+
+def build_parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
+    """The parser for the command line `words`: for its verb alone where it begins with one, else for all.
+
+    `--json` and `--debug` are accepted by each verb.
+    """
+    verbs = [word for word in words[:1] if word in VERBS] or VERBS
+    common = _Parser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print the result as one JSON object")
+    common.add_argument("--debug", action="store_true", help="show the traceback of an error")
+    parser = _Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
+    parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
+    commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb in verbs:
+        module = load(verb)
+        command = commands.add_parser(
+            verb,
+            parents=[common],
+            help=module.HELP,
+            description=module.HELP,
+            epilog=f"example:\n  {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; returns 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
+    # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    try:
+        words = sys.argv[1:] if argv is None else argv
+        args = build_parser(words).parse_args(words)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
+    try:
+        result: Result | None = args.run(args)
+        if result is not None:
+            _show(result, as_json=args.json)
+        return EXIT_OK
+    except BrokenPipeError:
+        # The reader of our output (head, less) is gone: nobody is left to tell.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except _REFUSALS as error:
+        return _fail(args, str(error), EXIT_REFUSED)
+    except HubodoError as error:
+        return _fail(args, str(error), EXIT_FAILED)
+    except KeyboardInterrupt:
+        return _fail(args, "interrupted; nothing more was written", EXIT_FAILED)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)
+    except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback for users
+        text = f"{type(error).__name__}: {error}; this is a defect of hubodo, please report it with --debug"
+        return _fail(args, text, EXIT_FAILED)
+
+
+def _show(result: Result, *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(result.as_json(), allow_nan=False))
+    else:
+        # Piped output has no width of its own; 80 columns would cut the tables.
+        result.render(Console() if sys.stdout.isatty() else Console(width=160))
+    sys.stdout.flush()
+
+
+def _fail(args: argparse.Namespace, text: str, code: int) -> int:
+    if args.debug:
+        traceback.print_exc()
+    print(f"hubodo {args.verb}: {' '.join(text.split())}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

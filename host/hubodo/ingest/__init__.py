@@ -1,0 +1,1 @@
+"""From bytes on a link to timed samples in a log."""

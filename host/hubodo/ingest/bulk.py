@@ -1,0 +1,342 @@
+"""Many frames at once: the vectorised twin of `hubowire.FrameDecoder`, for logs and busy links."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from hubowire.codec import layout
+from hubowire.framing import (
+    CRC_INITIAL,
+    CRC_POLYNOMIAL,
+    CRC_SIZE,
+    DELIMITER,
+    HEADER_SIZE,
+    MAX_FRAME,
+    Damage,
+    crc16,
+)
+from hubowire.messages import ImuBatch, Message, wire_fields
+
+Bytes = npt.NDArray[np.uint8]
+Words = npt.NDArray[np.uint16]
+Indices = npt.NDArray[np.intp]
+
+# Below this many frames of one size, calls into numpy cost more than checking one by one.
+_FEW = 12
+# Bounds the working memory and keeps it in the cache; the frames do not depend on it.
+_PIECE = 1 << 20
+_TIME_MODULUS = 1 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class FrameGroup:
+    """Frames of one message type, node and payload length, in the order they came.
+
+    seq: (n,) uint16. payload: (n, length) uint8.
+    end: (n,) int64, where each frame's delimiter ended, in bytes since the decoder was made: the order
+        across groups, and the way to the time at which a frame was received.
+    """
+
+    type_id: int
+    node: int
+    seq: Words
+    end: npt.NDArray[np.int64]
+    payload: Bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSamples:
+    """Samples of one node in the order they came; all arrays have n rows.
+
+    raw: (n, 6) int16, gyro x, y, z, accelerometer x, y, z in steps, node axes.
+    t_us: int64, device time modulo 2^30: the batch's, and from there on by the batch's period.
+    period_ns: uint32, index: uint16 (sample number modulo 2^16), temperature_raw: int16,
+    flags: uint8 (those of the batch), seq: uint16 and end: int64 (those of the frame, see `FrameGroup`).
+    """
+
+    raw: npt.NDArray[np.int16]
+    t_us: npt.NDArray[np.int64]
+    period_ns: npt.NDArray[np.uint32]
+    index: Words
+    temperature_raw: npt.NDArray[np.int16]
+    flags: Bytes
+    seq: Words
+    end: npt.NDArray[np.int64]
+
+
+class BulkDecoder:
+    """Bytes in any portions to groups of frames; frames and counters equal those of `FrameDecoder`.
+
+    The raw frames of a log, kept without delimiters, are fed joined by zeros.
+    """
+
+    def __init__(self) -> None:
+        self.damage = Damage()
+        self.bytes_in = 0
+        self.bytes_framed = 0
+        self.idle_delimiters = 0
+        self._pending = b""
+        self._skipping = False
+
+    @property
+    def pending(self) -> int:
+        """Bytes kept of a frame that has not ended."""
+        return len(self._pending)
+
+    def feed(self, data: bytes) -> list[FrameGroup]:
+        """The undamaged frames that end within `data`; several groups may be of one kind."""
+        view = memoryview(data)
+        groups: list[FrameGroup] = []
+        for at in range(0, len(view), _PIECE):
+            groups += self._feed_piece(view[at : at + _PIECE])
+        return groups
+
+    def cut(self) -> None:
+        """The stream breaks here, as in `FrameDecoder.cut`."""
+        self._skipping = False
+        if self._pending:
+            self.damage.cut += 1
+            self.damage.bytes_lost += len(self._pending)
+            self._pending = b""
+
+    def _feed_piece(self, piece: memoryview) -> list[FrameGroup]:
+        origin = self.bytes_in - len(self._pending)
+        self.bytes_in += len(piece)
+        # A copy that may be written: unstuffing works in place.
+        stream = np.frombuffer(bytearray().join((self._pending, piece)), dtype=np.uint8)
+        ends = np.flatnonzero(stream == DELIMITER)
+        starts = np.concatenate((np.zeros(1, dtype=np.intp), ends + 1))
+        tail, starts = stream[starts[-1] :], starts[:-1]
+        if self._skipping and len(ends):
+            self._skipping = False
+            self.damage.bytes_lost += int(ends[0]) + 1
+            starts, ends = starts[1:], ends[1:]
+        self._keep(tail)
+        lengths = ends - starts
+        fits = (lengths > 0) & (lengths < MAX_FRAME)
+        if not fits.all():
+            self.idle_delimiters += int(np.count_nonzero(lengths == 0))
+            self._lose("oversize", lengths[lengths >= MAX_FRAME])
+            starts, ends = starts[fits], ends[fits]
+        return list(self._groups(stream, starts, ends, origin))
+
+    def _keep(self, tail: Bytes) -> None:
+        self._pending = b""
+        if self._skipping:
+            self.damage.bytes_lost += len(tail)
+        elif len(tail) < MAX_FRAME:
+            self._pending = tail.tobytes()
+        else:
+            self._skipping = True
+            self.damage.oversize += 1
+            self.damage.bytes_lost += len(tail)
+
+    def _groups(self, stream: Bytes, starts: Indices, ends: Indices, origin: int) -> Iterator[FrameGroup]:
+        whole = _unstuff_in_place(stream, starts, ends)
+        lengths = ends - starts
+        self._lose("cobs", lengths[~whole])
+        short = whole & (lengths <= HEADER_SIZE + CRC_SIZE)
+        self._lose("short", lengths[short])
+        left = whole & ~short
+        if not left.all():
+            starts, ends, lengths = starts[left], ends[left], lengths[left]
+        # A body, header to CRC, is one code byte shorter than what was stuffed.
+        sizes = (lengths - 1).astype(np.uint8)
+        sound = _crc_matches(stream, starts, sizes)
+        if not sound.all():
+            self._lose("crc", lengths[~sound])
+            starts, ends, sizes = starts[sound], ends[sound], sizes[sound]
+        for size, rows in _by_value(sizes):
+            self.bytes_framed += len(rows) * (size + 2)
+            bodies = _rows(stream, starts[rows] + 1, size)
+            header = bodies[:, :HEADER_SIZE].copy().view("<u2")
+            end = ends[rows] + (origin + 1)
+            for key, members in _by_value(header[:, 0]):
+                payload = bodies[members, HEADER_SIZE:-CRC_SIZE]
+                yield FrameGroup(key & 0xFF, key >> 8, header[members, 1], end[members], payload)
+
+    def _lose(self, cause: Literal["crc", "cobs", "short", "oversize"], lengths: Indices) -> None:
+        if len(lengths):
+            setattr(self.damage, cause, getattr(self.damage, cause) + len(lengths))
+            self.damage.bytes_lost += int(lengths.sum()) + len(lengths)
+
+
+def fixed_fields(message: type[Message], group: FrameGroup) -> npt.NDArray[Any]:
+    """The fields of a group's payloads as a structured array (n,), without the rows of a counted table.
+
+    The count of the table is the field ``count``. Raises ValueError when the payloads are too short.
+    """
+    dtype = _fixed_dtype(message)
+    if group.payload.shape[1] < dtype.itemsize:
+        raise ValueError(f"{message.__name__}: needs {dtype.itemsize} bytes, {group.payload.shape[1]} came")
+    return np.ascontiguousarray(group.payload[:, : dtype.itemsize]).view(dtype).reshape(-1)
+
+
+def imu_samples(groups: Iterable[FrameGroup]) -> tuple[dict[int, ImuSamples], int]:
+    """The samples in the ImuBatch frames among `groups`, by node; and how many batches were malformed.
+
+    A malformed batch is shorter than its own count of samples demands, and is left out.
+    """
+    found: dict[int, list[ImuSamples]] = {}
+    malformed = 0
+    for group in groups:
+        if group.type_id != ImuBatch.type_id:
+            continue
+        if group.payload.shape[1] < layout(ImuBatch).fixed.size:
+            malformed += len(group.seq)
+            continue
+        batches = fixed_fields(ImuBatch, group)
+        for count, rows in _by_value(batches["count"]):
+            samples = _expand(group, batches[rows], rows, count)
+            if samples is None:
+                malformed += len(rows)
+            else:
+                found.setdefault(group.node, []).append(samples)
+    return {node: _joined(parts) for node, parts in found.items()}, malformed
+
+
+def _expand(group: FrameGroup, batches: npt.NDArray[Any], rows: Indices, count: int) -> ImuSamples | None:
+    """The samples of equally long batches; None when the payloads do not hold that many."""
+    shape = layout(ImuBatch)
+    assert shape.rows is not None
+    first, last = shape.fixed.size, shape.fixed.size + count * shape.rows.size
+    if group.payload.shape[1] < last:
+        return None
+    raw = group.payload[rows, first:last].view("<i2").reshape(-1, 6)
+    within = np.arange(count)
+    elapsed_us = (batches["period_ns"].astype(np.int64)[:, None] * within + 500) // 1000
+    return ImuSamples(
+        raw=raw,
+        t_us=((batches["t_us"][:, None] + elapsed_us) & (_TIME_MODULUS - 1)).reshape(-1),
+        period_ns=np.repeat(batches["period_ns"], count),
+        index=(batches["index"][:, None] + within).astype(np.uint16).reshape(-1),
+        temperature_raw=np.repeat(batches["temperature_raw"], count),
+        flags=np.repeat(batches["flags"], count),
+        seq=np.repeat(group.seq[rows], count),
+        end=np.repeat(group.end[rows], count),
+    )
+
+
+def _joined(parts: list[ImuSamples]) -> ImuSamples:
+    """The samples of several groups in the order they came."""
+    if len(parts) == 1:
+        return parts[0]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ImuSamples.__slots__}
+    end = columns["end"]
+    if (end[1:] < end[:-1]).any():
+        order = np.argsort(end, kind="stable")
+        columns = {name: column[order] for name, column in columns.items()}
+    return ImuSamples(**columns)
+
+
+def _fixed_dtype(message: type[Message]) -> np.dtype[Any]:
+    fields: list[Any] = []
+    for row in wire_fields(message):
+        count, letter = row.type.removesuffix("[]")[:-1], row.type.removesuffix("[]")[-1]
+        if row.repeats:
+            fields.append(("count", "u1"))
+        elif letter == "s":
+            fields.append((row.name, f"V{count}"))
+        else:
+            code = np.dtype(letter).newbyteorder("<")
+            fields.append((row.name, code, (int(count),)) if count else (row.name, code))
+    return np.dtype(fields)
+
+
+def _by_value(values: npt.NDArray[Any]) -> Iterator[tuple[int, Indices]]:
+    """Each value that occurs, with the ascending indices of where."""
+    if not len(values):
+        return
+    if (values == values[0]).all():
+        yield int(values[0]), np.arange(len(values))
+        return
+    order = np.argsort(values, kind="stable")
+    ranked = values[order]
+    cuts = np.flatnonzero(ranked[1:] != ranked[:-1]) + 1
+    for rows in np.split(order, cuts):
+        yield int(values[rows[0]]), rows
+
+
+def _unstuff_in_place(stream: Bytes, starts: Indices, ends: Indices) -> npt.NDArray[np.bool_]:
+    """Undoes COBS for the bytes of each [start, end) together, code by code; False where codes lead outside.
+
+    A code byte stands where the body has a zero, so zeros are all that has to be written; the first code
+    byte becomes one too. Every walk stays inside its own frame, so a damaged frame harms no other.
+    """
+    whole = np.ones(len(ends), dtype=bool)
+    at, end = starts, ends
+    left = len(at)
+    while left:
+        # A walk that has ended stands on its delimiter, whose code 0 leaves it there; drop such now and then.
+        if left < 0.8 * len(at):
+            inside = (at < end).nonzero()[0]
+            at, end = at.take(inside), end.take(inside)
+        code = stream.take(at)
+        stream[at] = DELIMITER
+        at = at + code
+        beyond = at > end
+        if beyond.any():
+            whole[np.searchsorted(ends, end[beyond])] = False
+            at = np.minimum(at, end)
+        left = int(np.count_nonzero(at < end))
+    return whole
+
+
+def _rows(stream: Bytes, starts: Indices, size: int) -> Bytes:
+    """(n, size): the `size` bytes from each start on, each row copied as one item."""
+    windows: npt.NDArray[Any] = np.ndarray(
+        (max(len(stream) - size + 1, 0),), dtype=f"V{size}", buffer=stream.data, strides=(1,)
+    )
+    return windows[starts].view(np.uint8).reshape(len(starts), size)
+
+
+def _crc_matches(stream: Bytes, starts: Indices, sizes: Bytes) -> npt.NDArray[np.bool_]:
+    """Whether the body of each frame ends in the CRC of what is before."""
+    sound = np.empty(len(sizes), dtype=bool)
+    for size, rows in _by_value(sizes):
+        if len(rows) >= _FEW:
+            sound[rows] = _crc_matches_equal(stream, starts[rows], size)
+            continue
+        for row in rows:
+            body = stream[starts[row] + 1 : starts[row] + 1 + size].tobytes()
+            sound[row] = crc16(body[:-CRC_SIZE]) == int.from_bytes(body[-CRC_SIZE:], "little")
+    return sound
+
+
+def _crc_matches_equal(stream: Bytes, starts: Indices, size: int) -> npt.NDArray[np.bool_]:
+    """`_crc_matches` for bodies of one size: two bytes a step, all frames abreast.
+
+    An odd body is begun one byte early, at the code byte that unstuffing has made zero, with the register
+    value that such a zero turns into the initial one.
+    """
+    table, begin_even, begin_odd = _crc_tables()
+    odd = size & 1
+    words = _rows(stream, starts + (1 - odd), size + odd).view("<u2").T.copy()
+    register = np.full(len(starts), begin_odd if odd else begin_even, dtype=np.uint16)
+    for word in words[:-1]:
+        register = table.take(register ^ word)
+    matches: npt.NDArray[np.bool_] = register.byteswap() == words[-1]
+    return matches
+
+
+@cache
+def _crc_tables() -> tuple[Words, np.uint16, np.uint16]:
+    """The CRC register after two more bytes, and its first value for even and odd bodies.
+
+    Registers are kept with their bytes swapped, so that a little-endian word of the stream fits as it is.
+    """
+    every = np.arange(1 << 16, dtype=np.uint16)
+
+    def after_zero_byte(register: Words) -> Words:
+        for _ in range(8):
+            register = np.where(register >> 15, (register << 1) ^ CRC_POLYNOMIAL, register << 1)
+        return register.astype(np.uint16)
+
+    one = after_zero_byte(every)
+    two = after_zero_byte(one)
+    before_initial = every[one == CRC_INITIAL]
+    return two[every.byteswap()].byteswap(), np.uint16(CRC_INITIAL).byteswap(), before_initial.byteswap()[0]

@@ -1,0 +1,147 @@
+"""What a user calls a port, and which device that is right now."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import urlsplit
+
+from serial.tools import list_ports
+
+from hubodo.errors import InputError, LinkError
+
+_BY_ID = Path("/dev/serial/by-id")
+_NAMED = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
+_SERIAL_NUMBER = re.compile(r"[\w.:-]+")
+
+
+class PortInfo(Protocol):
+    """The part of pyserial's ListPortInfo that is used."""
+
+    device: str
+    serial_number: str | None
+
+
+Lister = Callable[[], Iterable[PortInfo]]
+
+
+def list_devices() -> list[PortInfo]:
+    """The serial ports of this machine."""
+    return list(list_ports.comports())
+
+
+@dataclass(frozen=True, slots=True)
+class PortName:
+    """A port as the user wrote it: ``[NAME=]`` then a device, USB serial number, socket:// or udp:// address.
+
+    name: what the node behind it is to be called, None to take it from the node id.
+    kind: "device", "serial number", "tcp" or "udp"; where: path, number, or "host:port".
+    """
+
+    text: str
+    name: str | None
+    kind: str
+    where: str
+
+    @property
+    def label(self) -> str:
+        """A short name for status lines and topics: letters, digits, ``_`` and ``-``."""
+        if self.name:
+            return self.name
+        tail = self.where.rpartition("/")[2] if self.kind == "device" else self.where
+        return re.sub(r"[^\w-]+", "_", tail).strip("_") or "link"
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port of a tcp or udp name."""
+        host, _, port = self.where.rpartition(":")
+        return host, int(port)
+
+
+def parse_port(text: str) -> PortName:
+    """Reads a port argument.
+
+    Raises InputError when it is none of the four kinds.
+    """
+    match = _NAMED.fullmatch(text)
+    name, port = (match["name"], match["port"]) if match else (None, text)
+    scheme, found, _ = port.partition("://")
+    if found:
+        kind = {"socket": "tcp", "udp": "udp"}.get(scheme)
+        if kind is None:
+            raise InputError(
+                f"port {text!r}: unknown scheme {scheme}://; write socket://HOST:PORT or udp://HOST:PORT"
+            )
+        try:
+            parts = urlsplit(port)
+            host, number = parts.hostname, parts.port
+        except ValueError:
+            host, number = None, None
+        if host is None or number is None:
+            raise InputError(f"port {text!r}: host or port number is missing; write {scheme}://HOST:PORT")
+        return PortName(text, name, kind, f"{host}:{number}")
+    if "/" in port:
+        return PortName(text, name, "device", port)
+    if port and _SERIAL_NUMBER.fullmatch(port):
+        return PortName(text, name, "serial number", port)
+    raise InputError(
+        f"port {text!r}: write a device such as /dev/ttyACM0, a USB serial number, socket:// or udp://"
+    )
+
+
+class Finder:
+    """Finds the device of a port again after its name has changed.
+
+    A port given by path is looked for by that path at first; the USB serial number seen then finds it later.
+    """
+
+    def __init__(self, port: PortName, lister: Lister = list_devices) -> None:
+        self._port = port
+        self._lister = lister
+        self._number = port.where if port.kind == "serial number" else None
+
+    def device(self) -> str:
+        """The path to open now.
+
+        Raises LinkError when the device is not there.
+        """
+        if self._number is not None:
+            path = self._by_number(self._number)
+            if path is not None:
+                return path
+            if self._port.kind == "serial number":
+                raise LinkError(
+                    f"no device with serial number {self._number!r}; plug it in, "
+                    f"or see what is there: {self._seen()}"
+                )
+        path = self._port.where
+        if not Path(path).exists():
+            raise LinkError(f"{path}: no such device; plug it in, or see what is there: {self._seen()}")
+        if self._number is None:
+            self._number = self._number_of(path)
+        return path
+
+    def _by_number(self, number: str) -> str | None:
+        for info in self._lister():
+            if info.serial_number and info.serial_number.lower() == number.lower():
+                return info.device
+        if _BY_ID.is_dir():
+            for link in sorted(_BY_ID.iterdir()):
+                if f"_{number}-".lower() in link.name.lower():
+                    return str(link)
+        return None
+
+    def _number_of(self, path: str) -> str | None:
+        real = os.path.realpath(path)
+        for info in self._lister():
+            if os.path.realpath(info.device) == real:
+                return info.serial_number
+        return None
+
+    def _seen(self) -> str:
+        seen = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._lister()]
+        return ", ".join(seen) or "no serial port at all"

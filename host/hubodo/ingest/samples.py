@@ -1,0 +1,81 @@
+"""What a node's frames become: measurements in SI units with device times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubowire.messages import Filter, Health, Hello
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuBlock:
+    """Consecutive samples of one node.
+
+    device_ns: (N,) device time on the unbroken scale. gyro: (N, 3) rad/s; accel: (N, 3) m/s2 specific
+    force, node axes. temperature: degC. raw: (N, 6) int16 as on the wire. received_ns: host time of arrival.
+    """
+
+    device_ns: NDArray[np.int64]
+    gyro: NDArray[np.float64]
+    accel: NDArray[np.float64]
+    temperature: float
+    raw: NDArray[np.int16]
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class MagSample:
+    """One magnetic field, tesla, node axes."""
+
+    device_ns: int
+    field: tuple[float, float, float]
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class HelloSeen:
+    """A node has said who it is; `restarted` when it is a new start of a node known before."""
+
+    hello: Hello
+    restarted: bool
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeReplySeen:
+    """A node's answer to a clock request, its two stamps on the unbroken scale."""
+
+    token: bytes
+    received_us: int
+    sent_us: int
+    arrived_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class HealthSeen:
+    """A node's counters."""
+
+    health: Health
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSeen:
+    """State of the node's bias filter, in its own integers."""
+
+    filter: Filter
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A node built from another message table; its frames are kept raw and not decoded."""
+
+    text: str
+    received_ns: int
+
+
+Sample = ImuBlock | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | Refused

@@ -1,0 +1,67 @@
+"""Where a station writes: the part of the log's writer that ingest uses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+from numpy.typing import ArrayLike
+
+from hubodo.log.recording import Event
+
+
+class Sink(Protocol):
+    """Times are ns: publish = measured, log = received; shapes and units as in `McapLog`."""
+
+    def imu(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
+    ) -> None: ...
+
+    def temperature(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
+    ) -> None: ...
+
+    def magnetic_field(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
+    ) -> None: ...
+
+    def odometry(
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        position: ArrayLike,
+        heading: ArrayLike,
+        speed: ArrayLike,
+        yaw_rate: ArrayLike,
+        *,
+        pose_covariance: ArrayLike | None = None,
+        twist_covariance: ArrayLike | None = None,
+    ) -> None: ...
+
+    def transform(
+        self, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, position: ArrayLike, heading: ArrayLike
+    ) -> None: ...
+
+    def fix(
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        latitude_deg: ArrayLike,
+        longitude_deg: ArrayLike,
+        altitude: ArrayLike,
+        *,
+        sigma: ArrayLike | None = None,
+        status: ArrayLike = 0,
+    ) -> None: ...
+
+    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None: ...
+
+    def event(self, event: Event) -> None: ...
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None: ...
+
+    def add_channel(
+        self, topic: str, schema: str, schema_encoding: str, definition: bytes, encoding: str
+    ) -> int: ...
+
+    def write(self, channel: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> None: ...

@@ -1,0 +1,170 @@
+"""The inside of a chunk: decompressed within bounds, checked, and its messages found."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zlib
+from dataclasses import dataclass, replace
+
+import lz4.frame
+import numpy as np
+import zstandard
+from mcap.opcode import Opcode
+from numpy.typing import NDArray
+
+from hubodo.log.chunks import PREFIX
+
+MAX_CHUNK = 1 << 30
+"""Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
+_HEAD = struct.Struct("<BQ")
+
+
+@dataclass(frozen=True)
+class ChunkPlace:
+    """Where a chunk stands; crc 0: not given. A run of messages outside chunks has `compression` None."""
+
+    offset: int
+    length: int
+    data_offset: int
+    data_size: int
+    compression: str | None
+    size: int
+    crc: int
+    start_ns: int
+    end_ns: int
+
+
+class DamagedChunk(Exception):
+    """A chunk whose bytes are not what was written; str() is the reason."""
+
+
+def load(fd: int, place: ChunkPlace) -> bytes:
+    """The records of a chunk. Raises DamagedChunk; allocates no more than the chunk can truly hold."""
+    if place.size > MAX_CHUNK or place.data_size > MAX_CHUNK:
+        raise DamagedChunk(f"claims {max(place.size, place.data_size)} bytes")
+    data = os.pread(fd, place.data_size, place.data_offset)
+    if len(data) != place.data_size:
+        raise DamagedChunk("is cut off")
+    if place.compression is None:
+        return data
+    try:
+        data = _decompress(data, place.compression, place.size)
+    except (zstandard.ZstdError, RuntimeError, MemoryError, ValueError) as error:
+        raise DamagedChunk(f"does not decompress ({error})") from error
+    if len(data) != place.size:
+        raise DamagedChunk(f"holds {len(data)} bytes instead of {place.size}")
+    if place.crc and zlib.crc32(data) != place.crc:
+        raise DamagedChunk("fails its checksum")
+    return data
+
+
+def load_cut(fd: int, place: ChunkPlace) -> bytes:
+    """What still decompresses of a chunk that the file's end cut off; may be empty, fails no checksum."""
+    data = os.pread(fd, min(place.data_size, MAX_CHUNK), place.data_offset)
+    bound = min(place.size, MAX_CHUNK)
+    try:
+        if place.compression == "zstd":
+            data = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)).read(bound)
+        elif place.compression == "lz4":
+            data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, bound))
+        elif place.compression != "":
+            return b""
+    except (zstandard.ZstdError, RuntimeError, MemoryError):
+        return b""
+    damaged = len(data) >= place.size and place.crc and zlib.crc32(data) != place.crc
+    return b"" if damaged else data
+
+
+def _decompress(data: bytes, compression: str, size: int) -> bytes:
+    if compression == "zstd":
+        if zstandard.frame_content_size(data) not in (-1, size):
+            raise DamagedChunk("contradicts itself about its size")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=max(size, 1))
+    if compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, size + 1))
+    if compression == "":
+        return data
+    raise DamagedChunk(f"uses the compression {compression!r}, which hubodo does not know")
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The messages of one chunk, in file order.
+
+    data: (size,) uint8, the chunk's records. places: (n,) where each record begins. heads: (n,) of dtype
+    `chunks.PREFIX`. definitions: (opcode, content) of schema and channel records. whole: False when the
+    records end in nonsense.
+    """
+
+    data: NDArray[np.uint8]
+    places: NDArray[np.int64]
+    heads: NDArray[np.void]
+    definitions: tuple[tuple[int, bytes], ...]
+    whole: bool
+
+    def between(self, start_ns: int, end_ns: int) -> Messages:
+        """Those with start_ns <= log time <= end_ns."""
+        times = self.heads["log_time"]
+        chosen = (times >= start_ns) & (times <= end_ns)
+        return replace(self, places=self.places[chosen], heads=self.heads[chosen])
+
+    def payload(self, i: int) -> bytes:
+        """Bytes of message i."""
+        start = int(self.places[i]) + PREFIX.itemsize
+        return self.data[start : start + int(self.heads["length"][i]) - 22].tobytes()
+
+
+def walk(data: bytes) -> Messages:
+    """Find the messages among a chunk's records; stops where they make no sense."""
+    parts: list[NDArray[np.int64]] = []
+    single: list[int] = []
+    definitions: list[tuple[int, bytes]] = []
+    position, end, run, last = 0, len(data), 0, -1
+    unpack = _HEAD.unpack_from
+    while position + _HEAD.size <= end:
+        opcode, length = unpack(data, position)
+        after = position + _HEAD.size + length
+        if after > end or opcode == 0 or (opcode == Opcode.MESSAGE and length < 22):
+            break
+        if opcode == Opcode.MESSAGE:
+            single.append(position)
+            run = run + 1 if length == last else 0
+            last = length
+            if run == 8:
+                stride = _HEAD.size + length
+                count = _equal_run(data, after, stride)
+                parts += [np.array(single, np.int64), after + stride * np.arange(count)]
+                single, run = [], 0
+                after += count * stride
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            definitions.append((opcode, data[position + _HEAD.size : after]))
+        position = after
+    places = np.concatenate([*parts, np.array(single, np.int64)])
+    return Messages(
+        np.frombuffer(data, np.uint8), places, _heads(data, places), tuple(definitions), position == end
+    )
+
+
+def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void]:
+    if not len(places):
+        return np.empty(0, PREFIX)
+    anywhere: NDArray[np.void] = np.ndarray(
+        (len(data) - PREFIX.itemsize + 1,), PREFIX, buffer=data, strides=(1,)
+    )
+    return anywhere[places]
+
+
+def _equal_run(data: bytes, start: int, stride: int) -> int:
+    """How many message records of one size follow back to back."""
+    count, look = 0, 64
+    while (room := min(look, (len(data) - start) // stride - count)) > 0:
+        heads: NDArray[np.void] = np.ndarray(
+            (room,), PREFIX, buffer=data, offset=start + count * stride, strides=(stride,)
+        )
+        same = (heads["opcode"] == 5) & (heads["length"] == stride - 9)
+        if not bool(same.all()):
+            return count + int(same.argmin())
+        count, look = count + room, look * 4
+    return count

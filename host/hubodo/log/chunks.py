@@ -1,0 +1,312 @@
+"""Messages to chunks: what is pending, for how long, and how a batch of equal messages becomes bytes at once.
+
+A message waits in memory until its chunk is full or half a second old, whichever comes first; then the chunk
+goes to the operating system in one call. The age is looked at on each write and on `tick()`, so a killed
+process loses what is younger than `pending_s` plus the time between two ticks.
+"""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from mcap.opcode import Opcode
+from numpy.typing import ArrayLike, NDArray
+
+from hubodo.log import ros2, topics
+from hubodo.log.container import Compression, McapFile
+
+PREFIX = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<i8"),
+        ("publish_time", "<i8"),
+    ]
+)
+"""What stands before the payload of each message record: 31 bytes, of which 22 count in `length`."""
+_HEAD = struct.Struct("<BQHIqq")
+SLAB = 2048
+_RAMP = np.arange(SLAB, dtype=np.uint32)
+_NS = 1_000_000_000
+
+
+class _Index:
+    """Times and places of one channel's messages in the pending chunk."""
+
+    def __init__(self) -> None:
+        self.batches: list[tuple[NDArray[np.int64], int, int]] = []
+        self.times: list[int] = []
+        self.places: list[int] = []
+
+    def take(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        times = [batch for batch, _, _ in self.batches]
+        places = [first + size * np.arange(len(batch)) for batch, first, size in self.batches]
+        if self.times:
+            times.append(np.array(self.times, np.int64))
+            places.append(np.array(self.places, np.int64))
+        self.__init__()  # type: ignore[misc]
+        return np.concatenate(times), np.concatenate(places)
+
+    def __bool__(self) -> bool:
+        return bool(self.batches or self.times)
+
+
+class BatchStream:
+    """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch."""
+
+    def __init__(self, channel: int, layout: ros2.Layout, stamp: str) -> None:
+        size = layout.dtype.itemsize
+        self.channel = channel
+        self.record_size = PREFIX.itemsize + size
+        self.rows = np.zeros(SLAB, np.dtype([*_fields(PREFIX), ("message", layout.dtype)]))
+        self.rows["opcode"] = Opcode.MESSAGE
+        self.rows["length"] = 22 + size
+        self.rows["channel"] = channel
+        self.rows["message"] = layout.template
+        self.sequence = self.rows["sequence"]
+        self.log_time = self.rows["log_time"]
+        self.publish_time = self.rows["publish_time"]
+        message = self.rows["message"]
+        self.seconds = message[stamp + "stamp.sec"] if stamp else None
+        self.nanoseconds = message[stamp + "stamp.nanosec"] if stamp else None
+        self.views: dict[str, NDArray[Any]] = {}
+
+    def view(self, path: str) -> NDArray[Any]:
+        view = self.views.get(path)
+        if view is None:
+            view = self.views[path] = self.rows["message"][path]
+        return view
+
+
+class ChunkLog:
+    """A log being written, one message or many of one layout at a time; a context manager; one thread only.
+
+    path: must not exist (`InputError`). metadata: text by key, kept in the record `hubodo`. t_zero_ns: host
+    time that readers call t = 0; by default now, in whole seconds. compression: zstd, lz4 or none.
+    chunk_bytes, pending_s: a chunk is written when it is this big or its first message has waited this long.
+    clock: monotonic ns, for that wait; None switches the time bound off (bulk conversion).
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        metadata: Mapping[str, str] | None = None,
+        t_zero_ns: int | None = None,
+        compression: Compression = "zstd",
+        chunk_bytes: int = 1 << 20,
+        pending_s: float = 0.5,
+        clock: Callable[[], int] | None = time.monotonic_ns,
+    ) -> None:
+        self.t_zero_ns = time.time_ns() // _NS * _NS if t_zero_ns is None else t_zero_ns
+        self.compression: Compression = compression
+        self._file = McapFile(Path(path))
+        self._file.add_metadata(topics.METADATA, {**dict(metadata or {}), topics.T_ZERO: str(self.t_zero_ns)})
+        self._chunk_bytes = chunk_bytes
+        self._pending_ns = int(pending_s * _NS)
+        self._clock = clock
+        self._deadline: int | None = None
+        self._parts: list[bytes] = []
+        self._bytes = 0
+        self._index: dict[int, _Index] = {}
+        self._sequence: dict[int, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[str, int] = {}
+        self._streams: dict[str, BatchStream] = {}
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._file.path
+
+    @property
+    def size(self) -> int:
+        """Bytes handed to the operating system so far."""
+        return self._file.size
+
+    @property
+    def message_count(self) -> int:
+        """Messages accepted so far, pending ones included."""
+        return sum(self._sequence.values())
+
+    def add_channel(
+        self,
+        topic: str,
+        schema: str,
+        schema_encoding: str,
+        definition: bytes,
+        encoding: str,
+        metadata: Mapping[str, str] | None = None,
+    ) -> int:
+        """Announce a channel; returns its id. An empty `schema` name means a channel without schema."""
+        schema_id = 0
+        if schema:
+            key = (schema, schema_encoding)
+            if key not in self._schemas:
+                self._schemas[key] = self._file.add_schema(schema, schema_encoding, definition)
+            schema_id = self._schemas[key]
+        channel = self._file.add_channel(topic, encoding, schema_id, metadata or {})
+        self._channels[topic] = channel
+        self._sequence[channel] = 0
+        self._index[channel] = _Index()
+        return channel
+
+    def add_ros2_channel(self, topic: str, schema: str, metadata: Mapping[str, str] | None = None) -> int:
+        """Announce a channel of one of the messages of `ros2`; returns its id."""
+        return self.add_channel(topic, schema, "ros2msg", ros2.definition(schema).encode(), "cdr", metadata)
+
+    def write(self, channel: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> None:
+        """One message. Times: ns since 1970, not negative (ValueError)."""
+        if t_log_ns < 0 or t_pub_ns < 0:
+            raise ValueError(f"negative time: log {t_log_ns} ns, publish {t_pub_ns} ns")
+        sequence = self._sequence[channel]
+        self._sequence[channel] = sequence + 1
+        index = self._index[channel]
+        index.times.append(t_log_ns)
+        index.places.append(self._bytes)
+        size = len(payload)
+        self._parts.append(
+            _HEAD.pack(5, 22 + size, channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns) + payload
+        )
+        self._bytes += 31 + size
+        self._appended()
+
+    def write_many(
+        self, channel: int, t_log_ns: ArrayLike, t_pub_ns: ArrayLike, payload: NDArray[np.uint8]
+    ) -> None:
+        """Messages of equal size. times: (n,) ns; payload: (n, size) uint8."""
+        count, size = payload.shape
+        rows = np.empty(count, np.dtype([*_fields(PREFIX), ("payload", "u1", (size,))]))
+        rows["opcode"] = Opcode.MESSAGE
+        rows["length"] = 22 + size
+        rows["channel"] = channel
+        rows["sequence"] = self._sequence[channel] + np.arange(count)
+        rows["log_time"] = t_log_ns
+        rows["publish_time"] = t_pub_ns
+        rows["payload"] = payload
+        _check_times(rows["log_time"], rows["publish_time"])
+        self._sequence[channel] += count
+        step = max(1, self._chunk_bytes // (31 + size))
+        for first in range(0, count, step):
+            part = rows[first : first + step]
+            self._append(channel, part.tobytes(), part["log_time"].copy(), 31 + size)
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Another metadata record, such as a calibration's key figures."""
+        self._file.add_metadata(name, values)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Keep a whole file in the log, such as a configuration or calibration."""
+        self._file.add_attachment(name, media_type, data, self.t_zero_ns)
+
+    def tick(self, now_ns: int | None = None) -> None:
+        """Call every 0.1 s or so: writes the pending chunk when its first message has waited long enough."""
+        if self._deadline is None or self._clock is None:
+            return
+        if (self._clock() if now_ns is None else now_ns) >= self._deadline:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand what is pending to the operating system. OSError (disk full) loses only that."""
+        if not self._parts:
+            return
+        records = b"".join(self._parts)
+        indexes = {channel: index.take() for channel, index in self._index.items() if index}
+        self._parts, self._bytes, self._deadline = [], 0, None
+        self._file.add_chunk(records, indexes, self.compression)
+
+    def close(self) -> None:
+        """Write what is pending, the index and the footer. Idempotent."""
+        if not self._file.closed:
+            try:
+                self.flush()
+            finally:
+                self._file.finish()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write_rows(
+        self, stream: BatchStream, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, values: Mapping[str, ArrayLike]
+    ) -> None:
+        """A batch on a stream: times (n,) ns; values: field -> (n, ...), or a scalar for all."""
+        published = np.atleast_1d(np.asarray(t_pub_ns, np.int64))
+        count = len(published)
+        if count > SLAB:
+            self._slabs(stream, published, t_log_ns, values)
+            return
+        if count == 0:
+            return
+        first = self._sequence[stream.channel]
+        logged = stream.log_time[:count]
+        logged[:] = t_log_ns
+        stream.publish_time[:count] = published
+        _check_times(logged, published)
+        # uint32 wraps by itself, as the sequence field of the format does.
+        stream.sequence[:count] = _RAMP[:count] + np.uint32(first & 0xFFFFFFFF)
+        if stream.seconds is not None and stream.nanoseconds is not None:
+            stream.seconds[:count], stream.nanoseconds[:count] = np.divmod(published, _NS)
+        for path, value in values.items():
+            view, array = stream.view(path), np.asarray(value)
+            if array.ndim and array.shape != (count, *view.shape[1:]):
+                raise ValueError(f"{path} has shape {array.shape}, not {(count, *view.shape[1:])}")
+            view[:count] = array
+        self._sequence[stream.channel] = first + count
+        self._append(stream.channel, stream.rows[:count].tobytes(), logged.copy(), stream.record_size)
+
+    def _slabs(
+        self,
+        stream: BatchStream,
+        published: NDArray[np.int64],
+        t_log_ns: ArrayLike,
+        values: Mapping[str, ArrayLike],
+    ) -> None:
+        arrays = {path: np.asarray(value) for path, value in values.items()}
+        logged = np.asarray(t_log_ns, np.int64)
+        for first in range(0, len(published), SLAB):
+            part = slice(first, first + SLAB)
+            self.write_rows(
+                stream,
+                published[part],
+                logged[part] if logged.ndim else logged,
+                {path: value[part] if value.ndim else value for path, value in arrays.items()},
+            )
+
+    def _append(self, channel: int, data: bytes, times: NDArray[np.int64], size: int) -> None:
+        self._index[channel].batches.append((times, self._bytes, size))
+        self._parts.append(data)
+        self._bytes += len(data)
+        self._appended()
+
+    def _appended(self) -> None:
+        if self._bytes >= self._chunk_bytes:
+            self.flush()
+        elif self._clock is not None:
+            now = self._clock()
+            if self._deadline is None:
+                self._deadline = now + self._pending_ns
+            elif now >= self._deadline:
+                self.flush()
+
+
+def _fields(dtype: np.dtype[Any]) -> Sequence[tuple[str, Any]]:
+    return [(name, dtype[name]) for name in dtype.names or ()]
+
+
+def _check_times(logged: NDArray[np.int64], published: NDArray[np.int64]) -> None:
+    # The sign bit of either shows in the or; one pass, because this stands in the path of each batch.
+    if len(published) and np.minimum.reduce(logged | published) < 0:
+        raise ValueError(f"negative time: log {logged.min()} ns, publish {published.min()} ns")

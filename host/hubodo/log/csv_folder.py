@@ -1,0 +1,151 @@
+"""The CSV folder: a recording as files that any tool can read and write."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal
+
+from hubodo.errors import InputError
+from hubodo.log.csv_table import ParsedFile, read_table, write_table
+from hubodo.log.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+
+Format = Literal["csv", "parquet"]
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the fraction done so far."""
+
+
+def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None = None) -> Recording:
+    """Read a CSV folder. t_zero_ns is 0, or the whole seconds that lift a negative t to zero.
+
+    Raises InputError (file, row, remedy) for each fault that README.md beside this file names; with `repair`
+    faulty rows are dropped instead, and the account stands in `metadata["repaired"]` and in one event per file.
+    """
+    files = _files(folder)
+    tables: dict[str, Table] = {}
+    dropped: dict[str, dict[str, int]] = {}
+    for number, (name, path) in enumerate(files.items()):
+        if progress:
+            progress(f"reading {path.name}", number / len(files))
+        required = RESERVED[name][0] if name in RESERVED else NODE_COLUMNS
+        parsed = _read(path, required, repair, is_node=name not in RESERVED)
+        tables[name] = parsed.table
+        if parsed.dropped:
+            dropped[path.name] = dict(parsed.dropped)
+    nodes = {name: table for name, table in tables.items() if name not in RESERVED}
+    earliest = min(table.t[0] for table in tables.values() if len(table))
+    t_zero_ns = max(0, -int(earliest // 1)) * 1_000_000_000
+    events = tuple(
+        Event(t_zero_ns, "repaired", name, _account(name, kinds), {"file": name, "dropped": kinds})
+        for name, kinds in dropped.items()
+    )
+    metadata = {"source": "csv folder"}
+    if repair:
+        metadata["repaired"] = json.dumps(dropped)
+    special: dict[str, Any] = {name: table for name, table in tables.items() if name in RESERVED}
+    return Recording(nodes, events=events, metadata=metadata, t_zero_ns=t_zero_ns, **special)
+
+
+def write_folder(
+    recording: Recording, folder: Path, *, form: Format = "csv", progress: Progress | None = None
+) -> tuple[str, ...]:
+    """Write the recording's tables; returns the file names.
+
+    Raises InputError when the folder has anything in it, when there is no table, or when parquet is asked for
+    and pyarrow is not installed. A failure leaves nothing behind.
+    """
+    write = _parquet_writer() if form == "parquet" else write_table
+    files = recording.files()
+    if not files:
+        raise InputError(
+            "the log holds no table that has a CSV file: no node, no GNSS, no truth; see hubodo info"
+        )
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            f"{folder}: exists already and is not empty; choose another folder, nothing is overwritten"
+        )
+    if not folder.absolute().parent.is_dir():
+        raise InputError(f"{folder}: its parent folder does not exist; create it first")
+    for name in files:
+        if "/" in name or name in ("", ".", ".."):
+            raise InputError(f"node {name!r} cannot be the name of a file; export the other nodes by hand")
+    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
+    try:
+        names = []
+        for number, (name, table) in enumerate(files.items()):
+            if progress:
+                progress(f"writing {name}.{form}", number / len(files))
+            names.append(f"{name}.{form}")
+            write(temporary / names[-1], table)
+        temporary.chmod(0o777 & ~_umask())
+        temporary.rename(folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    return tuple(names)
+
+
+def _files(folder: Path) -> dict[str, Path]:
+    """CSV files by name, nodes in alphabetical order first."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: is not a folder; give the folder that holds the CSV files")
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        name = path.name.removesuffix(".gz").removesuffix(".csv")
+        if path.name not in (f"{name}.csv", f"{name}.csv.gz") or not name:
+            continue
+        if name in found:
+            raise InputError(f"{folder}: holds both {found[name].name} and {path.name}; remove one of them")
+        found[name] = path
+    if all(name in RESERVED for name in found):
+        raise InputError(
+            f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
+            f"{','.join(NODE_COLUMNS)}"
+        )
+    return dict(sorted(found.items(), key=lambda item: item[0] in RESERVED))
+
+
+def _read(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:
+    parsed = read_table(path, required, repair=repair)
+    if is_node and not len(parsed.table):
+        lost = sum(parsed.dropped.values())
+        raise InputError(
+            f"{path}: no row is left"
+            + (f" after dropping {lost} ({_kinds(parsed.dropped)})" if lost else " below the header")
+            + "; correct the file or remove it"
+        )
+    return parsed
+
+
+def _account(name: str, kinds: dict[str, int]) -> str:
+    return f"{name}: dropped {sum(kinds.values())} rows on import: {_kinds(kinds)}"
+
+
+def _kinds(kinds: Any) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+
+
+def _parquet_writer() -> Callable[[Path, Table], None]:
+    try:
+        arrow = importlib.import_module("pyarrow")
+        parquet = importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            "--format parquet needs pyarrow, which is missing; pip install 'hubodo[parquet]', or use csv"
+        ) from None
+
+    def write(path: Path, table: Table) -> None:
+        parquet.write_table(arrow.table({name: table[name] for name in table}), path)
+
+    return write
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,168 @@
+"""ROS 2 messages to columns: all messages of a channel at once, grouped by their byte layout."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.log import ros2
+from hubodo.log.chunk_body import Messages
+from hubodo.log.chunks import PREFIX
+
+_NS = 1_000_000_000
+
+WANTED: Mapping[str, tuple[str, ...]] = {
+    ros2.IMU: ("angular_velocity", "linear_acceleration"),
+    ros2.TEMPERATURE: ("temperature",),
+    ros2.MAGNETIC_FIELD: ("magnetic_field",),
+    ros2.NAV_SAT_FIX: (
+        "latitude",
+        "longitude",
+        "altitude",
+        "position_covariance",
+        "position_covariance_type",
+        "status.status",
+    ),
+    ros2.ODOMETRY: (
+        "pose.pose.position",
+        "pose.pose.orientation",
+        "twist.twist.linear",
+        "twist.twist.angular",
+    ),
+    ros2.COLUMNS: ("data",),
+}
+"""The message types that become tables, and the fields taken out of each."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """A channel's messages as arrays of equal length n, in file order.
+
+    sequence, log_ns, publish_ns, stamp_ns: (n,) int64; stamp is the header's, else the publish time.
+    values: field -> (n,) or (n, k). undecodable: messages whose bytes do not fit their type.
+    """
+
+    sequence: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    publish_ns: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    values: Mapping[str, NDArray[np.float64]]
+    undecodable: int
+
+    def __len__(self) -> int:
+        return len(self.sequence)
+
+    def take(self, chosen: NDArray[np.intp]) -> Rows:
+        """The rows with these indices, in this order."""
+        return Rows(
+            self.sequence[chosen],
+            self.log_ns[chosen],
+            self.publish_ns[chosen],
+            self.stamp_ns[chosen],
+            {name: values[chosen] for name, values in self.values.items()},
+            self.undecodable,
+        )
+
+
+def message_type(schema: str) -> str:
+    """The ROS 2 spelling of a type: `sensor_msgs/Imu`, as some writers have it, is `sensor_msgs/msg/Imu`."""
+    package, _, name = schema.partition("/")
+    return schema if "/" in name else f"{package}/msg/{name}"
+
+
+@dataclass
+class Decoder:
+    """Collects the messages of one channel chunk by chunk; `rows()` gives them all."""
+
+    schema: str
+    undecodable: int = 0
+    _form: ros2.Form | None = None
+    _parts: list[_Part] = field(default_factory=list)
+
+    def feed(self, messages: Messages, chosen: NDArray[np.intp]) -> None:
+        """Take in the messages with these indices, in this order."""
+        while len(chosen):
+            heads = messages.heads[chosen]
+            starts = messages.places[chosen] + PREFIX.itemsize
+            count = self._fitting(messages, starts, heads["length"].astype(np.int64) - 22)
+            if count:
+                self._decode(messages, heads[:count], starts[:count])
+                chosen = chosen[count:]
+                continue
+            try:
+                self._form = ros2.measure(self.schema, messages.payload(int(chosen[0])))
+            except ValueError:
+                self.undecodable += 1
+                chosen = chosen[1:]
+
+    def _fitting(self, messages: Messages, starts: NDArray[np.int64], sizes: NDArray[np.int64]) -> int:
+        """How many messages from the first on have the layout at hand."""
+        form = self._form
+        if form is None:
+            return 0
+        fits = (sizes >= form.dtype.itemsize) & (sizes <= form.dtype.itemsize + 3)
+        count = len(fits) if fits.all() else int(fits.argmin())
+        for name, expected in {"encapsulation": form.encapsulation, **form.lengths}.items():
+            same = _gather(messages.data, starts[:count], form.dtype, name) == expected
+            count = count if same.all() else int(same.argmin())
+        return count
+
+    def _decode(self, messages: Messages, heads: NDArray[np.void], starts: NDArray[np.int64]) -> None:
+        assert self._form is not None
+        form = self._form.dtype
+        values = {
+            name: _gather(messages.data, starts, form, name).astype(np.float64)
+            for name in WANTED[self.schema]
+        }
+        stamps = heads["publish_time"].astype(np.int64)
+        if "header.stamp.sec" in (form.names or ()):
+            seconds = _gather(messages.data, starts, form, "header.stamp.sec").astype(np.int64)
+            nanoseconds = _gather(messages.data, starts, form, "header.stamp.nanosec").astype(np.int64)
+            stated = seconds * _NS + nanoseconds
+            stamps = np.where(stated == 0, stamps, stated)
+        self._parts.append(_Part(heads, stamps, values))
+
+    def rows(self) -> Rows:
+        """All messages taken in; those with another number of values than the first count as undecodable."""
+        if not self._parts:
+            none = np.empty(0, np.int64)
+            return Rows(none, none, none, none, {}, self.undecodable)
+        shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._parts]
+        parts = [part for part, shape in zip(self._parts, shapes, strict=True) if shape == shapes[0]]
+        heads = np.concatenate([part.heads for part in parts])
+        odd = sum(len(part.heads) for part in self._parts) - len(heads)
+        return Rows(
+            heads["sequence"].astype(np.int64),
+            heads["log_time"].astype(np.int64),
+            heads["publish_time"].astype(np.int64),
+            np.concatenate([part.stamps for part in parts]),
+            {name: np.concatenate([part.values[name] for part in parts]) for name in WANTED[self.schema]},
+            self.undecodable + odd,
+        )
+
+
+class _Part(NamedTuple):
+    heads: NDArray[np.void]
+    stamps: NDArray[np.int64]
+    values: dict[str, NDArray[np.float64]]
+
+
+def _gather(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], form: np.dtype[np.void], name: str
+) -> NDArray[np.float64]:
+    """One field of all messages: (n,) or (n, k), in the field's own type."""
+    assert form.fields is not None
+    part, offset = form.fields[name][:2]
+    if part.itemsize == 0:
+        return np.empty((len(starts), 0))
+    anywhere: NDArray[np.void] = np.ndarray(
+        (len(data) - offset - part.itemsize + 1,), f"V{part.itemsize}", data, offset, (1,)
+    )
+    picked = anywhere[starts]
+    if part.subdtype is None:
+        return picked.view(part)
+    return picked.view(part.base).reshape(len(starts), -1)

@@ -1,0 +1,258 @@
+"""An MCAP file opened for reading: what is in it, its messages in order, and what is wrong with it."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.errors import LogError
+from hubodo.log import topics
+from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, load, load_cut, walk
+from hubodo.log.chunks import PREFIX
+from hubodo.log.scan import Damage, Scan, scan
+
+T_ZERO_LIMIT = 4_000_000_000 * 1_000_000_000
+"""ns; the year 2096: what is beyond is no time of a recording but a damaged metadata record."""
+
+
+class LogMessage(NamedTuple):
+    """One message as it stands in the log; times in ns."""
+
+    topic: str
+    log_time: int
+    publish_time: int
+    sequence: int
+    channel: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A channel: its topic, the type of its messages (`schema`), how they are encoded."""
+
+    id: int
+    topic: str
+    schema: str
+    encoding: str
+    metadata: dict[str, str]
+
+
+class Log:
+    """A log open for reading; a context manager. Build it with `open_log`."""
+
+    def __init__(self, found: Scan) -> None:
+        self.found = found
+        self._fd = os.open(found.path, os.O_RDONLY | os.O_CLOEXEC)
+        self.kept = 0
+        """Messages met so far by `chunks()`."""
+        self._position = 0
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.found.path
+
+    @property
+    def streams(self) -> dict[int, Stream]:
+        """The channels known so far, by id; where they stand inside chunks, complete once `chunks()` ran."""
+        schemas = {schema.id: schema.name for schema in self.found.schemas.values()}
+        return {
+            channel.id: Stream(
+                channel.id,
+                channel.topic,
+                schemas.get(channel.schema_id, ""),
+                channel.message_encoding,
+                dict(channel.metadata),
+            )
+            for channel in self.found.channels.values()
+        }
+
+    @property
+    def records(self) -> dict[str, dict[str, str]]:
+        """Metadata records by name."""
+        return {record.name: dict(record.metadata) for record in self.found.metadata}
+
+    @property
+    def metadata(self) -> dict[str, str]:
+        """The record `hubodo`, and the others with their name and a dot before each key."""
+        flat: dict[str, str] = {}
+        for name, values in self.records.items():
+            prefix = "" if name == topics.METADATA else name + "."
+            flat.update({prefix + key: value for key, value in values.items()})
+        return flat
+
+    @property
+    def t_zero_ns(self) -> int | None:
+        """Host time of t = 0 as the log states it; None where it does not, or not a time that can be."""
+        text = self.metadata.get(topics.T_ZERO, "")
+        stated = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
+        return stated if 0 <= stated < T_ZERO_LIMIT else None
+
+    @property
+    def progress(self) -> float:
+        """Fraction of the file that `chunks()` has gone through."""
+        return self._position / max(1, self.found.size)
+
+    def chunks(self) -> Iterator[Messages]:
+        """All messages, a chunk at a time in file order; damage is noted and passed over."""
+        self.kept = 0
+        for place in self.found.chunks:
+            self._position = place.offset + place.length
+            messages = self._messages(place)
+            if messages is not None:
+                self.kept += len(messages.places)
+                yield messages
+        if self.found.cut is not None:
+            messages = self._cut_messages(self.found.cut)
+            self.kept += len(messages.places)
+            yield messages
+
+    def _messages(self, place: ChunkPlace) -> Messages | None:
+        try:
+            messages = walk(load(self._fd, place))
+        except DamagedChunk as error:
+            self.found.note(place, f"chunk {error}")
+            return None
+        self.found.learn(messages.definitions)
+        if not messages.whole:
+            self.found.note(place, "chunk ends in nonsense")
+        return messages
+
+    def _cut_messages(self, place: ChunkPlace) -> Messages:
+        # No checksum vouches for a part; the times that the chunk's head announces are some guard.
+        messages = walk(load_cut(self._fd, place)).between(place.start_ns, place.end_ns)
+        self.found.learn(messages.definitions)
+        return messages
+
+    def messages(
+        self,
+        topics: Collection[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+    ) -> Iterator[LogMessage]:
+        """Messages by log time, start <= log_time < end (ns); holds only the chunks that overlap in time."""
+        waiting = sorted(self.found.chunks, key=lambda place: place.start_ns)
+        waiting = [
+            place
+            for place in waiting
+            if (start is None or place.end_ns >= start) and (end is None or place.start_ns < end)
+        ]
+        waiting.reverse()
+        cut = self.found.cut
+        cursors: list[tuple[int, int, Iterator[LogMessage], LogMessage]] = []
+        count = 0
+        while waiting or cursors or cut is not None:
+            while waiting and (not cursors or waiting[-1].start_ns <= cursors[0][0]):
+                count += 1
+                self._push(cursors, count, self._ordered(waiting.pop(), topics, start, end))
+            if cut is not None and not waiting:
+                messages = self._cut_messages(cut)
+                cut, count = None, count + 1
+                self._push(cursors, count, self._select(messages, topics, start, end))
+            if cursors:
+                _, number, rest, message = cursors[0]
+                yield message
+                following = next(rest, None)
+                if following is None:
+                    heapq.heappop(cursors)
+                else:
+                    heapq.heapreplace(cursors, (following.log_time, number, rest, following))
+
+    @staticmethod
+    def _push(
+        cursors: list[tuple[int, int, Iterator[LogMessage], LogMessage]],
+        number: int,
+        messages: Iterator[LogMessage],
+    ) -> None:
+        first = next(messages, None)
+        if first is not None:
+            heapq.heappush(cursors, (first.log_time, number, messages, first))
+
+    def _ordered(
+        self, place: ChunkPlace, names: Collection[str] | None, start: int | None, end: int | None
+    ) -> Iterator[LogMessage]:
+        messages = self._messages(place)
+        if messages is not None:
+            yield from self._select(messages, names, start, end)
+
+    def _select(
+        self, messages: Messages, names: Collection[str] | None, start: int | None, end: int | None
+    ) -> Iterator[LogMessage]:
+        streams = self.streams
+        wanted = [id for id, stream in streams.items() if names is None or stream.topic in names]
+        times: NDArray[np.int64] = messages.heads["log_time"]
+        keep = np.isin(messages.heads["channel"], wanted)
+        if start is not None:
+            keep &= times >= start
+        if end is not None:
+            keep &= times < end
+        chosen = np.flatnonzero(keep)
+        chosen = chosen[np.argsort(times[chosen], kind="stable")]
+        heads, data = messages.heads[chosen], messages.data.tobytes()
+        starts = messages.places[chosen] + PREFIX.itemsize
+        ends = starts + heads["length"].astype(np.int64) - 22
+        columns = (
+            heads["channel"],
+            heads["log_time"],
+            heads["publish_time"],
+            heads["sequence"],
+            starts,
+            ends,
+        )
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for channel, log_time, publish_time, sequence, begin, stop in rows:
+            yield LogMessage(
+                streams[channel].topic, log_time, publish_time, sequence, channel, data[begin:stop]
+            )
+
+    def warnings(self) -> tuple[str, ...]:
+        """One line for each thing wrong with the file; complete once its chunks were read."""
+        found, lines = self.found, []
+        for damage in sorted(found.damage, key=lambda damage: damage.offset):
+            if damage.offset + damage.length >= found.size and not found.complete:
+                continue
+            lines.append(f"{found.path}: {self._place(damage)}: {damage.reason}; it is left out")
+        if not found.complete:
+            lost = sum(d.length for d in found.damage if d.offset + d.length >= found.size)
+            lines.append(
+                f"{found.path}: was not closed: {self.kept} messages are kept, {lost} bytes at the end are "
+                "lost; hubodo recover writes a whole one"
+            )
+        return tuple(lines)
+
+    def _place(self, damage: Damage) -> str:
+        text = f"bytes {damage.offset} to {damage.offset + damage.length}"
+        if damage.start_ns is not None and damage.end_ns is not None:
+            zero = self.t_zero_ns or 0
+            text += f" (t = {(damage.start_ns - zero) / 1e9:.3f} s to {(damage.end_ns - zero) / 1e9:.3f} s)"
+        return text
+
+    def close(self) -> None:
+        """Close the file. Idempotent."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def open_log(path: Path) -> Log:
+    """Open an MCAP file, whole, cut or damaged. Raises LogError when it is missing, empty or no MCAP."""
+    path = Path(path)
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder, not a log; import a CSV folder with hubodo import")
+    return Log(scan(path))

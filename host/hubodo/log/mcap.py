@@ -1,0 +1,288 @@
+"""A log to a recording in memory: ours to the last bit, those of others as far as their types are known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.log import ros2, topics
+from hubodo.log.convert import carried_columns
+from hubodo.log.decode import WANTED, Decoder, Rows, message_type
+from hubodo.log.logfile import Log, LogMessage, Stream, open_log
+from hubodo.log.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.log.timebase import EXACT_S, NS, to_seconds
+
+__all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
+
+Progress = Callable[[str, float], None]
+
+
+def read_recording(path: Path, *, progress: Progress | None = None) -> Recording:
+    """Read a whole log into memory.
+
+    Nodes are the topics of type Imu: `/left/imu` is `left`, `/imu/data_raw` is `imu_data_raw`. A node's
+    `temperature` is that of its topic: as recorded where each sample has one, else interpolated linearly.
+    GNSS rows without a fix are left out. Rows are put in order of time; of equal times the first stays.
+    Raises LogError when the file is missing, empty or no MCAP; all lesser damage stands in `warnings`.
+    """
+    with open_log(path) as log:
+        collected = _Collected(log, progress)
+        return collected.recording()
+
+
+def events_of(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, ...]]:
+    """Events in order of time from their messages, and a note on each that cannot be understood."""
+    events, notes = [], []
+    for payload in payloads:
+        try:
+            body = json.loads(payload)
+            events.append(
+                Event(
+                    int(body["t_ns"]),
+                    str(body["kind"]),
+                    str(body["source"]),
+                    str(body["text"]),
+                    dict(body["data"]),
+                )
+            )
+        except (ValueError, KeyError, TypeError):
+            notes.append(f"an event cannot be understood: {payload[:60]!r}")
+    return tuple(sorted(events, key=lambda event: event.t_ns)), tuple(notes)
+
+
+class _Collected:
+    """All channels of a log as rows, and the tables made of them."""
+
+    def __init__(self, log: Log, progress: Progress | None) -> None:
+        self.log = log
+        self.notes: list[str] = []
+        payloads: list[bytes] = []
+        decoders: dict[int, Decoder] = {}
+        for messages in log.chunks():
+            channels = messages.heads["channel"]
+            for id in np.unique(channels).tolist():
+                stream = log.streams.get(id)
+                if stream is None:
+                    self._note(f"{int((channels == id).sum())} messages of unknown channel {id} are left out")
+                    continue
+                chosen = np.flatnonzero(channels == id)
+                if stream.topic == topics.EVENTS and stream.encoding == "json":
+                    payloads += [messages.payload(i) for i in chosen.tolist()]
+                elif stream.encoding == "cdr" and message_type(stream.schema) in WANTED:
+                    decoder = decoders.setdefault(id, Decoder(message_type(stream.schema)))
+                    decoder.feed(messages, chosen)
+            if progress:
+                progress(f"reading {log.path.name}", log.progress)
+        self.rows: dict[str, tuple[Stream, Rows]] = {}
+        for id, decoder in decoders.items():
+            stream, rows = log.streams[id], decoder.rows()
+            if rows.undecodable:
+                self._note(
+                    f"{rows.undecodable} messages of {stream.topic} do not fit {stream.schema}; left out"
+                )
+            self.rows.setdefault(stream.topic, (stream, rows))
+        self.events, misunderstood = events_of(payloads)
+        for note in misunderstood:
+            self._note(note)
+        self.t_zero_ns = self._zero()
+
+    def _note(self, text: str) -> None:
+        self.notes.append(f"{self.log.path}: {text}")
+
+    def _zero(self) -> int:
+        if self.log.t_zero_ns is not None:
+            return self.log.t_zero_ns
+        earliest = [int(rows.stamp_ns.min()) for _, rows in self.rows.values() if len(rows)]
+        return min(earliest, default=0)
+
+    def recording(self) -> Recording:
+        tables = self._csv_files()
+        for topic, (stream, rows) in self.rows.items():
+            if message_type(stream.schema) == ros2.IMU and len(rows):
+                name = _node_name(topic, self.log.records.get(topics.CSV_FILES, {}), tables)
+                if name:
+                    tables[name] = self._live_node(topic, rows)
+        self._live_files(tables)
+        magnetometers = {
+            _stem(topic): self._ordered(
+                topic, rows, dict(zip("xyz", rows.values["magnetic_field"].T, strict=True)), "m"
+            )
+            for topic, (stream, rows) in self.rows.items()
+            if message_type(stream.schema) == ros2.MAGNETIC_FIELD and len(rows)
+        }
+        special: dict[str, Any] = {name: tables.pop(name) for name in RESERVED if name in tables}
+        return Recording(
+            tables,
+            magnetometers=magnetometers,
+            odometry=self._odometry(topics.ODOM),
+            events=self.events,
+            metadata=self.log.metadata,
+            t_zero_ns=self.t_zero_ns,
+            warnings=(*self.log.warnings(), *self.notes),
+            **special,
+        )
+
+    def _csv_files(self) -> dict[str, Table]:
+        """The files of an import, each row put together from its messages by sequence number."""
+        tables = {}
+        for name, text in self.log.records.get(topics.CSV_FILES, {}).items():
+            columns = _column_names(text)
+            if "t" not in columns:
+                self._note(f"{name}: its list of columns is damaged; read by topic instead")
+                continue
+            parts = self._parts_of(name, columns)
+            if not parts:
+                tables[name] = Table({column: np.empty(0) for column in columns})
+                continue
+            sequences = [rows.sequence for rows, _ in parts]
+            common = reduce(np.intersect1d, sequences)
+            lost = max(len(np.union1d(common, sequence)) for sequence in sequences) - len(common)
+            if lost:
+                self._note(f"{name}: {lost} rows have lost a part to damage; left out")
+            since = parts[0][0].stamp_ns[_places(parts[0][0].sequence, common)] - self.t_zero_ns
+            found = {"t": to_seconds(since, 0)}
+            for rows, values in parts:
+                chosen = _places(rows.sequence, common)
+                found.update({column: array[chosen] for column, array in values.items()})
+            between = any("t" in values for _, values in parts)
+            beyond = len(since) > 0 and int(np.abs(since).max()) >= EXACT_S * NS and not between
+            if absent := [column for column in columns if column not in found]:
+                self._note(f"{name}: nothing is left of column {', '.join(absent)}")
+            rising = np.unique(found["t"], return_index=True)[1]
+            if len(rising) < len(since):
+                self._note(f"{name}: {len(since) - len(rising)} rows repeat the time of another; left out")
+            tables[name] = Table(
+                {column: found[column][rising] for column in columns if column in found},
+                since[rising] if beyond else None,
+            )
+        return tables
+
+    def _parts_of(self, name: str, columns: list[str]) -> list[tuple[Rows, dict[str, NDArray[np.float64]]]]:
+        parts = []
+        if (imu := self._get(topics.imu(name))) and carried_columns(name)[0] == "gx":
+            names = NODE_COLUMNS[1:]
+            stacked = np.hstack([imu.values["angular_velocity"], imu.values["linear_acceleration"]])
+            parts.append((imu, dict(zip(names, stacked.T, strict=True))))
+            heat = self._get(topics.temperature(name))
+            if "temperature" in columns and heat:
+                parts.append((heat, {"temperature": heat.values["temperature"]}))
+        if name == "gnss" and (fix := self._get(topics.FIX)):
+            parts.append((fix, _position(fix)))
+        if name == "truth" and (truth := self._get(topics.TRUTH)):
+            position = truth.values["pose.pose.position"]
+            parts.append((truth, {"x": position[:, 0], "y": position[:, 1]}))
+        if rest := self._get(topics.COLUMNS + name):
+            parts.append((rest, self._columns(topics.COLUMNS + name, rest)))
+        return parts
+
+    def _get(self, topic: str) -> Rows | None:
+        if topic not in self.rows or not len(self.rows[topic][1]):
+            return None
+        return self.rows[topic][1]
+
+    def _columns(self, topic: str, rows: Rows) -> dict[str, NDArray[np.float64]]:
+        data = rows.values["data"]
+        names = _column_names(self.rows[topic][0].metadata.get("columns", "[]"))
+        if len(names) != data.shape[1]:
+            names = [f"column{i}" for i in range(data.shape[1])]
+        return dict(zip(names, data.T, strict=True))
+
+    def _live_node(self, topic: str, rows: Rows) -> Table:
+        values = np.hstack([rows.values["angular_velocity"], rows.values["linear_acceleration"]])
+        table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
+        heat = self._get(topic.removesuffix("/imu") + "/temperature")
+        if heat is None:
+            return table
+        warm = self._ordered("", heat, {"temperature": heat.values["temperature"]})
+        return Table({**table.columns, "temperature": np.interp(table.t, warm.t, warm["temperature"])})
+
+    def _live_files(self, tables: dict[str, Table]) -> None:
+        """GNSS, and columns written live, of logs that are no import."""
+        if "gnss" not in tables and (fix := self._get(topics.FIX)):
+            known = np.isfinite(np.column_stack(list(_position(fix).values()))).all(axis=1)
+            fix = fix.take(np.flatnonzero(known & (fix.values["status.status"] >= 0)))
+            columns = _position(fix)
+            if len(fix) and (fix.values["position_covariance_type"] > 0).all():
+                horizontal = fix.values["position_covariance"][:, [0, 4]]
+                columns["sigma"] = np.sqrt(horizontal.mean(axis=1))
+            if len(fix):
+                tables["gnss"] = self._ordered(topics.FIX, fix, columns)
+        for topic in self.rows:
+            name = topic.removeprefix(topics.COLUMNS)
+            rows = self._get(topic)
+            if topic.startswith(topics.COLUMNS) and name in RESERVED and name not in tables and rows:
+                columns = self._columns(topic, rows)
+                columns.pop("t", None)
+                if set(RESERVED[name][0]) <= {"t", *columns}:
+                    tables[name] = self._ordered(topic, rows, columns)
+
+    def _odometry(self, topic: str) -> Table | None:
+        rows = self._get(topic)
+        if rows is None or "pose.pose.position" not in rows.values:
+            return None
+        turn = rows.values["pose.pose.orientation"]
+        return self._ordered(
+            topic,
+            rows,
+            {
+                "x": rows.values["pose.pose.position"][:, 0],
+                "y": rows.values["pose.pose.position"][:, 1],
+                "heading": np.unwrap(2 * np.arctan2(turn[:, 2], turn[:, 3])),
+                "speed": rows.values["twist.twist.linear"][:, 0],
+                "yaw_rate": rows.values["twist.twist.angular"][:, 2],
+            },
+        )
+
+    def _ordered(
+        self, topic: str, rows: Rows, columns: Mapping[str, NDArray[np.float64]], prefix: str = ""
+    ) -> Table:
+        """Columns by time, strictly increasing; rows that repeat a time are left out and noted."""
+        t = to_seconds(rows.stamp_ns, self.t_zero_ns)
+        chosen = np.unique(t, return_index=True)[1]
+        if topic and len(chosen) < len(t):
+            self._note(f"{len(t) - len(chosen)} messages of {topic} repeat the time of another; left out")
+        return Table({"t": t[chosen], **{prefix + name: values[chosen] for name, values in columns.items()}})
+
+
+def _position(fix: Rows) -> dict[str, NDArray[np.float64]]:
+    return {
+        "latitude_deg": fix.values["latitude"],
+        "longitude_deg": fix.values["longitude"],
+        "altitude": fix.values["altitude"],
+    }
+
+
+def _column_names(text: str) -> list[str]:
+    """Column names from their JSON list; none when it is damaged."""
+    try:
+        names = json.loads(text)
+    except ValueError:
+        return []
+    return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def _places(sequence: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Where each wanted sequence number stands."""
+    order = np.argsort(sequence, kind="stable")
+    return order[np.searchsorted(sequence, wanted, sorter=order)]
+
+
+def _stem(topic: str) -> str:
+    return topic.strip("/").rpartition("/")[0].replace("/", "_") or topic.strip("/")
+
+
+def _node_name(topic: str, imported: Mapping[str, str], taken: Mapping[str, Table]) -> str:
+    """A node's name from its topic; "" when an import has already told of it."""
+    inner = topic[1:].removesuffix("/imu")
+    if topic == topics.imu(inner) and inner in imported and inner in taken:
+        return ""
+    name = inner.strip("/").replace("/", "_") or "imu"
+    while name in taken or name in RESERVED:
+        name += "_"
+    return name

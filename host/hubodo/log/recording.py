@@ -1,0 +1,138 @@
+"""A recording in memory: what every estimator, check and export works on, wherever it came from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Column = NDArray[np.float64]
+
+NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of equal length, in the order of their file; `t` in seconds strictly increases.
+
+    columns: name -> (N,) float64, in SI units; read-only. t_ns: (N,) exact times in ns where float64 cannot
+    hold them (seconds since 1970 with nine decimals), else None. Raises ValueError when this is broken.
+    """
+
+    columns: Mapping[str, Column]
+    t_ns: NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        made: dict[str, Column] = {}
+        for name, values in self.columns.items():
+            column = np.asarray(values, np.float64).view()
+            column.flags.writeable = False
+            made[name] = column
+        if "t" not in made:
+            raise ValueError(f"a table needs a column t, it has {sorted(made)}")
+        t = made["t"]
+        if any(column.shape != (len(t),) for column in made.values()):
+            raise ValueError(f"columns differ in length: { {k: v.shape for k, v in made.items()} }")
+        if self.t_ns is not None and self.t_ns.shape != t.shape:
+            raise ValueError(f"t_ns has shape {self.t_ns.shape}, t has {t.shape}")
+        if len(t) > 1 and not bool((np.diff(t) > 0).all()):
+            raise ValueError("column t does not strictly increase")
+        object.__setattr__(self, "columns", MappingProxyType(made))
+
+    def __getitem__(self, name: str) -> Column:
+        return self.columns[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns)
+
+    def __len__(self) -> int:
+        return len(self.columns["t"])
+
+    @property
+    def t(self) -> Column:
+        """(N,) s, strictly increasing."""
+        return self.columns["t"]
+
+    @property
+    def gyro(self) -> Column:
+        """(N, 3) rad/s, node frame; a copy. KeyError when this is no node's table."""
+        return np.column_stack([self.columns[name] for name in ("gx", "gy", "gz")])
+
+    @property
+    def accel(self) -> Column:
+        """(N, 3) m/s² specific force, node frame; a copy. KeyError when this is no node's table."""
+        return np.column_stack([self.columns[name] for name in ("ax", "ay", "az")])
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"columns": dict(self.columns), "t_ns": self.t_ns}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        object.__setattr__(self, "columns", state["columns"])
+        object.__setattr__(self, "t_ns", state["t_ns"])
+        self.__post_init__()
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened during a recording and is worth explaining.
+
+    t_ns: host time, ns, on the clock of the log. kind: one lower-case word, such as `gap`, `connected`,
+    `disconnected`, `reset`, `damage`, `repaired`. source: node or link it concerns, "" for the whole log.
+    text: one line for people. data: numbers for programs; for `gap`: node, samples_lost, frames_lost,
+    cause, duration_s.
+    """
+
+    t_ns: int
+    kind: str
+    source: str
+    text: str
+    data: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """All that a log or a CSV folder holds, on one clock.
+
+    nodes: by name, columns `t,gx,gy,gz,ax,ay,az[,temperature]` and whatever else the file had.
+    reference, wheels, gnss, heading, table, truth: the files of that name in the CSV folder, or None.
+    magnetometers: by node, `t,mx,my,mz` in tesla. odometry: `t,x,y,heading,speed,yaw_rate` as recorded live.
+    metadata: key -> text; keys of other metadata records than `hubodo` are written `record.key`.
+    t_zero_ns: host time of t = 0. warnings: one line for each thing that was damaged or left out on reading.
+    """
+
+    nodes: Mapping[str, Table]
+    reference: Table | None = None
+    wheels: Table | None = None
+    gnss: Table | None = None
+    heading: Table | None = None
+    table: Table | None = None
+    truth: Table | None = None
+    magnetometers: Mapping[str, Table] = field(default_factory=dict)
+    odometry: Table | None = None
+    events: tuple[Event, ...] = ()
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    t_zero_ns: int = 0
+    warnings: tuple[str, ...] = ()
+
+    def files(self) -> dict[str, Table]:
+        """The tables of the CSV folder by file name without suffix, nodes first."""
+        named = {name: getattr(self, name) for name in RESERVED}
+        return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
+
+
+RESERVED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "reference": (("t", "speed", "yaw_rate"), ("temperature",)),
+    "wheels": (("t", "left", "right"), ()),
+    "gnss": (("t", "latitude_deg", "longitude_deg", "altitude"), ("sigma",)),
+    "heading": (("t", "heading"), ("sigma",)),
+    "table": (("t", "angle", "moving"), ()),
+    "truth": (("t", "x", "y"), ("heading",)),
+}
+"""Files of the CSV folder that are no nodes: required and optional columns."""

@@ -1,0 +1,263 @@
+"""The ROS 2 messages a log holds: definition texts, and CDR byte layouts derived from those very texts.
+
+CDR here is what ROS 2 writes: 4 bytes of encapsulation (little-endian plain CDR), then the fields in order,
+each aligned to its own size counted from behind those 4 bytes. With all strings and sequences of a channel
+of constant length every message has one size, so numpy packs and unpacks whole batches.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+IMU = "sensor_msgs/msg/Imu"
+MAGNETIC_FIELD = "sensor_msgs/msg/MagneticField"
+TEMPERATURE = "sensor_msgs/msg/Temperature"
+NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
+ODOMETRY = "nav_msgs/msg/Odometry"
+TF = "tf2_msgs/msg/TFMessage"
+COLUMNS = "std_msgs/msg/Float64MultiArray"
+
+ENCAPSULATION = b"\x00\x01\x00\x00"
+
+# Fields as in the .msg files of common_interfaces, geometry2 and rcl_interfaces (ROS 2 Humble).
+_DEFINITIONS: Mapping[str, str] = {
+    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
+    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation",
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
+    ),
+    "sensor_msgs/NavSatStatus": (
+        "int8 STATUS_NO_FIX=-1\nint8 STATUS_FIX=0\nint8 STATUS_SBAS_FIX=1\nint8 STATUS_GBAS_FIX=2\n"
+        "uint16 SERVICE_GPS=1\nuint16 SERVICE_GLONASS=2\nuint16 SERVICE_COMPASS=4\nuint16 SERVICE_GALILEO=8\n"
+        "int8 status\nuint16 service"
+    ),
+    "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
+    "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
+    IMU: (
+        "std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
+        "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
+        "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
+    ),
+    MAGNETIC_FIELD: (
+        "std_msgs/Header header\ngeometry_msgs/Vector3 magnetic_field\nfloat64[9] magnetic_field_covariance"
+    ),
+    TEMPERATURE: "std_msgs/Header header\nfloat64 temperature\nfloat64 variance",
+    NAV_SAT_FIX: (
+        "uint8 COVARIANCE_TYPE_UNKNOWN=0\nuint8 COVARIANCE_TYPE_APPROXIMATED=1\n"
+        "uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2\nuint8 COVARIANCE_TYPE_KNOWN=3\n"
+        "std_msgs/Header header\nsensor_msgs/NavSatStatus status\n"
+        "float64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+        "float64[9] position_covariance\nuint8 position_covariance_type"
+    ),
+    ODOMETRY: (
+        "std_msgs/Header header\nstring child_frame_id\n"
+        "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist"
+    ),
+    TF: "geometry_msgs/TransformStamped[] transforms",
+    COLUMNS: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
+}
+
+_PRIMITIVES: Mapping[str, str] = {
+    "int8": "i1",
+    "uint8": "u1",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float64": "f8",
+}
+_FIELD = re.compile(r"^(?P<type>[\w/]+)(?P<array>\[(?P<count>\d*)\])? (?P<name>[a-z]\w*)$")
+
+
+@dataclass(frozen=True)
+class Field:
+    """One line of a definition; count is 1 for a scalar, None for an unbounded sequence."""
+
+    type: str
+    name: str
+    count: int | None
+    is_array: bool
+
+
+@functools.cache
+def fields(name: str) -> tuple[Field, ...]:
+    """The fields of a message in order, constants left out."""
+    found = []
+    for line in _DEFINITIONS[name].splitlines():
+        match = _FIELD.match(line)
+        if match is None:
+            continue
+        count = None if match["array"] and not match["count"] else int(match["count"] or 1)
+        found.append(Field(match["type"], match["name"], count, bool(match["array"])))
+    return tuple(found)
+
+
+@functools.cache
+def definition(name: str) -> str:
+    """The text for an MCAP schema of encoding `ros2msg`: the message and, below it, all it is made of."""
+    parts = list(dict.fromkeys(_dependencies(name)))
+    blocks = [_DEFINITIONS[name], *(f"MSG: {part}\n{_DEFINITIONS[part]}" for part in parts)]
+    return ("\n" + "=" * 80 + "\n").join(blocks) + "\n"
+
+
+def _dependencies(name: str) -> Iterator[str]:
+    for field in fields(name):
+        if field.type in _DEFINITIONS:
+            yield field.type
+            yield from _dependencies(field.type)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where each field of one message stands, for given string and sequence lengths.
+
+    dtype: structured, little-endian, itemsize = whole message with encapsulation. Field names are dotted
+    paths (`header.stamp.sec`); a group of float64 also has its own name (`angular_velocity`, shape (3,)).
+    template: () record of that dtype with encapsulation, strings and lengths filled in, all else zero.
+    """
+
+    dtype: np.dtype[np.void]
+    template: np.ndarray[tuple[()], np.dtype[np.void]]
+
+
+class _Builder:
+    """Walks a definition and places its fields; `length_of(path, position)` gives the variable lengths."""
+
+    def __init__(self, length_of: Callable[[str, int], int], byte_order: str = "<") -> None:
+        self.length_of, self.order = length_of, byte_order
+        self.position = len(ENCAPSULATION)
+        self.names: list[str] = []
+        self.formats: list[object] = []
+        self.offsets: list[int] = []
+        self.lengths: dict[str, int] = {}
+
+    def put(self, path: str, code: str, count: int = 1, *, is_array: bool = False) -> None:
+        size = int(code[1:])
+        if count:
+            self.position += -(self.position - len(ENCAPSULATION)) % size
+        self._name(path, (self.order + code, (count,)) if is_array else self.order + code, self.position)
+        self.position += size * count
+
+    def _name(self, path: str, form: object, offset: int) -> None:
+        self.names.append(path)
+        self.formats.append(form)
+        self.offsets.append(offset)
+
+    def _length(self, path: str) -> int:
+        self.put(path + ".length", "u4")
+        length = self.lengths[path + ".length"] = self.length_of(path, self.position - 4)
+        return length
+
+    def message(self, name: str, prefix: str) -> None:
+        for field in fields(name):
+            path = prefix + field.name
+            count = self._length(path) if field.count is None else field.count
+            if field.type == "string":
+                length = self._length(path)
+                self._name(path, f"V{length}", self.position)
+                self.position += length
+            elif field.type in _PRIMITIVES:
+                self.put(path, _PRIMITIVES[field.type], count, is_array=field.is_array)
+            else:
+                for i in range(count):
+                    self._group(field.type, f"{path}[{i}]" if field.is_array else path)
+
+    def _group(self, name: str, path: str) -> None:
+        first = len(self.names)
+        self.message(name, path + ".")
+        if all(form == self.order + "f8" for form in self.formats[first:]):
+            self._name(path, (self.order + "f8", (len(self.names) - first,)), self.offsets[first])
+
+    def dtype(self) -> np.dtype[np.void]:
+        return np.dtype(
+            {
+                "names": ["encapsulation", *self.names],
+                "formats": ["<u4", *self.formats],
+                "offsets": [0, *self.offsets],
+                "itemsize": self.position,
+            }
+        )
+
+
+def layout(
+    name: str, texts: Mapping[str, bytes] | None = None, lengths: Mapping[str, int] | None = None
+) -> Layout:
+    """The byte layout of one message type.
+
+    texts: value of each string field by path, without the closing zero. lengths: elements of each sequence.
+    Raises KeyError for a string or sequence that was not given.
+    """
+    closed = {path: text + b"\x00" for path, text in (texts or {}).items()}
+    known = {**(lengths or {}), **{path: len(text) for path, text in closed.items()}}
+    builder = _Builder(lambda path, _: known[path])
+    builder.message(name, "")
+    template = np.zeros((), builder.dtype())
+    template["encapsulation"] = int.from_bytes(ENCAPSULATION, "little")
+    for path, length in builder.lengths.items():
+        template[path] = length
+    for path, text in closed.items():
+        if path in builder.names:
+            template[path] = np.void(text)
+    return Layout(builder.dtype(), template)
+
+
+@dataclass(frozen=True)
+class Form:
+    """The layout of a received message: its dtype, and the length fields that others must share to fit it."""
+
+    dtype: np.dtype[np.void]
+    lengths: Mapping[str, int]
+    encapsulation: int
+
+
+def measure(name: str, payload: bytes) -> Form:
+    """The layout of one given message, its string and sequence lengths read from its own bytes.
+
+    Raises ValueError for an encapsulation other than plain CDR and for lengths that do not fit the payload.
+    """
+    if payload[:2] not in (b"\x00\x00", b"\x00\x01"):
+        raise ValueError(f"encapsulation {payload[:4].hex()} is not plain CDR")
+    order: Literal["little", "big"] = "little" if payload[1] else "big"
+
+    def length_of(path: str, position: int) -> int:
+        length = int.from_bytes(payload[position : position + 4], order)
+        if position + 4 + length > len(payload):
+            raise ValueError(f"{path} claims {length} elements in a message of {len(payload)} bytes")
+        return length
+
+    builder = _Builder(length_of, "<" if payload[1] else ">")
+    builder.message(name, "")
+    if not builder.position <= len(payload) <= builder.position + 3:
+        raise ValueError(f"message of {len(payload)} bytes should have {builder.position}")
+    return Form(builder.dtype(), builder.lengths, int.from_bytes(payload[:4], "little"))
+
+
+def stamped(name: str, frame_id: str, child_frame_id: str = "") -> Layout:
+    """The layout of a message with one header (or one transform), its frame names constant."""
+    prefix = "transforms[0]." if name == TF else ""
+    texts = {
+        prefix + "header.frame_id": frame_id.encode(),
+        prefix + "child_frame_id": child_frame_id.encode(),
+    }
+    return layout(name, texts, {"transforms": 1})
+
+
+def columns(count: int) -> Layout:
+    """The layout of one row of `count` float64 numbers as a Float64MultiArray with one dimension."""
+    made = layout(COLUMNS, {"layout.dim[0].label": b"columns"}, {"layout.dim": 1, "data": count})
+    made.template["layout.dim[0].size"] = count
+    made.template["layout.dim[0].stride"] = count
+    return made

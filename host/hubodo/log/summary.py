@@ -1,0 +1,252 @@
+"""What a log holds and how good it is: streams, measured rates, gaps and what explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.log import ros2, topics
+from hubodo.log.decode import message_type
+from hubodo.log.logfile import Log, open_log
+from hubodo.log.mcap import events_of
+from hubodo.log.recording import Event
+
+Progress = Callable[[str, float], None]
+
+GAP_FACTOR = 1.5
+"""An interval longer than this many median periods is a gap: at least one sample is missing."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """An interval without samples. t: s since t = 0; missing: samples that fit into it; cause: in words."""
+
+    topic: str
+    t: float
+    duration: float
+    missing: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class Loss:
+    """The recorded `gap` events of one node, stream and cause, added up; unknown: those without a count."""
+
+    node: str
+    stream: str
+    cause: str
+    gaps: int
+    samples: int
+    frames: int
+    unknown: int
+    duration: float
+
+
+@dataclass(frozen=True)
+class StreamSummary:
+    """One topic; times by publish time, in s. period: median; jitter: 1 sigma about it, gaps left out."""
+
+    topic: str
+    schema: str
+    messages: int
+    first: float
+    last: float
+    period: float | None
+    jitter: float | None
+    longest: float | None
+    gaps: tuple[Gap, ...]
+
+    @property
+    def rate(self) -> float | None:
+        """1 / median period, Hz."""
+        return 1 / self.period if self.period else None
+
+    @property
+    def missing(self) -> int:
+        """Samples that fit into the gaps."""
+        return sum(gap.missing for gap in self.gaps)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All of `hubodo info`. start_ns: host time of t = 0; duration: s between first and last message."""
+
+    path: Path
+    size: int
+    library: str
+    profile: str
+    complete: bool
+    start_ns: int
+    duration: float
+    streams: tuple[StreamSummary, ...]
+    events: tuple[Event, ...]
+    losses: tuple[Loss, ...]
+    health: Mapping[str, Mapping[str, Any]]
+    metadata: Mapping[str, str]
+    warnings: tuple[str, ...]
+
+    @property
+    def gaps(self) -> tuple[Gap, ...]:
+        """The gaps of all streams in order of time."""
+        return tuple(sorted((gap for s in self.streams for gap in s.gaps), key=lambda gap: gap.t))
+
+    def seconds(self, t_ns: int) -> float:
+        """Host time as seconds since t = 0."""
+        return (t_ns - self.start_ns) / 1e9
+
+
+def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
+    """Read a log once and describe it. Raises LogError when it is missing, empty or no MCAP."""
+    with open_log(path) as log:
+        times, event_payloads = _collect(log, progress)
+        events, notes = events_of(event_payloads)
+        starts = [int(log_ns.min()) for log_ns, _ in times.values()]
+        ends = [int(log_ns.max()) for log_ns, _ in times.values()]
+        start = log.t_zero_ns if log.t_zero_ns is not None else min(starts, default=0)
+        streams = log.streams
+        return Summary(
+            path=log.path,
+            size=log.found.size,
+            library=log.found.library,
+            profile=log.found.profile,
+            complete=log.found.complete,
+            start_ns=start,
+            duration=(max(ends) - min(starts)) / 1e9 if times else 0.0,
+            streams=tuple(
+                sorted(
+                    (
+                        _stream(streams[id].topic, streams[id].schema, publish_ns, start, events)
+                        for id, (_, publish_ns) in times.items()
+                    ),
+                    key=lambda stream: stream.topic,
+                )
+            ),
+            events=events,
+            losses=_losses(events),
+            health=_health(events),
+            metadata=log.metadata,
+            warnings=(*log.warnings(), *(f"{log.path}: {note}" for note in notes)),
+        )
+
+
+Times = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+
+
+def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes]]:
+    """Log and publish times of each channel, and the payloads of the events."""
+    parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
+    payloads: list[bytes] = []
+    for messages in log.chunks():
+        if progress:
+            progress(f"reading {log.path.name}", log.progress)
+        channels = messages.heads["channel"]
+        streams = log.streams
+        for id in np.unique(channels).tolist():
+            if id not in streams:
+                continue
+            chosen = np.flatnonzero(channels == id)
+            heads = messages.heads[chosen]
+            parts.setdefault(id, []).append((heads["log_time"].copy(), heads["publish_time"].copy()))
+            if streams[id].topic == topics.EVENTS:
+                payloads += [messages.payload(i) for i in chosen.tolist()]
+    times = {
+        id: (np.concatenate([p[0] for p in found]), np.concatenate([p[1] for p in found]))
+        for id, found in parts.items()
+    }
+    return times, payloads
+
+
+_SAMPLED = (ros2.IMU, ros2.MAGNETIC_FIELD, ros2.NAV_SAT_FIX, ros2.ODOMETRY, ros2.COLUMNS)
+
+
+def _stream(
+    topic: str, schema: str, publish_ns: NDArray[np.int64], start: int, events: Iterable[Event]
+) -> StreamSummary:
+    t_ns = np.sort(publish_ns)
+    periods = np.diff(t_ns) / 1e9
+    # Events and raw frames come when they come; a period is a property of sampled streams.
+    sampled = message_type(schema) in _SAMPLED or message_type(schema) == ros2.TEMPERATURE
+    usual = float(np.median(periods)) if len(periods) and sampled else None
+    regular = periods[periods <= GAP_FACTOR * usual] if usual is not None else periods
+    gaps: tuple[Gap, ...] = ()
+    if usual and message_type(schema) in _SAMPLED:
+        found = np.flatnonzero(periods > GAP_FACTOR * usual)
+        gaps = tuple(
+            Gap(
+                topic,
+                (int(t_ns[i]) - start) / 1e9,
+                float(periods[i]),
+                max(1, round(float(periods[i]) / usual) - 1),
+                _cause(topic, int(t_ns[i]), int(t_ns[i + 1]), events),
+            )
+            for i in found.tolist()
+        )
+    return StreamSummary(
+        topic=topic,
+        schema=schema,
+        messages=len(t_ns),
+        first=(int(t_ns[0]) - start) / 1e9,
+        last=(int(t_ns[-1]) - start) / 1e9,
+        period=usual,
+        jitter=float(np.sqrt(np.mean((regular - usual) ** 2))) if usual is not None else None,
+        longest=float(periods.max()) if usual is not None else None,
+        gaps=gaps,
+    )
+
+
+_WIRE_STREAMS: Mapping[str, str] = {"imu": "ImuBatch", "mag": "Mag"}
+"""The wire message behind a node's topic, as `gap` events name it."""
+
+
+def _cause(topic: str, begin_ns: int, end_ns: int, events: Iterable[Event]) -> str:
+    """The words of that recorded gap of the same node which overlaps most in time."""
+    node, _, kind = topic[1:].partition("/")
+    part = _WIRE_STREAMS.get(kind, kind)
+    best, words = 0, ""
+    for event in events:
+        concerned = event.data.get("node", event.source)
+        if event.kind != "gap" or concerned not in (node, "", None):
+            continue
+        if event.data.get("stream", part) != part:
+            continue
+        duration = event.data.get("duration_s")
+        until = event.t_ns + int(1e9 * duration) if isinstance(duration, int | float) else event.t_ns
+        overlap = min(end_ns, until) - max(begin_ns, event.t_ns) + 1
+        if overlap > best:
+            best, words = overlap, str(event.data.get("cause") or event.text)
+    return words or "not explained by any event"
+
+
+def _health(events: Iterable[Event]) -> dict[str, Mapping[str, Any]]:
+    """The last health report of each node."""
+    return {
+        str(event.data.get("node", event.source)): event.data for event in events if event.kind == "health"
+    }
+
+
+def _losses(events: Iterable[Event]) -> tuple[Loss, ...]:
+    groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
+    for event in events:
+        if event.kind == "gap":
+            key = (
+                str(event.data.get("node", event.source)),
+                str(event.data.get("stream", "")),
+                str(event.data.get("cause") or event.text),
+            )
+            groups.setdefault(key, []).append(event.data)
+    return tuple(
+        Loss(
+            *key,
+            gaps=len(found),
+            samples=sum(data.get("samples_lost") or 0 for data in found),
+            frames=sum(data.get("frames_lost") or 0 for data in found),
+            unknown=sum(data.get("samples_lost", 0) is None for data in found),
+            duration=sum(data.get("duration_s") or 0.0 for data in found),
+        )
+        for key, found in sorted(groups.items())
+    )

@@ -1,0 +1,58 @@
+"""Seconds in a table to nanoseconds in a log and back, with no rounding that the way back does not undo."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+NS = 1_000_000_000
+EXACT_S = 2**53 / NS
+"""s; from here on (104 days) float64 does not hold every ns."""
+
+_DECIMAL = re.compile(rb"\s*([+-]?)(\d{1,10})(?:\.(\d{0,9})0*)?\s*")
+
+
+def to_ns(t: NDArray[np.float64], t_zero_ns: int) -> NDArray[np.int64]:
+    """Nearest whole ns, (N,), of t seconds after t_zero_ns."""
+    whole = np.floor(t)
+    # t - whole is exact in binary, so only the last product rounds.
+    return whole.astype(np.int64) * NS + np.rint((t - whole) * NS).astype(np.int64) + t_zero_ns
+
+
+def to_seconds(t_ns: NDArray[np.int64], t_zero_ns: int) -> NDArray[np.float64]:
+    """Seconds after t_zero_ns, (N,): for each count of ns the float64 nearest to that decimal fraction."""
+    since = t_ns - t_zero_ns
+    # Below 2^53 ns the division rounds once; above, extended precision finds the right neighbour.
+    if len(since) and int(np.abs(since).max()) >= 1 << 53:
+        return (since.astype(np.longdouble) / NS).astype(np.float64)
+    return since / NS
+
+
+def survives(t: NDArray[np.float64], t_zero_ns: int) -> bool:
+    """Whether each t comes back to the last bit from its ns, and no two share one."""
+    t_ns = to_ns(t, t_zero_ns)
+    back = to_seconds(t_ns, t_zero_ns)
+    same = back.view(np.int64) == np.ascontiguousarray(t).view(np.int64)
+    return bool(same.all())
+
+
+def ns_of_texts(texts: Iterable[bytes]) -> NDArray[np.int64] | None:
+    """Exact ns of decimal seconds; None when one of them is no plain decimal of at most nine places."""
+    found = []
+    for text in texts:
+        match = _DECIMAL.fullmatch(text)
+        if match is None:
+            return None
+        ns = int(match[2]) * NS + int((match[3] or b"").ljust(9, b"0"))
+        found.append(-ns if match[1] == b"-" else ns)
+    return np.array(found, np.int64)
+
+
+def text_of_ns(t_ns: int) -> str:
+    """Decimal seconds, exact, without closing zeros."""
+    whole, rest = divmod(abs(t_ns), NS)
+    sign = "-" if t_ns < 0 else ""
+    return f"{sign}{whole}.{rest:09d}".rstrip("0").removesuffix(".")

@@ -1,0 +1,52 @@
+"""Topic names and the names of metadata records in a log: said once, for writer and reader."""
+
+from __future__ import annotations
+
+import json
+
+EVENTS = "/hubodo/events"
+RAW = "/hubodo/raw/"
+COLUMNS = "/hubodo/columns/"
+ODOM = "/odom"
+TF = "/tf"
+FIX = "/gnss/fix"
+TRUTH = "/truth"
+
+METADATA = "hubodo"
+"""The main metadata record: fingerprint, versions, and whatever the daemon adds."""
+CSV_FILES = "hubodo.csv"
+"""Metadata record of an import: file name without suffix -> JSON list of its columns in order."""
+T_ZERO = "t_zero_ns"
+"""Key in the main metadata record: host time of t = 0, ns."""
+
+RAW_SCHEMA, RAW_ENCODING = "hubodo/Frame", "hubodo"
+
+EVENT_JSON_SCHEMA = json.dumps(
+    {
+        "title": "hubodo/Event",
+        "type": "object",
+        "properties": {
+            "t_ns": {"type": "integer"},
+            "kind": {"type": "string"},
+            "source": {"type": "string"},
+            "text": {"type": "string"},
+            "data": {"type": "object"},
+        },
+        "required": ["t_ns", "kind", "source", "text", "data"],
+    }
+)
+
+
+def imu(node: str) -> str:
+    """Topic of a node's inertial samples."""
+    return f"/{node}/imu"
+
+
+def temperature(node: str) -> str:
+    """Topic of a node's temperature."""
+    return f"/{node}/temperature"
+
+
+def magnetic_field(node: str) -> str:
+    """Topic of a node's magnetometer."""
+    return f"/{node}/mag"

@@ -1,0 +1,194 @@
+"""Recording: the typed messages of a hubodo log.
+
+Times are (n,) ns or one int: `t_pub_ns` when it was measured, on the host's clock; `t_log_ns` when received.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hubodo.log import ros2, topics
+from hubodo.log.chunks import BatchStream, ChunkLog
+from hubodo.log.recording import Event
+
+
+class McapLog(ChunkLog):
+    """A log being written; a context manager; one thread only. Arguments as `ChunkLog`."""
+
+    def imu(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
+    ) -> None:
+        """Inertial samples of a node. gyro: (n, 3) rad/s; accel: (n, 3) m/s² specific force; node frame."""
+        stream = self._streams.get(node + "/imu") or self._open_imu(node)
+        self.write_rows(stream, t_pub_ns, t_log_ns, {"angular_velocity": gyro, "linear_acceleration": accel})
+
+    def temperature(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
+    ) -> None:
+        """Temperature of a node's sensor. temperature: (n,) °C."""
+        stream = self._streams.get(node + "/temperature") or self._open(
+            node + "/temperature", topics.temperature(node), ros2.TEMPERATURE, node
+        )
+        self.write_rows(stream, t_pub_ns, t_log_ns, {"temperature": temperature})
+
+    def magnetic_field(self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike) -> None:
+        """Magnetometer of a node. field: (n, 3) tesla, node frame."""
+        stream = self._streams.get(node + "/mag") or self._open(
+            node + "/mag", topics.magnetic_field(node), ros2.MAGNETIC_FIELD, node
+        )
+        self.write_rows(stream, t_pub_ns, t_log_ns, {"magnetic_field": field})
+
+    def odometry(
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        position: ArrayLike,
+        heading: ArrayLike,
+        speed: ArrayLike,
+        yaw_rate: ArrayLike,
+        *,
+        pose_covariance: ArrayLike | None = None,
+        twist_covariance: ArrayLike | None = None,
+        topic: str = topics.ODOM,
+        frame: str = "odom",
+        child_frame: str = "base_link",
+    ) -> None:
+        """Planar odometry. position: (n, 2) m; heading: (n,) rad; speed: (n,) m/s; yaw_rate: (n,) rad/s.
+
+        pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate.
+        """
+        stream = self._streams.get(topic) or self._open(topic, topic, ros2.ODOMETRY, frame, child_frame)
+        half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
+        values: dict[str, ArrayLike] = {
+            "pose.pose.position": _padded(position, len(half)),
+            "pose.pose.orientation.z": np.sin(half),
+            "pose.pose.orientation.w": np.cos(half),
+            "twist.twist.linear.x": speed,
+            "twist.twist.angular.z": yaw_rate,
+            "pose.covariance": _spread(pose_covariance, len(half), (0, 1, 5)),
+            "twist.covariance": _spread(twist_covariance, len(half), (0, 5)),
+        }
+        self.write_rows(stream, t_pub_ns, t_log_ns, values)
+
+    def transform(
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        position: ArrayLike,
+        heading: ArrayLike,
+        *,
+        frame: str = "odom",
+        child_frame: str = "base_link",
+    ) -> None:
+        """Planar transform on /tf. position: (n, 2) m; heading: (n,) rad."""
+        stream = self._streams.get(f"tf {frame} {child_frame}") or self._open(
+            f"tf {frame} {child_frame}", topics.TF, ros2.TF, frame, child_frame
+        )
+        half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
+        values: dict[str, ArrayLike] = {
+            "transforms[0].transform.translation": _padded(position, len(half)),
+            "transforms[0].transform.rotation.z": np.sin(half),
+            "transforms[0].transform.rotation.w": np.cos(half),
+        }
+        self.write_rows(stream, t_pub_ns, t_log_ns, values)
+
+    def fix(
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        latitude_deg: ArrayLike,
+        longitude_deg: ArrayLike,
+        altitude: ArrayLike,
+        *,
+        sigma: ArrayLike | None = None,
+        status: ArrayLike = 0,
+        frame: str = "gnss",
+    ) -> None:
+        """GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None where not known.
+
+        status: (n,) as in NavSatStatus (-1 no fix, 0 fix, 1 SBAS, 2 GBAS/RTK).
+        """
+        stream = self._streams.get(topics.FIX) or self._open(topics.FIX, topics.FIX, ros2.NAV_SAT_FIX, frame)
+        count = np.size(latitude_deg)
+        covariance = np.zeros((count, 9))
+        if sigma is not None:
+            covariance[:, [0, 4, 8]] = np.square(np.asarray(sigma, np.float64)).reshape(count, 3)
+        values: dict[str, ArrayLike] = {
+            "latitude": latitude_deg,
+            "longitude": longitude_deg,
+            "altitude": altitude,
+            "position_covariance": covariance,
+            "position_covariance_type": 0 if sigma is None else 2,
+            "status.status": status,
+            "status.service": 1,
+        }
+        self.write_rows(stream, t_pub_ns, t_log_ns, values)
+
+    def columns(
+        self, name: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
+    ) -> None:
+        """Float64 columns without a ROS type, kept to the last bit. table: column -> (n,)."""
+        key = topics.COLUMNS + name
+        stream = self._streams.get(key)
+        if stream is None:
+            metadata = {"columns": json.dumps(list(table))}
+            channel = self.add_ros2_channel(key, ros2.COLUMNS, metadata)
+            stream = self._streams[key] = BatchStream(channel, ros2.columns(len(table)), "")
+        rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
+        self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
+
+    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None:
+        """One frame as it came off a link, before anything looked inside."""
+        channel = self._channels.get(topics.RAW + link)
+        if channel is None:
+            channel = self.add_channel(topics.RAW + link, topics.RAW_SCHEMA, "", b"", topics.RAW_ENCODING)
+        self.write(channel, t_log_ns, t_log_ns, frame)
+
+    def event(self, event: Event) -> None:
+        """An event; written at once, not kept pending, because it is rare and explains what follows."""
+        channel = self._channels.get(topics.EVENTS)
+        if channel is None:
+            # Without a schema: some readers give up a whole file at a schema encoding other than ROS.
+            channel = self.add_channel(
+                topics.EVENTS, "", "", b"", "json", {"json_schema": topics.EVENT_JSON_SCHEMA}
+            )
+        body = {
+            "t_ns": event.t_ns,
+            "kind": event.kind,
+            "source": event.source,
+            "text": event.text,
+            "data": dict(event.data),
+        }
+        self.write(channel, event.t_ns, event.t_ns, json.dumps(body, allow_nan=False).encode())
+        self.flush()
+
+    def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self.add_ros2_channel(topic, schema)
+        stamp = "transforms[0].header." if schema == ros2.TF else "header."
+        stream = self._streams[key] = BatchStream(channel, ros2.stamped(schema, frame, child), stamp)
+        return stream
+
+    def _open_imu(self, node: str) -> BatchStream:
+        stream = self._open(node + "/imu", topics.imu(node), ros2.IMU, node)
+        # No orientation is measured: sensor_msgs says so with -1 in the first element of its covariance.
+        stream.view("orientation_covariance")[:, 0] = -1
+        return stream
+
+
+def _padded(position: ArrayLike, count: int) -> NDArray[np.float64]:
+    padded = np.zeros((count, 3))
+    padded[:, :2] = position
+    return padded
+
+
+def _spread(covariance: ArrayLike | None, count: int, places: tuple[int, ...]) -> NDArray[np.float64]:
+    spread = np.zeros((count, 6, 6))
+    if covariance is not None:
+        spread[:, np.array(places)[:, None], np.array(places)] = covariance
+    return spread.reshape(count, 36)

@@ -1,0 +1,28 @@
+"""Progress of a long verb: one line on stderr, only where a person watches."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+
+
+@contextmanager
+def progress_line() -> Iterator[Callable[[str, float], None]]:
+    """Gives `show(text, fraction)`; silent where stderr is no terminal."""
+    if not sys.stderr.isatty():
+        yield lambda text, fraction: None
+        return
+    bar = Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
+    with bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda text, fraction: bar.update(task, description=text, completed=fraction)

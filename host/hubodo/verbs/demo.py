@@ -1,0 +1,185 @@
+"""`hubodo demo`: the main job, end to end, on two virtual nodes."""
+
+import argparse
+import dataclasses
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table as TextTable
+
+from hubodo.config import load_vehicle
+from hubodo.demo.report import demo_page, facts_grid
+from hubodo.demo.ride import Interpreter, RideResult, ride
+from hubodo.demo.scenario import WHEEL_RADIUS, make_scenario
+from hubodo.errors import InputError
+from hubodo.fuse.track import Score
+from hubodo.log.mcap import read_recording
+from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
+from hubodo.report.page import Grid
+from hubodo.verbs.fuse import Fused, fuse
+
+HELP = "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page"
+EXAMPLE = "hubodo demo -o out/demo --seed 7"
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the demo measured, against its own simulated truth."""
+
+    seed: int
+    interpreter: Interpreter
+    page: Path
+    ride: RideResult
+    fused: Fused
+    score: Score
+    true_length: float
+    seconds: float
+
+    def facts(self) -> dict[str, str]:
+        """What was found, in words, for the terminal and the page."""
+        off = self.score
+        return {
+            "firmware ran on": "MicroPython" if self.interpreter == "micropython" else "CPython",
+            "length of the path": f"{self.fused.track.distance:.2f} m (truth {self.true_length:.2f} m)",
+            "error at the end": f"{off.final_error:.3f} m, {off.final_percent:.2f} % of the path",
+            "largest error": f"{off.maximum_error:.3f} m, {off.maximum_percent:.2f} %",
+            "heading error, rms": "-" if off.heading_rms is None else f"{math.degrees(off.heading_rms):.2f}°",
+            "seed": str(self.seed),
+        }
+
+    def links(self) -> Grid:
+        """A row for each node: rates, losses, clock."""
+        rows = []
+        for name, node in self.ride.recorded["nodes"].items():
+            clock, link = node["clock"], self.ride.recorded["links"][node["link"]]
+            rows.append(
+                (
+                    name,
+                    f"{node['rate_hz']:.2f}",
+                    str(node["samples"]),
+                    str(node["samples_lost"]),
+                    str(link["frames_damaged"]),
+                    f"{clock['drift_ppm']:+.0f} ± {clock['drift_sigma_ppm']:.0f}",
+                    f"{clock['sigma'] * 1e3:.2f}",
+                )
+            )
+        headings = (
+            "node",
+            "rate, Hz",
+            "samples",
+            "lost",
+            "damaged frames",
+            "clock drift, ppm",
+            "clock 1σ, ms",
+        )
+        return Grid(headings, rows)
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "seed": self.seed,
+            "interpreter": self.interpreter,
+            "page": str(self.page),
+            "log": str(self.ride.log),
+            "true_length": self.true_length,
+            "seconds": round(self.seconds, 1),
+            "recorded": self.ride.recorded,
+            "fused": self.fused.as_json(),
+        }
+
+    def render(self, console: Console) -> None:
+        links = self.links()
+        table = TextTable(*links.headings, title="two virtual nodes")
+        for row in links.rows:
+            table.add_row(*row)
+        console.print(table)
+        facts = TextTable(title="the path, against the simulated truth", show_header=False)
+        for key, value in self.facts().items():
+            facts.add_row(key, value)
+        console.print(facts)
+        console.print(
+            f"page: {self.page}\nlog:  {self.ride.log}   (hubodo info {self.ride.log})", highlight=False
+        )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("out/demo"), help="folder (default: out/demo)"
+    )
+    parser.add_argument("--seed", type=int, default=1, help="draws drive, specimens and noise (default: 1)")
+    parser.add_argument(
+        "--moving", type=float, default=60.0, help="s of drive between the rests (default: 60)"
+    )
+    choices = ["auto", "micropython", "cpython"]
+    parser.add_argument("--interpreter", choices=choices, default="auto", help="what runs the firmware")
+
+
+def run(args: argparse.Namespace) -> Demo:
+    if not 5.0 <= args.moving <= 3600.0:
+        raise InputError(f"--moving {args.moving}: use 5 to 3600 s")
+    started = time.monotonic()
+    interpreter = _interpreter(args.interpreter)
+    out = _fresh(args.output)
+    scenario = make_scenario(args.seed, args.moving)
+    note = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
+        task = progress.add_task("two virtual nodes drive, in real time", total=1.0)
+        result = ride(scenario, out, interpreter, lambda share: progress.update(task, completed=share))
+    recording = read_recording(result.log)
+    truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
+    recording = dataclasses.replace(recording, truth=truth)
+    fused = fuse(recording, load_vehicle(result.vehicle), str(result.log), str(out))
+    assert fused.score is not None
+    demo = Demo(
+        args.seed,
+        interpreter,
+        out / "index.html",
+        result,
+        fused,
+        fused.score,
+        scenario.length(),
+        time.monotonic() - started,
+    )
+    lead = (
+        f"{demo.true_length:.0f} m, driven by two virtual wheel nodes running the real firmware; "
+        f"the fused track ends {demo.score.final_error:.2f} m from the truth "
+        f"({demo.score.final_percent:.2f} % of the path)."
+    )
+    facts = facts_grid(demo.facts())
+    demo.page.write_text(
+        demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS), "utf-8"
+    )
+    (out / "demo.json").write_text(json.dumps(demo.as_json(), indent=2) + "\n", "utf-8")
+    return demo
+
+
+def _interpreter(wanted: str) -> Interpreter:
+    if wanted == "cpython":
+        return "cpython"
+    try:
+        find_node()
+        find_micropython()
+    except InterpreterMissing as error:
+        if wanted == "micropython":
+            raise
+        Console(stderr=True).print(
+            f"{error}; the same firmware files run on CPython instead", highlight=False
+        )
+        return "cpython"
+    return "micropython"
+
+
+def _fresh(folder: Path) -> Path:
+    """A numbered folder inside: a demo never overwrites an earlier one."""
+    number = 1
+    while (folder / f"{number}").exists():
+        number += 1
+    fresh = (folder / f"{number}").resolve()
+    fresh.mkdir(parents=True)
+    return fresh

@@ -1,0 +1,106 @@
+"""`hubodo flash`: compile the firmware, copy it to a board, prove what it holds, and say what runs."""
+
+import argparse
+import json
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from hubodo.errors import InputError, WireMismatch
+from hubodo.flash.board import FlashBoard
+from hubodo.flash.image import build, firmware_folder
+from hubowire import FINGERPRINT
+from hubowire.messages import NODE_NAMES, Hello
+
+HELP = "put the firmware onto a board, compare every file and wait until it runs"
+EXAMPLE = "hubodo flash /dev/ttyACM0 --node left"
+
+_CONFIG = "config.json"
+
+
+@dataclass(frozen=True)
+class Flashed:
+    """What a board holds and runs after flashing."""
+
+    port: str
+    platform: str
+    micropython: str
+    architecture: str | None
+    files: int
+    copied: tuple[str, ...]
+    node: int
+    hello: Hello
+    seconds: float
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "port": self.port,
+            "platform": self.platform,
+            "micropython": self.micropython,
+            "architecture": self.architecture,
+            "files": self.files,
+            "copied": list(self.copied),
+            "node": self.node,
+            "firmware": ".".join(map(str, self.hello.firmware)),
+            "fingerprint": f"{self.hello.fingerprint:08x}",
+            "serial": self.hello.serial.hex(),
+            "seconds": round(self.seconds, 2),
+        }
+
+    def render(self, console: Console) -> None:
+        table = Table(title=f"running on {self.port}", show_header=False)
+        for key, value in self.as_json().items():
+            if key == "copied":
+                value = ", ".join(value) or "nothing: all files were there"
+            table.add_row(key, str(value))
+        console.print(table)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("port", metavar="PORT", help="serial device of the board")
+    parser.add_argument("--node", help="left, right, frame or a number from 1 to 255 (default: as it is)")
+    parser.add_argument("--rate-hz", type=int, help="sample rate (default: as it is)")
+
+
+def node_id(text: str) -> int:
+    """The number behind a node's name. Raises InputError for a name that is none."""
+    for number, name in NODE_NAMES.items():
+        if text == name:
+            return number
+    if text.isdigit() and 1 <= int(text) <= 255:
+        return int(text)
+    raise InputError(f"--node {text}: use {', '.join(NODE_NAMES.values())} or a number from 1 to 255")
+
+
+def run(args: argparse.Namespace) -> Flashed:
+    settings: dict[str, object] = {}
+    if args.node is not None:
+        settings["node_id"] = node_id(args.node)
+    if args.rate_hz is not None:
+        settings["rate_hz"] = args.rate_hz
+    started = time.monotonic()
+    note = Console(stderr=True)
+    board = FlashBoard(args.port)
+    with note.status(f"{args.port}: looking") as status:
+        board.interrupt()
+        platform, architecture, version = board.look()
+        status.update(f"compiling for {architecture or 'bytecode'}")
+        image = build(firmware_folder(), architecture)
+        if settings:
+            image[_CONFIG] = json.dumps(board.config() | settings).encode()
+        copied = board.copy(image, lambda name: status.update(f"copying {name}"))
+        status.update("starting")
+        board.reset()
+        node, hello = board.wait_hello()
+    if hello.fingerprint != FINGERPRINT:
+        raise WireMismatch(
+            f"{args.port}: node speaks {hello.fingerprint:08x}, host speaks {FINGERPRINT:08x}: "
+            "the firmware that runs is not the one that was copied; remove other files from the board"
+        )
+    seconds = time.monotonic() - started
+    return Flashed(
+        args.port, platform, version, architecture, len(image), tuple(copied), node, hello, seconds
+    )

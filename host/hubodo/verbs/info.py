@@ -1,0 +1,182 @@
+"""`hubodo info`: streams, rates, gaps, losses, duration, versions, health of a log."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from hubodo.log.summary import Gap, StreamSummary, Summary, summarise
+from hubodo.progress import progress_line
+
+HELP = "show streams, rates, gaps, losses, versions and health of a log"
+EXAMPLE = "hubodo info drive.mcap"
+
+_SHOWN = 20
+_LONG_VALUE = 100
+
+
+@dataclass(frozen=True)
+class Info:
+    """A log's summary, for people and for programs."""
+
+    summary: Summary
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` prints it; times in s since t = 0 unless the name ends in `_ns`."""
+        s = self.summary
+        return {
+            "log": str(s.path),
+            "size_bytes": s.size,
+            "library": s.library,
+            "profile": s.profile,
+            "complete": s.complete,
+            "start_ns": s.start_ns,
+            "duration": s.duration,
+            "messages": sum(stream.messages for stream in s.streams),
+            "streams": [_stream_json(stream) for stream in s.streams],
+            "gaps": [_gap_json(gap) for gap in s.gaps],
+            "events": [
+                {
+                    "t": s.seconds(event.t_ns),
+                    "t_ns": event.t_ns,
+                    "kind": event.kind,
+                    "source": event.source,
+                    "text": event.text,
+                    "data": dict(event.data),
+                }
+                for event in s.events
+            ],
+            "losses": [asdict(loss) for loss in s.losses],
+            "health": {node: dict(values) for node, values in s.health.items()},
+            "metadata": dict(s.metadata),
+            "warnings": list(s.warnings),
+        }
+
+    def render(self, console: Console) -> None:
+        """Heading, streams, gaps, events, health, metadata, warnings; empty parts are left out."""
+        s = self.summary
+        say = _plain(console)
+        state = "whole" if s.complete else "not closed"
+        say(f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}")
+        if s.start_ns:
+            say(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
+        console.print(_streams(s))
+        _gaps(s, say)
+        _losses(s, say)
+        _events(s, say)
+        for node, values in s.health.items():
+            say(f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node"))
+        for key, text in s.metadata.items():
+            shown = text if len(text) <= _LONG_VALUE else f"{text[:_LONG_VALUE]}... (--json shows all)"
+            say(f"{key}: {shown}")
+        for line in s.warnings:
+            say(f"warning: {line}")
+
+
+def _plain(console: Console) -> Any:
+    return lambda text: console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _streams(s: Summary) -> Table:
+    table = Table(box=None, pad_edge=False)
+    for heading in ("topic", "type"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("messages", "Hz", "period ms", "jitter ms", "longest ms", "gaps", "missing"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for stream in s.streams:
+        sampled = stream.period is not None
+        table.add_row(
+            escape(stream.topic),
+            escape(stream.schema.rpartition("/")[2] or "json"),
+            str(stream.messages),
+            f"{stream.rate:.2f}" if stream.rate else "",
+            f"{1e3 * stream.period:.4f}" if stream.period is not None else "",
+            f"{1e3 * stream.jitter:.4f}" if stream.jitter is not None else "",
+            f"{1e3 * stream.longest:.3f}" if stream.longest is not None else "",
+            str(len(stream.gaps)) if sampled else "",
+            str(stream.missing) if sampled else "",
+        )
+    return table
+
+
+def _gaps(s: Summary, say: Any) -> None:
+    if not s.gaps:
+        return
+    causes = Counter(gap.cause for gap in s.gaps)
+    say(f"{len(s.gaps)} gaps, {sum(gap.missing for gap in s.gaps)} samples missing:")
+    for cause, count in causes.most_common():
+        missing = sum(gap.missing for gap in s.gaps if gap.cause == cause)
+        say(f"  {count} times {missing} samples: {cause}")
+    longest = sorted(s.gaps, key=lambda gap: -gap.duration)[:_SHOWN]
+    for gap in sorted(longest, key=lambda gap: gap.t):
+        say(f"  t = {gap.t:.3f} s {gap.topic}: {gap.duration:.4f} s, {gap.missing} samples: {gap.cause}")
+    if len(s.gaps) > _SHOWN:
+        say(f"  and {len(s.gaps) - _SHOWN} shorter ones (--json shows all)")
+
+
+def _losses(s: Summary, say: Any) -> None:
+    if s.losses:
+        say("recorded losses:")
+    for loss in s.losses:
+        what = f"{loss.samples} samples" + (f" and {loss.unknown} uncounted gaps" if loss.unknown else "")
+        where = f"{loss.node} {loss.stream}".strip()
+        total = f"{loss.frames} frames in {loss.gaps} gaps of {loss.duration:.3f} s"
+        say(f"  {where}: {what}, {total}: {loss.cause}")
+
+
+def _events(s: Summary, say: Any) -> None:
+    told = [event for event in s.events if event.kind not in ("health", "gap")]
+    if not told:
+        return
+    kinds = Counter(event.kind for event in told)
+    say(f"{len(told)} events: " + ", ".join(f"{count} {kind}" for kind, count in kinds.most_common()))
+    for event in told[:_SHOWN]:
+        source = f"{event.source}: " if event.source else ""
+        say(f"  t = {s.seconds(event.t_ns):.3f} s {event.kind}: {source}{event.text}")
+    if len(told) > _SHOWN:
+        say(f"  and {len(told) - _SHOWN} later ones (--json shows all)")
+
+
+def _stream_json(stream: StreamSummary) -> dict[str, Any]:
+    return {
+        "topic": stream.topic,
+        "schema": stream.schema,
+        "messages": stream.messages,
+        "first": stream.first,
+        "last": stream.last,
+        "rate": stream.rate,
+        "period": stream.period,
+        "jitter": stream.jitter,
+        "longest": stream.longest,
+        "gaps": len(stream.gaps),
+        "missing": stream.missing,
+    }
+
+
+def _gap_json(gap: Gap) -> dict[str, Any]:
+    return {
+        "topic": gap.topic,
+        "t": gap.t,
+        "duration": gap.duration,
+        "missing": gap.missing,
+        "cause": gap.cause,
+    }
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo info`."""
+    parser.add_argument("log", metavar="FILE.mcap", type=Path, help="the log to describe")
+
+
+def run(args: argparse.Namespace) -> Info:
+    """Describe the log."""
+    with progress_line() as show:
+        return Info(summarise(args.log, progress=show))

@@ -1,0 +1,226 @@
+"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, with an honest sigma."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table as TextTable
+
+from hubodo.errors import InputError
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.mcap import read_recording
+from hubodo.log.recording import Recording
+from hubodo.progress import progress_line
+from hubodo.sensors.calibration import NodeCalibration, read_calibration
+from hubodo.sensors.north import METHODS, North, find_north, horizontal_rate
+from hubodo.sensors.north_circle import fuse, wrap
+from hubodo.sensors.north_mount import Mount, check_direction, mount_of, tilt_warning
+from hubodo.sensors.north_report import advice, advice_words, gyro_json
+from hubodo.sensors.north_stops import Table
+from hubodo.sensors.north_table import SimulatedTable, simulate_stops
+from hubodo.sensors.triad import triad_from_effects
+
+HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
+EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude_deg 48.1 --method maytag4"
+
+Array = NDArray[np.float64]
+PROGRAMMES = {"maytag": (0.0, 180.0), "maytag4": (0.0, 180.0, 90.0, 270.0), "east": (0.0, 180.0, 90.0, 270.0)}
+
+
+@dataclass(frozen=True)
+class Found:
+    """Azimuth of table zero: from one axis, or from several together."""
+
+    latitude_deg: float
+    azimuth: float
+    sigma: float
+    gyros: tuple[tuple[str, str, North], ...]
+    warnings: tuple[str, ...]
+    simulated_azimuth: float | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """One object; angles in degrees, rates in rad/s, times in s."""
+        first = self.gyros[0][2]
+        made: dict[str, Any] = {
+            "azimuth_deg": math.degrees(self.azimuth) % 360,
+            "sigma_deg": math.degrees(self.sigma),
+            "rate": [float(r) for r in first.rates],
+            "duration": first.elapsed,
+            "measured": first.duration,
+            "latitude_deg": self.latitude_deg,
+            "horizontal_rate": first.horizontal,
+            "gyros": [gyro_json(*gyro) for gyro in self.gyros],
+            "warnings": list(self.warnings),
+            "advice": advice(first),
+        }
+        if self.simulated_azimuth is not None:
+            made["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
+            made["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+        return made
+
+    def render(self, console: Console) -> None:
+        """The azimuth, each gyro with the classical filters, and what the next record should be."""
+        console.print(
+            f"azimuth of table zero {math.degrees(self.azimuth) % 360:.3f}° ± "
+            f"{math.degrees(self.sigma):.3f}° "
+            "clockwise from north"
+        )
+        if self.simulated_azimuth is not None:
+            off = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+            console.print(
+                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: off by {off:+.3f}°"
+            )
+        for node, axis, found in self.gyros:
+            drift = found.posterior.drift
+            table = TextTable(
+                "", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}"
+            )
+            rate, spread = found.components()
+            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(found.azimuth))
+            for name, filtered in found.filters.items():
+                cells = (
+                    _deg_h(np.array(filtered.rate)),
+                    _deg_h(np.array(filtered.sigma)),
+                    _degrees(filtered.azimuth),
+                )
+                table.add_row(name.replace("_", " "), *cells)
+            console.print(table)
+            console.print(
+                f"{found.duration:.0f} s measured in {found.elapsed:.0f} s; white noise alone would leave "
+                f"{math.degrees(found.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
+                f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
+                highlight=False,
+            )
+        for line in advice_words(self.gyros[0][2]):
+            console.print(line, highlight=False)
+        for text in self.warnings:
+            console.print(f"warning: {text}", highlight=False)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo north`."""
+    parser.add_argument(
+        "log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder, with table.csv"
+    )
+    parser.add_argument(
+        "--node", action="append", required=True, help="node; again for each that is to be fused"
+    )
+    parser.add_argument(
+        "--axis",
+        action="append",
+        choices=("x", "y", "z"),
+        help="gyro axis (default x); again to fuse several",
+    )
+    parser.add_argument("--latitude_deg", type=float, required=True, help="north positive")
+    parser.add_argument(
+        "--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)"
+    )
+    parser.add_argument(
+        "--near_deg", type=float, help="about where table zero points; decides between two answers"
+    )
+    parser.add_argument(
+        "--settle", type=float, help="s cut at both ends of each stop (default: found from the data)"
+    )
+    parser.add_argument(
+        "--calibration", type=Path, metavar="TOML", help="gyro scale and cross-axis of the nodes"
+    )
+    parser.add_argument(
+        "--simulate_azimuth_deg",
+        type=float,
+        help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
+    )
+    parser.add_argument("--stop", type=float, default=34.0, help="s, simulated stops (default 34)")
+    parser.add_argument("--stops", type=int, default=20, help="number of simulated stops (default 20)")
+
+
+def run(args: argparse.Namespace) -> Found:
+    """Read, find north with each axis, put them together."""
+    latitude = math.radians(args.latitude_deg)
+    horizontal = horizontal_rate(latitude)
+    read = read_folder if args.log.is_dir() else read_recording
+    with progress_line() as show:
+        recording = read(args.log, progress=show)
+        calibration = read_calibration(args.calibration).nodes if args.calibration is not None else {}
+        near = None if args.near_deg is None else math.radians(args.near_deg)
+        gyros: list[tuple[str, str, North]] = []
+        warnings: list[str] = []
+        for node in args.node:
+            for axis in args.axis or ["x"]:
+                show(f"{node} {axis}", len(gyros) / (len(args.node) * len(args.axis or "x")))
+                t, rate, mount, table = _channel(recording, node, axis, args, calibration)
+                found = find_north(
+                    t,
+                    rate,
+                    table,
+                    latitude,
+                    args.method,
+                    mounting=mount.mounting,
+                    vertical=None if args.simulate_azimuth_deg is not None else mount.vertical,
+                    settle=args.settle,
+                    near=near,
+                )
+                gyros.append((node, axis, found))
+                warnings += [f"{node} {axis}: {text}" for text in (*mount.warnings, *found.warnings)]
+                if args.simulate_azimuth_deg is None:
+                    warnings += tilt_warning(mount, t, table, latitude)
+    azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
+    if len(gyros) > 1:
+        azimuth, sigma = fuse([found.posterior for *_, found in gyros], horizontal)
+    simulated = None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg)
+    return Found(args.latitude_deg, azimuth, sigma, tuple(gyros), tuple(warnings), simulated)
+
+
+def _channel(
+    recording: Recording, node: str, axis: str, args: argparse.Namespace, calibration: Any
+) -> tuple[Array, Array, Mount, Table]:
+    if node not in recording.nodes:
+        raise InputError(f"{args.log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
+    data = recording.nodes[node]
+    effects = calibration.get(node, NodeCalibration()).effects
+    gyro = triad_from_effects(effects, "gyro").apply(data.gyro)
+    accel = triad_from_effects(effects, "accel").apply(data.accel)
+    mount = mount_of(gyro, accel, axis)
+    rate = gyro[:, "xyz".index(axis)]
+    if args.simulate_azimuth_deg is not None:
+        t, rate, table = _simulate(data.t, rate, mount, args)
+        return t, rate, mount, table
+    if recording.table is None:
+        raise InputError(
+            f"{args.log}: has no table.csv (t,angle,moving), which tells where the axis pointed; record it, "
+            f"or give "
+            "--simulate_azimuth_deg to try the gyro on a simulated table"
+        )
+    table = Table(recording.table.t, recording.table["angle"], recording.table["moving"] > 0.5)
+    check_direction(mount, data.t, table)
+    return data.t, rate, mount, table
+
+
+def _simulate(t: Array, rate: Array, mount: Mount, args: argparse.Namespace) -> tuple[Array, Array, Table]:
+    """The record at rest as the error of a gyro on a table that makes the method's stops."""
+    if args.method not in PROGRAMMES:
+        raise InputError(f"--simulate_azimuth_deg makes stops; it cannot be used with --method {args.method}")
+    table = SimulatedTable(
+        rate,
+        float(np.median(np.diff(t))),
+        math.radians(args.simulate_azimuth_deg) - mount.mounting,
+        math.radians(args.latitude_deg),
+    )
+    angles = np.resize(np.radians(PROGRAMMES[args.method]), max(0, args.stops))
+    if len(angles) < 4 or not args.stop > 1:
+        raise InputError(f"--stops {args.stops} --stop {args.stop}: give 4 stops of more than 1 s at least")
+    return simulate_stops(table, angles, args.stop)
+
+
+def _deg_h(values: Array) -> str:
+    return ", ".join(f"{math.degrees(v) * 3600:.3f}" for v in values)
+
+
+def _degrees(angle: float | None) -> str:
+    return "" if angle is None else f"{math.degrees(angle) % 360:.2f}"

@@ -1,0 +1,79 @@
+"""`hubodo record`: from ports to a log, with live odometry."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+from dataclasses import replace
+from pathlib import Path
+
+from hubodo import __version__
+from hubodo.config import RecordConfig, load_record_config, load_vehicle
+from hubodo.errors import InputError
+from hubodo.ingest.daemon import record
+from hubodo.ingest.status import RecordResult
+from hubowire import FINGERPRINT
+
+HELP = "record nodes into a log until ctrl-C, with live odometry"
+EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Ports and everything that hubodo.toml can also say."""
+    parser.add_argument(
+        "ports",
+        nargs="*",
+        metavar="PORT",
+        help="[NAME=]/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen)",
+    )
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="the log; must not exist")
+    parser.add_argument(
+        "--config", type=Path, metavar="TOML", help="hubodo.toml, for whatever is not given here"
+    )
+    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry: switches live odometry on")
+    parser.add_argument("--gnss", metavar="PORT", help="a GNSS receiver that speaks NMEA")
+    parser.add_argument(
+        "--baud", type=int, help="of the nodes' serial ports (default 115200; USB does not care)"
+    )
+    parser.add_argument("--gnss-baud", type=int, help="of the receiver's serial port (default 9600)")
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--wait", action="store_true", help="wait for ports that are not there yet, or busy")
+
+
+def run(args: argparse.Namespace) -> RecordResult:
+    """Records; see `hubodo.ingest.daemon.record`."""
+    config, folder = RecordConfig(), Path()
+    attachments: dict[str, bytes] = {}
+    if args.config is not None:
+        config, folder = load_record_config(args.config), args.config.parent
+        attachments["hubodo.toml"] = args.config.read_bytes()
+    output = args.output or (folder / config.output if config.output is not None else None)
+    vehicle_path = args.vehicle or (folder / config.vehicle if config.vehicle is not None else None)
+    given = {
+        "ports": tuple(args.ports) or None,
+        "gnss": args.gnss,
+        "baud": args.baud,
+        "gnss_baud": args.gnss_baud,
+        "duration": args.duration,
+        "wait": args.wait or None,
+    }
+    config = replace(config, **{key: value for key, value in given.items() if value is not None})
+    if output is None:
+        raise InputError("no output file; give one with -o FILE.mcap")
+    if not config.ports and config.gnss is None:
+        raise InputError("no port; name at least one, such as /dev/ttyACM0")
+    if config.duration is not None and not config.duration > 0:
+        raise InputError(f"--duration {config.duration}: must be above 0")
+    vehicle = None
+    if vehicle_path is not None:
+        vehicle = load_vehicle(vehicle_path)
+        attachments["vehicle.toml"] = vehicle_path.read_bytes()
+    metadata = {
+        "hubodo": __version__,
+        "fingerprint": f"{FINGERPRINT:08x}",
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "ports": " ".join(config.ports),
+        "verb": "record",
+    }
+    return record(config, output, vehicle=vehicle, metadata=metadata, attachments=attachments)

@@ -1,0 +1,75 @@
+"""Port names as users write them, devices found by serial number, strangers told by what they say."""
+
+from dataclasses import dataclass
+
+import pytest
+
+from hubodo.errors import InputError, LinkError
+from hubodo.ingest.foreign import describe
+from hubodo.ingest.ports import Finder, parse_port
+
+
+@dataclass
+class Device:
+    """What a port lister says about one device."""
+
+    device: str
+    serial_number: str | None
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "kind", "where", "label"),
+    [
+        ("/dev/ttyACM0", None, "device", "/dev/ttyACM0", "ttyACM0"),
+        ("left=/dev/ttyACM0", "left", "device", "/dev/ttyACM0", "left"),
+        ("E660:58-3", None, "serial number", "E660:58-3", "E660_58-3"),
+        ("right=E66058388347", "right", "serial number", "E66058388347", "right"),
+        ("socket://host.example:4000", None, "tcp", "host.example:4000", "host_example_4000"),
+        ("rear=udp://0.0.0.0:9000", "rear", "udp", "0.0.0.0:9000", "rear"),
+        ("/dev/by-id/usb-A=B_1-if00", None, "device", "/dev/by-id/usb-A=B_1-if00", "usb-A_B_1-if00"),
+    ],
+)  # fmt: skip
+def test_each_kind_of_port_is_understood(text, name, kind, where, label):
+    port = parse_port(text)
+    assert (port.name, port.kind, port.where, port.label) == (name, kind, where, label)
+
+
+@pytest.mark.parametrize("text", ["", "left=", "http://x:1", "socket://x", "udp://:5", "socket://h:x", "a b"])
+def test_what_is_no_port_is_refused_with_what_to_write(text):
+    with pytest.raises(InputError, match="write"):
+        parse_port(text)
+
+
+def test_a_device_is_found_again_under_another_name_by_the_serial_number_seen_first(tmp_path):
+    first, second = tmp_path / "ttyACM0", tmp_path / "ttyACM1"
+    first.touch()
+    devices = [Device(str(first), "E661")]
+    finder = Finder(parse_port(str(first)), lambda: devices)
+    assert finder.device() == str(first)
+    devices[:] = [Device(str(tmp_path / "ttyUSB9"), None), Device(str(second), "e661")]
+    assert finder.device() == str(second)
+
+
+def test_a_missing_device_is_named_with_what_is_there_instead(tmp_path):
+    finder = Finder(parse_port("E661"), lambda: [Device("/dev/ttyUSB3", "A900")])
+    with pytest.raises(LinkError, match=r"'E661'.*/dev/ttyUSB3 \(A900\)"):
+        finder.device()
+    with pytest.raises(LinkError, match="no serial port at all"):
+        Finder(parse_port(str(tmp_path / "nope")), list).device()
+
+
+@pytest.mark.parametrize(
+    ("said", "heard"),
+    [
+        (b"3,M,46.9,M,,*47\r\n$GPGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M", "--gnss"),
+        (b"\r\nMicroPython v1.27.0 on 2026-01-01; Raspberry Pi Pico\r\n>>> ", "MicroPython prompt"),
+        (b"Traceback (most recent call last):\r\n  File \"main.py\", line 1\r\n", "MicroPython prompt"),
+        (b"ets Jul 29 2019 12:21:46\r\n\r\nrst:0x1 (POWERON_RESET),boot:0x13\r\n", "ESP32"),
+        (b"\xb5\x62\x01\x07\x5c\x00" + bytes(92), "u-blox"),
+        (b"temperature 21.5 humidity 40\n", "'temperature 21.5 humidity 40'"),
+        (bytes(range(1, 256)), "baud rate"),
+        (b"", "baud rate"),
+    ],
+)  # fmt: skip
+def test_strangers_are_told_by_what_they_say(said, heard):
+    assert heard in describe(said)

@@ -1,0 +1,235 @@
+"""Recovery: every message of a completed chunk comes back, nothing is invented, the account is true."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
+
+from hubodo.errors import InputError, LogError
+from hubodo.log.logfile import LogMessage
+from hubodo.log.mcap import open_log
+from hubodo.log.recording import Event
+from hubodo.log.recover import recover
+from hubodo.log.writer import McapLog
+
+
+def write_small(path: Path, compression="zstd", n: int = 14) -> None:
+    """A few chunks of two links, with metadata, and an attachment and an event if there are many."""
+    with McapLog(
+        path,
+        t_zero_ns=0,
+        compression=compression,
+        chunk_bytes=10 * n,
+        clock=None,
+        metadata={"fingerprint": "abc"},
+    ) as log:
+        if n > 6:
+            log.attach("hubodo.toml", "application/toml", b"rate_hz = 208\n")
+        for i in range(n):
+            log.raw("usb1", i * 1000 + 1, bytes([i] * 9))
+            log.raw("usb0", i * 1000 + 2, bytes([i] * i))
+        if n > 6:
+            log.event(Event(99, "gap", "left", "lost", {"samples_lost": 1}))
+
+
+def messages(path: Path) -> list[LogMessage]:
+    with open_log(path) as log:
+        return list(log.messages())
+
+
+def judge(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """All messages as the mcap package, which is not ours, finds them by index, checksums verified."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = [
+            (channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for _, channel, m in reader.iter_messages()
+        ]
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(found)
+    return found
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none", "lz4"])
+def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing(
+    compression, tmp_path: Path
+) -> None:
+    whole = tmp_path / "whole.mcap"
+    write_small(whole, compression, n=6)
+    data = whole.read_bytes()
+    with open_log(whole) as log:
+        ends, counts, total = [], [], 0
+        for place, chunk in zip(log.found.chunks, log.chunks(), strict=True):
+            total += len(chunk.places)
+            ends.append(place.offset + place.length)
+            counts.append(total)
+    everything = sorted(judge(whole), key=lambda m: (m[1], m[0]))
+    written_order = _file_order(whole)
+    cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    assert len(ends) >= 4
+    seed = 3
+    sizes = range(8, len(data) + 1)
+    for size in sizes if compression == "zstd" else [*random.Random(seed).sample(sizes, 100), len(data)]:
+        cut.write_bytes(data[:size])
+        done = recover(cut, out)
+        found = judge(out)
+        complete = max([count for end, count in zip(ends, counts, strict=True) if end <= size], default=0)
+        assert len(found) >= complete, f"cut at byte {size}"
+        assert set(found) == set(written_order[: len(found)]), f"cut at byte {size}"
+        assert sum(done.messages.values()) == len(found)
+        assert done.was_whole == (size == len(data))
+        out.unlink()
+    assert sorted(found, key=lambda m: (m[1], m[0])) == everything
+
+
+def _file_order(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    found = []
+    with open_log(path) as log:
+        for chunk in log.chunks():
+            for i, head in enumerate(chunk.heads):
+                topic = log.streams[int(head["channel"])].topic
+                times = int(head["log_time"]), int(head["publish_time"]), int(head["sequence"])
+                found.append((topic, *times, chunk.payload(i)))
+    return found
+
+
+@pytest.mark.parametrize("size", range(8))
+def test_less_than_the_magic_is_refused(size: int, tmp_path: Path) -> None:
+    (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n"[:size])
+    with pytest.raises(LogError):
+        recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["cut.mcap"]
+
+
+def test_metadata_attachments_and_an_account_are_in_the_recovered_log(tmp_path: Path) -> None:
+    write_small(tmp_path / "whole.mcap")
+    data = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    done = recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+    with (tmp_path / "out.mcap").open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        records = {record.name: record.metadata for record in reader.iter_metadata()}
+        assert [(a.name, a.data) for a in reader.iter_attachments()] == [("hubodo.toml", b"rate_hz = 208\n")]
+    assert records["hubodo"]["fingerprint"] == "abc"
+    assert records["hubodo.recovered"]["messages"] == str(sum(done.messages.values()))
+    assert "bytes at the end are lost" in records["hubodo.recovered"]["lost"]
+    assert done.bytes_read == len(data) // 2
+    assert 0 < done.bytes_lost < 2000
+
+
+def test_damaged_chunks_and_lost_records_cost_only_themselves(tmp_path: Path) -> None:
+    write_small(tmp_path / "whole.mcap")
+    data = bytearray((tmp_path / "whole.mcap").read_bytes())
+    with open_log(tmp_path / "whole.mcap") as log:
+        places = list(log.found.chunks)
+        sizes = [len(chunk.places) for chunk in log.chunks()]
+    data[places[1].data_offset + 20] ^= 1
+    data[places[2].offset + 3] ^= 0x80  # the length of the record: nothing behind it is where it seems
+    (tmp_path / "bad.mcap").write_bytes(data)
+    done = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    lost = set(_file_order(tmp_path / "whole.mcap")) - set(judge(tmp_path / "out.mcap"))
+    assert len(lost) == sizes[1] + sizes[2]
+    assert len(done.losses) == 2
+    assert not done.was_whole
+
+
+@pytest.mark.parametrize("at", range(8))
+def test_a_damaged_magic_costs_nothing(at: int, tmp_path: Path) -> None:
+    write_small(tmp_path / "whole.mcap")
+    data = bytearray((tmp_path / "whole.mcap").read_bytes())
+    data[at] ^= 1
+    (tmp_path / "bad.mcap").write_bytes(data)
+    recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    assert judge(tmp_path / "out.mcap") == judge(tmp_path / "whole.mcap")
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_cut_log_of_another_writer_becomes_one_that_rosbags_opens(chunked: bool, tmp_path: Path) -> None:
+    with (tmp_path / "foreign.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD, use_chunking=chunked, chunk_size=1000)
+        writer.start("ros2", "somebody else")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data")
+        channel = writer.register_channel("/speed", "cdr", schema)
+        for i in range(300):
+            writer.add_message(channel, i, b"\0\1\0\0" + np.float64(i).tobytes(), i)
+        writer.finish()
+    data = (tmp_path / "foreign.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    done = recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+    with AnyReader([tmp_path / "out.mcap"]) as reader:
+        values = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()]
+    assert values == list(range(len(values)))
+    assert done.messages == {"/speed": len(values)}
+    assert len(values) > 50
+
+
+def test_nothing_is_overwritten_and_the_input_stays_as_it_is(tmp_path: Path) -> None:
+    write_small(tmp_path / "log.mcap")
+    before = (tmp_path / "log.mcap").read_bytes()
+    with pytest.raises(InputError, match="is the log itself"):
+        recover(tmp_path / "log.mcap", tmp_path / "log.mcap")
+    (tmp_path / "out.mcap").write_bytes(b"precious")
+    with pytest.raises(InputError, match="exists already"):
+        recover(tmp_path / "log.mcap", tmp_path / "out.mcap")
+    assert (tmp_path / "out.mcap").read_bytes() == b"precious"
+    assert (tmp_path / "log.mcap").read_bytes() == before
+
+
+RECORDER = textwrap.dedent("""
+    import sys, time
+    from pathlib import Path
+    import numpy as np
+    from hubodo.log.writer import McapLog
+    log, i, n = McapLog(Path(sys.argv[1])), 0, 8
+    silent_after = float(sys.argv[2])
+    start = time.monotonic()
+    while True:
+        # What is received, with the time of receipt; then only ticks, as when a link is silent.
+        if time.monotonic() - start < silent_after:
+            rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
+            now = time.time_ns()
+            log.imu("left", now + np.arange(n), now, rows, rows)
+            i += n
+            print(now, i, flush=True)
+        log.tick()
+        time.sleep(0.01)
+""")
+
+
+@pytest.mark.parametrize("silent_after", [99.0, 0.4])
+def test_after_sigkill_all_that_came_until_one_second_before_is_there(silent_after, tmp_path: Path) -> None:
+    seed = 7
+    rng = random.Random(seed)
+    for attempt in range(3):
+        path, out = tmp_path / f"{attempt}.mcap", tmp_path / f"{attempt}-out.mcap"
+        recorder = subprocess.Popen(
+            [sys.executable, "-c", RECORDER, str(path), str(silent_after)],
+            stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONPATH": ":".join(sys.path)},
+        )  # fmt: skip
+        assert recorder.stdout is not None
+        first = recorder.stdout.readline()
+        time.sleep(rng.uniform(0.9, 1.6))
+        killed_ns = time.time_ns()
+        recorder.send_signal(signal.SIGKILL)
+        lines = [first, *recorder.stdout.read().splitlines()]
+        recorder.wait()
+        received = [tuple(map(int, line.split())) for line in lines if len(line.split()) == 2]
+        due = max([i for now, i in received if now <= killed_ns - 1_000_000_000], default=0)
+        recover(path, out)
+        values = [float(np.frombuffer(m.data, "<f8", 1, len(m.data) - 24 - 72)[0]) for m in messages(out)]
+        assert values == list(range(len(values))), f"seed {seed}, attempt {attempt}"
+        assert len(values) >= due, f"{len(values)} of {due} due, seed {seed}, attempt {attempt}"
+        if silent_after < 1:
+            assert len(values) >= received[-2][1]

@@ -1,0 +1,129 @@
+"""Our ROS 2 messages against rosbags, an implementation that is not ours."""
+
+import dataclasses
+import struct
+import types
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from hubodo.log import ros2
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+ALL = (
+    ros2.IMU,
+    ros2.MAGNETIC_FIELD,
+    ros2.TEMPERATURE,
+    ros2.NAV_SAT_FIX,
+    ros2.ODOMETRY,
+    ros2.TF,
+    ros2.COLUMNS,
+)
+FRAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_definitions_have_the_type_hash_of_ros2_humble(name: str) -> None:
+    own = get_typestore(Stores.EMPTY)
+    own.register(get_types_from_msg(ros2.definition(name), name))
+    assert own.hash_rihs01(name) == STORE.hash_rihs01(name)
+
+
+def fill(layout: ros2.Layout, seed: int) -> np.ndarray:
+    """A record with every number different from its neighbours, so that a swapped field shows."""
+    rng = np.random.default_rng(seed)
+    record = np.zeros(1, layout.dtype)  # numpy's copy() leaves padding bytes undefined
+    record[0] = layout.template
+    for name in layout.dtype.names or ():
+        form = layout.dtype.fields[name][0]
+        if name.endswith(".length") or name == "encapsulation" or form.base.kind == "V":
+            continue
+        if form.base.kind == "f":
+            record[name] = rng.normal(size=form.shape)
+        else:
+            record[name] = rng.integers(0, 100, size=form.shape)
+    return record
+
+
+def expect(message: object, record: np.ndarray, prefix: str = "") -> int:
+    """Compare each leaf of a decoded message with the field of the same path; returns how many there were."""
+    count = 0
+    for field in dataclasses.fields(message):  # type: ignore[arg-type]
+        value, path = getattr(message, field.name), prefix + field.name
+        if field.name.isupper() or field.name == "__msgtype__":
+            continue
+        if dataclasses.is_dataclass(value):
+            count += expect(value, record, path + ".")
+        elif isinstance(value, list):
+            assert len(value) == record[path + ".length"][0]
+            count += sum(expect(item, record, f"{path}[{i}].") for i, item in enumerate(value))
+        elif isinstance(value, str):
+            assert record[path].tobytes() == value.encode() + b"\0"
+            count += 1
+        else:
+            np.testing.assert_array_equal(np.asarray(value), record[path][0])
+            count += 1
+    return count
+
+
+@pytest.mark.parametrize("name", ALL[:-1])
+@given(frame=FRAMES, child=FRAMES, seed=st.integers(0, 2**32 - 1))
+def test_rosbags_reads_our_bytes_and_writes_the_very_same(
+    name: str, frame: str, child: str, seed: int
+) -> None:
+    layout = ros2.stamped(name, frame, child)
+    record = fill(layout, seed)
+    message = STORE.deserialize_cdr(record.tobytes(), name)
+    assert expect(message, record) >= 5
+    assert bytes(STORE.serialize_cdr(message, name)) == record.tobytes()
+
+
+@given(count=st.integers(0, 9), seed=st.integers(0, 2**32 - 1))
+def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, seed: int) -> None:
+    layout = ros2.columns(count)
+    record = fill(layout, seed)
+    record["layout.dim[0].size"], record["layout.dim[0].stride"], record["layout.data_offset"] = (
+        count,
+        count,
+        0,
+    )
+    message = STORE.deserialize_cdr(record.tobytes(), ros2.COLUMNS)
+    np.testing.assert_array_equal(message.data, record["data"][0])
+    assert message.layout.dim[0].size == count
+    assert bytes(STORE.serialize_cdr(message, ros2.COLUMNS)) == record.tobytes()
+
+
+@pytest.mark.parametrize("name", ALL[:-1])
+@given(frame=FRAMES, child=FRAMES)
+def test_a_layout_measured_from_bytes_is_the_one_that_wrote_them(name: str, frame: str, child: str) -> None:
+    layout = ros2.stamped(name, frame, child)
+    assert ros2.measure(name, layout.template.tobytes()).dtype == layout.dtype
+
+
+@pytest.mark.parametrize("name", ALL)
+@given(payload=st.binary(max_size=200))
+def test_measuring_any_bytes_gives_a_layout_or_a_value_error(name: str, payload: bytes) -> None:
+    try:
+        form = ros2.measure(name, b"\0\1\0\0" + payload)
+    except ValueError:
+        return
+    assert form.dtype.itemsize <= len(payload) + 4
+
+
+def test_a_length_beyond_the_message_is_refused_before_anything_is_made_of_it() -> None:
+    payload = b"\0\1\0\0" + struct.pack("<I", 0xFFFFFFF0) + bytes(100)
+    with pytest.raises(ValueError, match="claims 4294967280 elements"):
+        ros2.measure(ros2.TF, payload)
+
+
+def test_big_endian_messages_are_measured_in_their_own_order() -> None:
+    message = types.SimpleNamespace(seconds=7, frame=b"left\0", value=21.5)
+    payload = b"\0\0\0\0" + struct.pack(
+        ">iII5s3x4xdd", message.seconds, 9, 5, message.frame, message.value, 0.0
+    )
+    form = ros2.measure(ros2.TEMPERATURE, payload)
+    record = np.frombuffer(payload, form.dtype)[0]
+    assert (record["header.stamp.sec"], record["temperature"]) == (7, 21.5)

@@ -1,0 +1,109 @@
+"""Configuration: every key is accounted for, and an error names file, key and the nearest known one."""
+
+import pytest
+
+from hubodo.config import RecordConfig, Vehicle, load_record_config, load_vehicle
+from hubodo.errors import ConfigError
+
+VEHICLE = """
+[vehicle]
+wheel_radius = 0.31
+track_width = 0.92
+[imu]
+gyro_noise = 0.004
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "right"
+[nodes.right.effects.wheel_radius]
+error = 0.001
+[nodes.frame]
+[inputs]
+speed = "reference.speed"
+[effects.gyro_bias]
+z = 0.002
+"""
+
+
+def written(tmp_path, text):
+    path = tmp_path / "some.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_model_file_is_also_a_vehicle_file(tmp_path):
+    vehicle = load_vehicle(written(tmp_path, VEHICLE))
+    assert isinstance(vehicle, Vehicle)
+    assert (vehicle.wheel_radius, vehicle.track_width) == (0.31, 0.92)
+    assert vehicle.on("left") == "left"
+    assert vehicle.nodes["right"].facing == "right"
+    assert vehicle.nodes["frame"].side is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "wheel_radius = 0.31",
+            "weel_radius = 0.31",
+            "unknown key 'weel_radius', did you mean 'wheel_radius'",
+        ),
+        ("wheel_radius = 0.31\n", "", "wheel_radius is missing"),
+        ("wheel_radius = 0.31", "wheel_radius = -1", "above 0"),
+        ("wheel_radius = 0.31", "wheel_radius = nan", "above 0"),
+        ("wheel_radius = 0.31", "wheel_radius = '0.31'", "must be a number"),
+        ("wheel_radius = 0.31", "wheel_radius = true", "must be a number"),
+        ("[vehicle]", "[vehicel]", "did you mean 'vehicle'"),
+        ('facing = "right"', 'facing = "rihgt"', "did you mean 'right'"),
+        ('facing = "right"', "", "facing is missing"),
+        ("[nodes.frame]", "[nodes.frame]\nsied = 'left'", "did you mean 'side'"),
+        ("[vehicle]", "[vehicle", "not TOML"),
+        ("[nodes.frame]", "[nodes]\nframe = 3", "must be a table"),
+    ],
+)
+def test_each_mistake_in_a_vehicle_is_named(tmp_path, old, new, says):
+    path = written(tmp_path, VEHICLE.replace(old, new, 1))
+    with pytest.raises(ConfigError) as caught:
+        load_vehicle(path)
+    assert says in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path):
+    with pytest.raises(ConfigError, match="no such file"):
+        load_vehicle(tmp_path / "nope.toml")
+
+
+def test_an_empty_recorder_file_means_all_defaults(tmp_path):
+    assert load_record_config(written(tmp_path, "")) == RecordConfig()
+
+
+def test_a_recorder_file_is_read_with_its_types(tmp_path):
+    text = '[record]\nports = ["left=/dev/ttyACM0"]\nduration = 60\nwait = true\ncompression = "lz4"\n'
+    config = load_record_config(written(tmp_path, text))
+    assert config.ports == ("left=/dev/ttyACM0",)
+    assert config.duration == 60.0
+    assert config.wait is True
+    assert config.compression == "lz4"
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("bauds = 9600", "did you mean 'baud'"),
+        ("baud = 0", "above 0"),
+        ('baud = "9600"', "a whole number"),
+        ("ports = 3", "list of texts"),
+        ("ports = [3]", "list of texts"),
+        ('compression = "zst"', "did you mean 'zstd'"),
+        ("wait = 1", "true or false"),
+        ("duration = -5", "above 0"),
+        ("odometry_rate_hz = 0", "above 0"),
+    ],
+)
+def test_each_mistake_in_a_recorder_file_is_named(tmp_path, line, says):
+    with pytest.raises(ConfigError, match=says):
+        load_record_config(written(tmp_path, f"[record]\n{line}\n"))

@@ -1,0 +1,171 @@
+"""`hubodo play`: recordings come out again frame for frame, imports within the steps they were given."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from hubodo.config import RecordConfig
+from hubodo.ingest.daemon import record
+from hubodo.ingest.pty_player import PtyPlayer
+from hubodo.ingest.replay import made_frames, raw_links, recorded_frames
+from hubodo.log.convert import write_recording
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording import Recording, Table
+from hubowire.messages import Ack, Nack, TimeReply
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def cli(*args):
+    env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, env=env, timeout=30, check=False)
+
+
+def replay(frames, out, *, speed=1.0, seconds, link=None):
+    """Plays into a recorder; the recording of it."""
+    with PtyPlayer(link, speed) as player:
+        done = threading.Event()
+
+        def play():
+            player.play(frames, done.is_set, lambda t: None)
+            time.sleep(0.2)
+            done.set()
+
+        thread = threading.Thread(target=play)
+        thread.start()
+        result = record(RecordConfig(ports=(player.path,), duration=seconds), out, stop=done)
+        done.set()
+        thread.join(10)
+    return result, read_recording(out), player
+
+
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory):
+    """A short recording of one fake node with damage on its line."""
+    out = tmp_path_factory.mktemp("ride") / "ride.mcap"
+    with FakeNode(node_id=1, damage=0.0005, seed=3) as node:
+        record(RecordConfig(ports=(f"left={node.path}",), duration=2.0), out)
+    return out
+
+
+def all_frames(path):
+    with open_log(path) as log:
+        return list(recorded_frames(log, raw_links(log), log.t_zero_ns, None, None))
+
+
+def test_a_recording_played_to_a_port_is_recorded_again_sample_for_sample(ride, tmp_path):
+    original = read_recording(ride).nodes["left"]
+    result, again, player = replay(all_frames(ride), tmp_path / "again.mcap", seconds=6)
+    table = again.nodes["left"]
+    assert player.unheard == 0
+    np.testing.assert_array_equal(table.gyro, original.gyro)
+    np.testing.assert_array_equal(table.accel, original.accel)
+    # The distances of samples survive; the clock that answers stands on the same device times.
+    np.testing.assert_allclose(table.t - table.t[0], original.t - original.t[0], atol=5e-3)
+    assert result.nodes["left"]["clock"]["source"] == "two way"
+
+
+def test_damaged_pieces_are_played_as_they_came_and_answers_to_the_old_host_are_not(ride):
+    frames = all_frames(ride)
+    assert any(item.frame is None for item in frames)
+    assert all(
+        item.frame.type_id not in (Ack.type_id, Nack.type_id, TimeReply.type_id)
+        for item in frames
+        if item.frame
+    )
+    assert all(a.t <= b.t for a, b in itertools.pairwise(frames))
+
+
+def test_as_fast_as_possible_loses_nothing(ride, tmp_path):
+    original = read_recording(ride).nodes["left"]
+    _, again, _ = replay(all_frames(ride), tmp_path / "again.mcap", speed=0.0, seconds=6)
+    np.testing.assert_array_equal(again.nodes["left"].gyro, original.gyro)
+
+
+def imported(tmp_path, names=("left", "pole"), uneven=False):
+    rng = np.random.default_rng(5)
+    tables = {}
+    for name in names:
+        t = 3.0 + np.arange(200) / 200.0
+        if uneven:
+            t = t + rng.uniform(-1e-3, 1e-3, len(t))
+        columns = {"t": t}
+        for axis in ("gx", "gy", "gz"):
+            columns[axis] = rng.normal(0, 3, len(t))
+        for axis in ("ax", "ay", "az"):
+            columns[axis] = rng.normal(0, 9, len(t))
+        tables[name] = Table(columns)
+    path = tmp_path / "import.mcap"
+    write_recording(Recording(nodes=tables), path)
+    return read_recording(path), path
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_an_import_is_played_within_half_a_step_and_the_stated_time_error(tmp_path, uneven):
+    recording, _ = imported(tmp_path, uneven=uneven)
+    frames, quantisation = made_frames(recording, None, None)
+    _, again, _ = replay(frames, tmp_path / "again.mcap", seconds=5)
+    assert [q.node_id for q in quantisation] == [1, 4]
+    for q, name in zip(quantisation, ("left", "node4"), strict=True):
+        original, table = recording.nodes[q.node], again.nodes[name]
+        assert not q.temperature
+        assert np.abs(table.gyro - original.gyro).max() <= 0.5 * q.gyro_step * (1 + 1e-9)
+        assert np.abs(table.accel - original.accel).max() <= 0.5 * q.accel_step * (1 + 1e-9)
+        assert q.gyro_step < 2 * np.abs(original.gyro).max() / 32767
+        assert q.time_error <= 20.5e-6 + 1e-6
+
+
+def test_a_part_is_played_from_start_up_to_end(ride):
+    with open_log(ride) as log:
+        frames = list(recorded_frames(log, raw_links(log), log.t_zero_ns, 1.0, 1.5))
+    assert frames
+    assert all(1.0 <= item.t < 1.5 for item in frames)
+
+
+def test_the_view_without_waiting_ends_with_a_result(ride):
+    done = cli("play", ride, "--speed", "0", "--json")
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["frames"] is None
+
+
+def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
+    link = tmp_path / "ttyRIDE"
+    with PtyPlayer(link, 1.0) as player:
+        assert player.path == str(link)
+        assert os.path.exists(link)  # noqa: PTH110 follows the link
+    assert not link.is_symlink()
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (("--speed", "-1"), "--speed"),
+        (("--speed", "nan"), "--speed"),
+        (("--start", "5", "--end", "2"), "not after"),
+        (("--link", "/tmp/x"), "--to pty"),
+        (("--to", "pty", "--only", "rear"), "no frames of link 'rear'; there are left"),
+    ],
+)
+def test_impossible_wishes_are_refused_in_one_line(ride, args, says):
+    done = cli("play", ride, *args)
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_what_is_no_log_is_refused(tmp_path):
+    path = tmp_path / "x.mcap"
+    path.write_bytes(b"not a log")
+    done = cli("play", path)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -1,0 +1,485 @@
+"""`hubodo record` against fake nodes: what came is in the log, what did not is explained."""
+
+import contextlib
+import io
+import itertools
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import serial
+from rich.console import Console
+
+from fakes.fake_node import FakeNode, sample
+from hubodo.config import NodeMount, RecordConfig, Vehicle
+from hubodo.errors import InputError, WireMismatch
+from hubodo.ingest.daemon import record
+from hubodo.ingest.link import Chunk, LinkUp
+from hubodo.ingest.station import Station
+from hubodo.ingest.status import View
+from hubodo.log.mcap import open_log, read_recording
+from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
+from hubowire.framing import FrameDecoder
+from hubowire.messages import Hello, TimeRequest
+
+ROOT = Path(__file__).resolve().parents[2]
+DPS_LSB = np.radians(0.07)
+TROLLEY = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
+
+
+@dataclass
+class Device:
+    """What a port lister says about one device."""
+
+    device: str
+    serial_number: str | None
+
+
+class Recorder:
+    """`record` in a thread, so that the test can do things to the nodes meanwhile."""
+
+    def __init__(self, out, *ports, **kwargs):
+        settings = {key: kwargs.pop(key) for key in list(kwargs) if key in ("wait", "duration", "gnss")}
+        config = RecordConfig(ports=ports, **settings)
+        self.stop = threading.Event()
+        self.result = self.error = None
+
+        def run():
+            try:
+                self.result = record(config, out, stop=self.stop, **kwargs)
+            except Exception as error:  # noqa: BLE001 handed to the test by `__exit__`
+                self.error = error
+
+        self.thread = threading.Thread(target=run)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.stop.set()
+        self.thread.join(10)
+        assert not self.thread.is_alive()
+        if self.error is not None:
+            raise self.error
+
+
+def cli(*args, **kwargs):
+    env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, **kwargs
+    )
+
+
+def raw_frames(path, link="*"):
+    """The frames in a log, as they came."""
+    for message in open_log(path).messages():
+        if message.topic.startswith("/hubodo/raw/") and not message.topic.endswith("/damaged"):
+            yield bytes(message.data)
+
+
+def events(path, kind):
+    return [event for event in read_recording(path).events if event.kind == kind]
+
+
+def test_two_nodes_become_a_log_with_every_sample_equal_and_times_on_the_hosts_clock(tmp_path):
+    out = tmp_path / "ride.mcap"
+    before = time.time()
+    with FakeNode(node_id=1, skew_ppm=60) as left, FakeNode(node_id=2) as right:
+        result = record(RecordConfig(ports=(left.path, right.path), duration=2.5), out, vehicle=TROLLEY)
+    recording = read_recording(out)
+    assert recording.warnings == ()
+    for name in ("left", "right"):
+        table = recording.nodes[name]
+        assert len(table) == result.nodes[name]["samples"] > 350
+        assert result.nodes[name]["samples_lost"] == 0
+        first = round(table["gx"][0] / DPS_LSB) + 0x4000
+        expected = np.array([sample(first + k) for k in range(len(table))])
+        np.testing.assert_allclose(table.gyro, expected[:, :3] * DPS_LSB, rtol=1e-12)
+        np.testing.assert_allclose(table.accel, expected[:, 3:] * 0.488e-3 * 9.80665, rtol=1e-12)
+        wall = table.t + recording.t_zero_ns * 1e-9
+        assert before - 1 < wall[0] < wall[-1] < time.time()
+        np.testing.assert_allclose(np.diff(table.t), 1 / 208, atol=2e-3)
+        assert result.nodes[name]["clock"]["source"] == "two way"
+        assert result.nodes[name]["rate_hz"] == pytest.approx(208, rel=2e-3)
+    assert len(recording.odometry) == result.odometry["poses"] > 100
+    assert recording.metadata["node.left.fingerprint"] == f"{FINGERPRINT:08x}"
+    json.dumps(result.as_json(), allow_nan=False)
+
+
+def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unnamed(tmp_path):
+    """Each unplug gives the device another name; the recorder finds it by serial number."""
+    out = tmp_path / "ride.mcap"
+    seed = 7
+    node = FakeNode(node_id=1, rate_hz=416, batch=4, damage=0.01, seed=seed)
+
+    def devices():
+        return [Device(node.path, "FAKE0001")] if node.path else []
+
+    with node, Recorder(out, "left=FAKE0001", lister=devices):
+        time.sleep(1.0)
+        for turn in range(10):
+            node.unplug()
+            time.sleep(0.06)
+            node.plug()
+            time.sleep(0.3)
+            if turn == 5:
+                node.reset()
+                time.sleep(1.5)
+        time.sleep(0.5)
+        node.unplug()
+        time.sleep(0.3)
+    logged = set(raw_frames(out))
+    assert logged <= {sent.wire for sent in node.sent if sent.intact}, "a frame that was never sent"
+    for plug in range(1, node.plugs + 1):
+        kept = [sent.wire in logged for sent in node.sent if sent.whole and sent.plug == plug]
+        # What was written before the recorder had the device open is not its to keep.
+        assert all(kept[kept.index(True) :]), f"seed {seed}, plug {plug}"
+        assert kept.index(True) < 20
+    recording = read_recording(out)
+    assert recording.warnings == ()
+    resets, gaps = events(out, "reset"), events(out, "gap")
+    assert len(resets) == 1
+    assert len(events(out, "disconnected")) >= 11
+    connected = [event.data["where"] for event in events(out, "connected")]
+    assert all(a != b for a, b in itertools.pairwise(connected))
+    causes = Counter(gap.data["cause"] for gap in gaps if gap.data["stream"] == "ImuBatch")
+    assert causes["link down"] >= 9
+    assert causes["node restarted"] == 1
+    assert causes["damaged bytes"] > 20
+    assert set(causes) <= {"link down", "node restarted", "damaged bytes"}, f"seed {seed}"
+    # Samples of one start: received + lost = span of their numbers.
+    numbers = np.round(recording.nodes["left"]["gx"] / DPS_LSB).astype(int) + 0x4000
+    lost = sum(gap.data["samples_lost"] or 0 for gap in gaps if gap.data["stream"] == "ImuBatch")
+    first_new = int(np.argmax(numbers >= node.boot_indices[1]))
+    spans = (numbers[first_new - 1] - numbers[0] + 1) + (numbers[-1] - numbers[first_new] + 1)
+    assert len(numbers) + lost == spans, f"seed {seed}"
+
+
+def test_a_node_that_gives_frames_up_is_named_as_the_cause(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with FakeNode() as node, Recorder(out, node.path):
+        time.sleep(1.2)
+        node.lose(3)
+        time.sleep(1.6)
+    (gap,) = events(out, "gap")
+    assert gap.data["cause"] == "node dropped frames"
+    assert gap.data["samples_lost"] == 24
+
+
+def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way_times(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with FakeNode(answers=False, hello_period=0.5) as node, Recorder(out, node.path) as recorder:
+        time.sleep(1.5)
+    assert recorder.result.nodes["left"]["samples"] > 200
+    clock = recorder.result.nodes["left"]["clock"]
+    assert clock["source"] == "one way"
+    assert clock["sigma"] > 0.005
+
+
+def test_start_order_does_not_matter_with_wait(tmp_path):
+    out, link = tmp_path / "ride.mcap", tmp_path / "ttyNODE"
+    with Recorder(out, str(link), wait=True) as recorder:
+        time.sleep(0.5)
+        with FakeNode(link=link):
+            time.sleep(1.5)
+    assert recorder.result.nodes["left"]["samples"] > 100
+    assert "no such device" in events(out, "disconnected")[0].text
+
+
+def test_a_node_of_another_version_is_refused_by_name_and_its_raw_frames_kept(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with (
+        FakeNode(fingerprint=0xDEADBEEF) as node,
+        pytest.raises(WireMismatch, match=r"speaks deadbeef .*host speaks .*flash"),
+    ):
+        record(RecordConfig(ports=(node.path,), duration=5), out)
+    assert len(list(raw_frames(out))) > 0
+    assert len(events(out, "mismatch")) == 1
+    assert read_recording(out).nodes == {}
+
+
+def test_a_node_of_another_version_beside_a_good_one_does_not_end_the_recording(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with FakeNode(node_id=1, fingerprint=1) as old, FakeNode(node_id=2) as good:
+        result = record(RecordConfig(ports=(old.path, good.path), duration=1.5), out)
+    assert "flash" in result.nodes["left"]["refused"]
+    assert result.nodes["right"]["samples"] > 100
+
+
+def test_two_nodes_with_one_name_are_both_kept(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with FakeNode(node_id=1) as one, FakeNode(node_id=1) as two:
+        result = record(RecordConfig(ports=(one.path, f"right={two.path}"), duration=1.2), out)
+    assert sorted(result.nodes) == ["left", "right"]
+    out.unlink()
+    with FakeNode(node_id=1) as one, FakeNode(node_id=1) as two:
+        result = record(RecordConfig(ports=(one.path, two.path), duration=1.2), out)
+    assert sorted(result.nodes) == ["left", "left_2"]
+
+
+def test_sockets_carry_nodes_as_well(tmp_path):
+    """A bridge from a fake node to TCP, and its bytes as datagrams."""
+    out = tmp_path / "ride.mcap"
+    server = socket.create_server(("127.0.0.1", 0))
+    tcp_port = server.getsockname()[1]
+    probe = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    probe.bind(("127.0.0.1", 0))
+    udp_port = probe.getsockname()[1]
+    probe.close()
+    done = threading.Event()
+
+    def bridge(node, send, receive):
+        fd = os.open(node.path, os.O_RDWR | os.O_NONBLOCK)
+        decoder = FrameDecoder()
+        while not done.wait(0.005):
+            try:
+                data = os.read(fd, 4096)
+            except BlockingIOError:
+                data = b""
+            for stuffed in decoder.split(data):
+                send(stuffed + b"\0")
+            with contextlib.suppress(BlockingIOError, TimeoutError):
+                os.write(fd, receive())
+        os.close(fd)
+
+    def serve_tcp(node):
+        peer, _ = server.accept()
+        peer.setblocking(False)
+        bridge(node, peer.sendall, lambda: peer.recv(4096))
+        peer.close()
+
+    def serve_udp(node):
+        peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        peer.setblocking(False)
+        bridge(node, lambda data: peer.sendto(data, ("127.0.0.1", udp_port)), lambda: peer.recv(4096))
+        peer.close()
+
+    with FakeNode(node_id=1) as left, FakeNode(node_id=2) as right:
+        threads = [
+            threading.Thread(target=serve_tcp, args=(left,)),
+            threading.Thread(target=serve_udp, args=(right,)),
+        ]
+        for thread in threads:
+            thread.start()
+        ports = (f"socket://127.0.0.1:{tcp_port}", f"udp://127.0.0.1:{udp_port}")
+        result = record(RecordConfig(ports=ports, duration=1.5), out)
+        done.set()
+        for thread in threads:
+            thread.join(5)
+    server.close()
+    for name in ("left", "right"):
+        assert result.nodes[name]["samples"] > 100
+        assert result.nodes[name]["samples_lost"] == 0
+        assert result.nodes[name]["clock"]["source"] == "two way"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_a_whole_file_and_exit_code_0(tmp_path, number):
+    out = tmp_path / "ride.mcap"
+    with FakeNode() as node:
+        process = cli("record", node.path, "-o", out, "--json")
+        deadline = time.monotonic() + 15
+        while not (out.exists() and out.stat().st_size > 3000) and time.monotonic() < deadline:
+            time.sleep(0.1)
+        process.send_signal(number)
+        stdout, stderr = process.communicate(timeout=15)
+    assert process.returncode == 0, stderr
+    assert json.loads(stdout)["nodes"]["left"]["samples"] == len(read_recording(out).nodes["left"])
+    assert read_recording(out).warnings == ()
+
+
+def refused(tmp_path, *args):
+    """Exit code 2, one line, nothing left behind; the line."""
+    out = tmp_path / "ride.mcap"
+    process = cli("record", *args, "-o", out)
+    stdout, stderr = process.communicate(timeout=20)
+    assert process.returncode == 2, stderr
+    assert stdout == ""
+    assert not out.exists()
+    lines = stderr.strip().splitlines()
+    return lines[-1]
+
+
+def test_a_port_that_does_not_exist_is_refused(tmp_path):
+    line = refused(tmp_path, "/dev/ttyNOPE7")
+    assert "/dev/ttyNOPE7: no such device" in line
+    assert "--wait" in line
+
+
+def test_a_serial_number_that_nothing_has_is_refused(tmp_path):
+    assert "no device with serial number 'E66058388347'" in refused(tmp_path, "E66058388347")
+
+
+def test_a_busy_port_is_refused(tmp_path):
+    master, slave = pty.openpty()
+    holder = serial.Serial(os.ttyname(slave), exclusive=True)
+    assert "busy: another program has it" in refused(tmp_path, os.ttyname(slave))
+    holder.close()
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_file_that_is_no_port_is_refused(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("hello")
+    assert "not a serial port" in refused(tmp_path, path)
+
+
+@pytest.mark.parametrize("port", ["http://host:1", "socket://host", "udp://:x", "", "what is this"])
+def test_a_port_that_is_none_is_refused(tmp_path, port):
+    assert "port" in refused(tmp_path, port)
+
+
+def test_an_existing_log_is_not_overwritten(tmp_path):
+    out = tmp_path / "ride.mcap"
+    out.write_bytes(b"precious")
+    with FakeNode() as node, pytest.raises(InputError, match="exists already"):
+        record(RecordConfig(ports=(node.path,), duration=1), out)
+    assert out.read_bytes() == b"precious"
+
+
+def test_another_protocol_is_named_and_refused(tmp_path):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    done = threading.Event()
+
+    def talk():
+        while not done.wait(0.1):
+            os.write(master, b"MicroPython v1.27.0 on 2026-01-01; Raspberry Pi Pico\r\n>>> ")
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        line = refused(tmp_path, os.ttyname(slave))
+    finally:
+        done.set()
+        thread.join()
+        os.close(master)
+        os.close(slave)
+    assert "MicroPython prompt" in line
+    assert "hubodo flash" in line
+
+
+def test_nothing_is_sent_before_a_node_has_spoken_and_never_a_ctrl_c(tmp_path):
+    """Ctrl-C stops the program of a MicroPython board that boots; and a stranger is not to be poked."""
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    heard = bytearray()
+    with Recorder(tmp_path / "ride.mcap", os.ttyname(slave), wait=True):
+        time.sleep(1.0)
+        with pytest.raises(BlockingIOError):
+            os.read(master, 100)
+        with FakeNode(skew_ppm=5) as node:
+            hello = encode_frame(Frame(Hello.type_id, 3, 0, encode(node.hello())))
+        for _ in range(20):
+            os.write(master, hello)
+            time.sleep(0.1)
+            with contextlib.suppress(BlockingIOError):
+                heard += os.read(master, 4096)
+    os.close(master)
+    os.close(slave)
+    asked = {type(decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(bytes(heard))}
+    assert TimeRequest in asked
+    assert b"\x03" not in heard
+
+
+def test_killed_without_warning_all_but_the_last_second_is_recovered(tmp_path):
+    out, repaired = tmp_path / "ride.mcap", tmp_path / "repaired.mcap"
+    with FakeNode() as node:
+        process = cli("record", node.path, "-o", out)
+        deadline = time.monotonic() + 15
+        while not (out.exists() and out.stat().st_size > 3000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(1.5)
+        process.kill()
+        killed_ns = time.time_ns()
+        process.communicate(timeout=10)
+    done = cli("recover", out, "-o", repaired)
+    _, stderr = done.communicate(timeout=20)
+    assert done.returncode == 0, stderr
+    table = read_recording(repaired).nodes["left"]
+    newest_ns = read_recording(repaired).t_zero_ns + int(table.t[-1] * 1e9)
+    assert killed_ns - newest_ns < 1e9
+    assert len(table) > 200
+
+
+def test_a_gnss_receiver_is_recorded_beside_the_nodes(tmp_path):
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    done = threading.Event()
+
+    def talk():
+        while not done.wait(0.2):
+            now = time.gmtime()
+            at, day = time.strftime("%H%M%S.00", now), time.strftime("%d%m%y", now)
+            for body in (
+                f"GNGGA,{at},4807.0380000,N,01131.0000000,E,4,12,0.7,545.4,M,46.9,M,1.0,0000",
+                f"GNRMC,{at},A,4807.0380000,N,01131.0000000,E,0.10,,{day},,,R",
+                f"GNGST,{at},0.02,0.03,0.02,45.0,0.012,0.018,0.035",
+            ):
+                checksum = 0
+                for character in body.encode():
+                    checksum ^= character
+                os.write(master, f"${body}*{checksum:02X}\r\n".encode())
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    out = tmp_path / "ride.mcap"
+    with FakeNode() as node:
+        config = RecordConfig(ports=(node.path,), gnss=os.ttyname(slave), duration=2.5)
+        result = record(config, out)
+    done.set()
+    thread.join()
+    os.close(master)
+    os.close(slave)
+    assert result.gnss["gnss"]["checksum_errors"] == 0
+    assert result.nodes["left"]["samples"] > 200
+    gnss = read_recording(out).gnss
+    assert len(gnss) >= 2
+    assert gnss["latitude_deg"][0] == pytest.approx(48 + 7.038 / 60)
+    assert gnss["altitude"][0] == pytest.approx(592.3)
+    with open_log(out) as log:
+        assert sum(m.topic == "/gnss/nmea" for m in log.messages()) > 0
+
+
+def test_the_live_table_and_the_result_show_every_node_and_link(tmp_path):
+    with FakeNode(node_id=1) as left, FakeNode(node_id=2) as right:
+        result = record(
+            RecordConfig(ports=(left.path, right.path), duration=1.2), tmp_path / "a.mcap", vehicle=TROLLEY
+        )
+    console = Console(record=True, width=160, file=io.StringIO())
+    result.render(console)
+    shown = console.export_text()
+    for part in ("left", "right", "link", "odometry", "two way", "gaps"):
+        assert part in shown
+
+    class Log:
+        def __getattr__(self, name):
+            return lambda *args, **kwargs: None
+
+    station = Station({"ttyACM0": None}, Log(), lambda *_: True, time.time_ns, vehicle=TROLLEY)
+    terminal = Console(force_terminal=True, width=160, file=io.StringIO())
+    with View(terminal, 0) as view:
+        view.update(station, 0, 10**9)
+        station.handle(LinkUp("ttyACM0", time.time_ns(), "/dev/ttyACM0", False))
+        node = FakeNode()
+        hello = encode_frame(Frame(Hello.type_id, 1, 0, encode(node.hello())))
+        node.stop()
+        station.handle(Chunk("ttyACM0", time.time_ns(), hello, ""))
+        view.update(station, 0, 2 * 10**9)
+    assert "ttyACM0" in terminal.file.getvalue()

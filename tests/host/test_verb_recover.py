@@ -1,0 +1,62 @@
+"""`hubodo recover` as a user meets it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hubodo.cli import main
+from hubodo.log.writer import McapLog
+
+
+@pytest.fixture
+def cut(tmp_path: Path) -> Path:
+    """A recording of 300 samples cut in its second half."""
+    with McapLog(tmp_path / "log.mcap", t_zero_ns=0, chunk_bytes=4000, clock=None) as log:
+        for i in range(0, 300, 5):
+            t = np.arange(i, i + 5) * 10_000_000
+            log.imu("left", t, t, np.ones((5, 3)), np.ones((5, 3)))
+    path = tmp_path / "cut.mcap"
+    data = (tmp_path / "log.mcap").read_bytes()
+    path.write_bytes(data[: len(data) * 2 // 3])
+    return path
+
+
+def test_the_account_agrees_with_what_info_finds_in_the_new_log(cut: Path, tmp_path: Path, capsys) -> None:
+    assert main(["recover", str(cut), "-o", str(tmp_path / "new.mcap"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert main(["info", str(tmp_path / "new.mcap"), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert {s["topic"]: s["messages"] for s in info["streams"]} == told["messages"]
+    assert info["complete"] is True
+    assert info["warnings"] == []
+    assert told["was_whole"] is False
+    assert told["bytes_lost"] > 0
+    assert 100 < told["messages"]["/left/imu"] < 300
+
+
+def test_people_are_told_what_is_kept_and_what_is_lost(cut: Path, tmp_path: Path, capsys) -> None:
+    assert main(["recover", str(cut), "-o", str(tmp_path / "new.mcap")]) == 0
+    text = capsys.readouterr().out
+    assert "/left/imu: kept" in text
+    assert "kept t = 0.000 s to" in text
+    assert "bytes at the end are lost" in text
+
+
+def test_a_whole_log_is_said_to_be_whole(cut: Path, tmp_path: Path, capsys) -> None:
+    assert main(["recover", str(tmp_path / "log.mcap"), "-o", str(tmp_path / "new.mcap")]) == 0
+    assert "nothing had to be repaired" in capsys.readouterr().out
+
+
+def test_an_existing_output_or_a_foreign_input_exits_2_with_one_line(
+    cut: Path, tmp_path: Path, capsys
+) -> None:
+    assert main(["recover", str(cut), "-o", str(tmp_path / "log.mcap")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    (tmp_path / "song.mp3").write_bytes(b"ID3" + bytes(5000))
+    assert main(["recover", str(tmp_path / "song.mp3"), "-o", str(tmp_path / "new.mcap")]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert "is not an MCAP file" in err
+    assert not (tmp_path / "new.mcap").exists()

@@ -1,0 +1,153 @@
+"""`hubodo allan` and `hubodo warmup`: the forms that programs read, files for people, refusals in one "
+"line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from generators import start_gyro as start
+from generators.noise import gyro_noise
+from hubodo.cli import main
+from hubodo.log.csv_folder import write_folder
+from hubodo.log.recording import Recording, Table
+from hubodo.sensors.calibration import read_calibration
+
+DEG = np.pi / 180.0
+SEED = 8
+
+
+def folder(path: Path, gz, dt, **more) -> Path:
+    rng = np.random.default_rng(SEED)
+    count = len(gz)
+    columns = {
+        "t": np.arange(count) * dt,
+        "gx": rng.normal(0, 1e-3, count),
+        "gy": rng.normal(0, 1e-3, count),
+        "gz": gz,
+    }
+    columns |= {"ax": rng.normal(0, 0.02, count), "ay": rng.normal(0, 0.02, count)}
+    columns |= {"az": 9.8 + rng.normal(0, 0.02, count), **more}
+    write_folder(Recording({"left": Table(columns)}), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def rest(tmp_path_factory) -> Path:
+    noise = gyro_noise(1 << 16, 0.01, np.random.default_rng(SEED), n=1e-3, b=3e-3, k=3e-3)
+    return folder(tmp_path_factory.mktemp("allan") / "rest", noise, 0.01)
+
+
+@pytest.fixture(scope="module")
+def cold(tmp_path_factory) -> Path:
+    _, output = start.overnight(0.5, 4 * 3600.0, np.random.default_rng(SEED))
+    return folder(tmp_path_factory.mktemp("warmup") / "cold", output * DEG, 0.5)
+
+
+def run(*words, capsys) -> dict:
+    assert main([*map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_allan_prints_the_form_that_programs_read(rest, capsys):
+    found = run("allan", rest, "--node", "left", "--channel", "gz", capsys=capsys)
+    assert len(found["tau"]) == len(found["adev"]) == len(found["sigma"]) == 16
+    assert set(found["coefficients"]) == {"N", "B", "K", "Q", "R"}
+    white = found["coefficients"]["N"]
+    assert white["value"] == pytest.approx(1e-3, rel=0.1)
+    assert white["sigma"] < 1e-4
+    assert white["unit"] == "rad/√s"
+    assert white["value_deg_per_sqrt_h"] == pytest.approx(white["value"] * 180 / np.pi * 60)
+    ramp = found["coefficients"]["R"]
+    assert ramp["value"] is None
+    assert ramp["reason"]
+    assert found["maytag"]["stop"] > 0
+
+
+def test_allan_writes_a_png_and_a_page_that_needs_no_network(rest, tmp_path, capsys):
+    png, page = tmp_path / "gz.png", tmp_path / "gz.html"
+    assert main(["allan", str(rest), "--figure", str(png), "--report", str(page)]) == 0
+    assert "angle random walk" in capsys.readouterr().out
+    assert png.read_bytes().startswith(b"\x89PNG")
+    text = page.read_text("utf-8")
+    assert "Allan deviation of left gz" in text
+    assert "<script src" not in text
+
+
+def test_accelerometer_channels_have_their_own_names(rest, capsys):
+    found = run("allan", rest, "--channel", "ax", capsys=capsys)
+    assert found["coefficients"]["N"]["unit"] == "m/s/√s"
+    assert found["coefficients"]["N"]["value"] == pytest.approx(0.02 * 0.1, rel=0.05)
+
+
+def test_warmup_prints_the_form_that_programs_read(cold, capsys):
+    found = run("warmup", cold, "--node", "left", "--channel", "gz", capsys=capsys)
+    for name, true in (("c1", start.C1 * DEG), ("c2", start.C2 * DEG), ("time_constant", start.T)):
+        assert abs(found[name]["value"] - true) < 4 * found[name]["sigma"], name
+    assert found["white"] is True
+    assert found["whiteness"]["ljung_box"]["p_value"] > 0.005
+    assert found["next_model"] is None
+
+
+def test_warmup_adds_the_axis_to_the_calibration_file_and_keeps_what_is_there(cold, tmp_path, capsys):
+    out = tmp_path / "c.toml"
+    out.write_text("[nodes.left.effects.gyro_bias]\nx = { value = 0.001, sigma = 1e-5 }\n")
+    found = run("warmup", cold, "-o", out, "--report", tmp_path / "w.html", capsys=capsys)
+    effects = read_calibration(out).nodes["left"].effects
+    assert effects["gyro_warmup"].parameters["z"].value == found["c1"]["value"]
+    assert effects["gyro_warmup"].parameters["time_constant"].sigma == found["time_constant"]["sigma"]
+    assert effects["gyro_bias"].value("z") == found["c2"]["value"]
+    assert effects["gyro_bias"].value("x") == 0.001
+    assert len(effects["gyro_warmup"].source_sha256) == 64
+    assert "Whiteness" in (tmp_path / "w.html").read_text("utf-8")
+
+
+def test_nothing_is_written_where_nothing_was_earned(rest, tmp_path, capsys):
+    out = tmp_path / "c.toml"
+    assert main(["warmup", str(rest), "-o", str(out), "--channel", "gx"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "nothing to write to a calibration file" in line
+    assert "\n" not in line
+    assert not out.exists()
+
+
+def test_what_is_no_sensor_at_rest_in_si_units_is_refused_in_one_line(tmp_path, rest, capsys):
+    noise = gyro_noise(6000, 0.01, np.random.default_rng(SEED), n=1e-3)
+    turned = noise.copy()
+    turned[3000:3300] += 1.0
+    room = {
+        "temperature": 25
+        + 6.0 * (np.arange(20_000) > 10_000)
+        + np.random.default_rng(1).normal(0, 0.1, 20_000)
+    }
+    stepped = gyro_noise(20_000, 0.05, np.random.default_rng(SEED), n=1e-3)
+    cases = [
+        ("allan", folder(tmp_path / "deg", noise / DEG, 0.01), "looks like deg/s"),
+        ("allan", folder(tmp_path / "turned", turned, 0.01), "the sensor was moved between"),
+        ("allan", folder(tmp_path / "short", noise[:100], 0.01), "too few for an Allan deviation"),
+        ("allan", folder(tmp_path / "stuck", np.full(6000, 0.01), 0.01), "the sensor is stuck"),
+        ("warmup", folder(tmp_path / "room", stepped, 0.05, **room), "the temperature steps by +6"),
+        ("warmup", folder(tmp_path / "brief", noise[:3000], 0.01), "too short for a warm-up"),
+    ]
+    for verb, log, words in cases:
+        assert main([verb, str(log)]) == 2, words
+        line = capsys.readouterr().err.strip()
+        assert words in line
+        assert "\n" not in line
+    assert main(["allan", str(rest), "--node", "frame"]) == 2
+    assert "say --node with one of: left" in capsys.readouterr().err
+
+
+def test_a_temperature_step_takes_only_the_slow_terms_from_allan(tmp_path, capsys):
+    room = {
+        "temperature": 25
+        + 6.0 * (np.arange(20_000) > 10_000)
+        + np.random.default_rng(1).normal(0, 0.1, 20_000)
+    }
+    log = folder(
+        tmp_path / "room", gyro_noise(20_000, 0.05, np.random.default_rng(SEED), n=1e-3), 0.05, **room
+    )
+    found = run("allan", log, capsys=capsys)
+    assert found["coefficients"]["N"]["value"] == pytest.approx(1e-3, rel=0.1)
+    assert "the temperature steps" in found["coefficients"]["K"]["reason"]
