@@ -1,0 +1,1 @@
+"""The forward model and the virtual node: what a wheel-mounted sensor measures."""

@@ -1,0 +1,149 @@
+"""The I2C bus and the pins it hangs on: addressing, wire time, a slave that holds SDA low."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from hubodo.model.board.hypercall import EIO, ETIMEDOUT
+from hubodo.model.chips.faults import Fault, StuckBus
+from hubodo.model.chips.registers import NotAcknowledged, RegisterChip
+
+DEFAULT_HZ = 400_000
+TIMEOUT_S = 0.05
+_PULSES_TO_FREE = 9
+_OPEN_DRAIN, _OUT = 2, 1
+
+
+class I2cBus:
+    """Chips on two wires; every transaction takes its bits' time and fails as MicroPython reports it.
+
+    A refused address is -EIO after the address byte, a held SDA is -ETIMEDOUT after 50 ms: what the rp2
+    port of MicroPython raises as OSError(5) and OSError(110).
+    """
+
+    def __init__(self, chips: Sequence[RegisterChip], faults: Sequence[Fault] = ()) -> None:
+        self.chips = {chip.address: chip for chip in chips}
+        self.bit_time = 1.0 / DEFAULT_HZ
+        self.counts: Counter[str] = Counter()
+        self._stuck_at = sorted(f.t for f in faults if isinstance(f, StuckBus))
+        self._pulses_left = 0
+        self.scl_pin, self.sda_pin = 1, 0
+        self._scl_level = 1
+
+    def initialise(self, frequency_hz: int, scl_pin: int, sda_pin: int) -> None:
+        """Take the bus at `frequency_hz`; pin -1 keeps the pin."""
+        self.bit_time = 1.0 / max(frequency_hz, 1)
+        self.scl_pin = scl_pin if scl_pin >= 0 else self.scl_pin
+        self.sda_pin = sda_pin if sda_pin >= 0 else self.sda_pin
+
+    def _stuck(self, t: float) -> bool:
+        if self._stuck_at and self._stuck_at[0] <= t:
+            self._stuck_at.pop(0)
+            self._pulses_left = _PULSES_TO_FREE
+            self.counts["stuck"] += 1
+        return self._pulses_left > 0
+
+    def _addressed(self, t: float, address: int) -> RegisterChip | int:
+        if (self._stuck_at or self._pulses_left) and self._stuck(t):
+            self.counts["timeout"] += 1
+            return -ETIMEDOUT
+        chip = self.chips.get(address)
+        if chip is None:
+            self.counts["nack"] += 1
+            return -EIO
+        try:
+            chip.acknowledge(t)
+        except NotAcknowledged:
+            self.counts["nack"] += 1
+            return -EIO
+        self.counts["transactions"] += 1
+        return chip
+
+    def _failed(self, t: float, status: int) -> tuple[int, float]:
+        return status, t + (TIMEOUT_S if status == -ETIMEDOUT else 10 * self.bit_time)
+
+    def read_mem(self, t: float, address: int, register: bytes, n: int) -> tuple[int, bytes, float]:
+        """Write the sub-address, repeated start, read n bytes: status, bytes, time at the stop bit."""
+        chip = self._addressed(t, address)
+        if isinstance(chip, int):
+            status, end = self._failed(t, chip)
+            return status, b"", end
+        byte_time = 9 * self.bit_time
+        data_at = (
+            t + (1 + 2 * len(register)) * self.bit_time + (1 + len(register) + bool(register)) * byte_time
+        )
+        if register:
+            chip.write(t, register)
+        data = chip.read(data_at, n, byte_time)
+        return n, data, data_at + n * byte_time + self.bit_time
+
+    def write(self, t: float, address: int, data: bytes) -> tuple[int, float]:
+        """Address and data bytes. Returns status and the time at the stop bit."""
+        chip = self._addressed(t, address)
+        if isinstance(chip, int):
+            return self._failed(t, chip)
+        end = t + (2 + 9 * (1 + len(data))) * self.bit_time
+        chip.write(end, data)
+        return len(data), end
+
+    def scan(self, t: float) -> tuple[bytes, float]:
+        """Addresses that acknowledge, and the time after the last probe."""
+        found = bytearray()
+        for address in range(0x08, 0x78):
+            if isinstance(self._addressed(t, address), RegisterChip):
+                found.append(address)
+            t += 11 * self.bit_time
+        return bytes(found), t
+
+    def pin_driven(self, t: float, pin: int, level: int) -> None:
+        """SCL moved by hand: each falling and rising edge clocks the slave that holds SDA."""
+        if pin != self.scl_pin:
+            return
+        if level and not self._scl_level and self._stuck(t):
+            self._pulses_left -= 1
+            if not self._pulses_left:
+                self.counts["freed"] += 1
+        self._scl_level = level
+
+    def sda_level(self, t: float) -> int:
+        """What a pin that listens on SDA reads."""
+        return 0 if self._stuck(t) else 1
+
+
+class Pins:
+    """GPIO levels; those of the bus go to the bus."""
+
+    def __init__(self, bus: I2cBus) -> None:
+        self._bus = bus
+        self.levels: dict[int, int] = {}
+        self.modes: dict[int, int] = {}
+        self.pulls: dict[int, int] = {}
+
+    def initialise(self, t: float, pin: int, mode: int, pull: int) -> None:
+        """Mode 0 in, 1 out, 2 open drain, -1 as it is; pull 1 up, 2 down, -1 none."""
+        if mode >= 0:
+            self.modes[pin] = mode
+        self.pulls[pin] = pull
+        if self.modes.get(pin) == _OUT or self.modes.get(pin) == _OPEN_DRAIN:
+            self._bus.pin_driven(t, pin, self.levels.get(pin, 1 if self.modes[pin] == _OPEN_DRAIN else 0))
+        else:
+            self._bus.pin_driven(t, pin, 1)
+
+    def set(self, t: float, pin: int, level: int) -> None:
+        """Drive the pin."""
+        self.levels[pin] = level
+        if self.modes.get(pin) in (_OUT, _OPEN_DRAIN):
+            self._bus.pin_driven(t, pin, level)
+
+    def get(self, t: float, pin: int) -> int:
+        """Level on the pin: the bus lines are pulled up, a stuck slave pulls SDA down."""
+        if pin == self._bus.sda_pin and not (
+            self.modes.get(pin) in (_OUT, _OPEN_DRAIN) and not self.levels.get(pin, 1)
+        ):
+            return self._bus.sda_level(t)
+        if self.modes.get(pin) in (_OUT, _OPEN_DRAIN):
+            return self.levels.get(pin, 0)
+        if pin == self._bus.scl_pin:
+            return 1
+        return 1 if self.pulls.get(pin) == 1 else 0

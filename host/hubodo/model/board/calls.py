@@ -1,0 +1,263 @@
+"""What each call of the interpreter does on the board: one function for each `Op`."""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from hubodo.model.board.hypercall import COUNT_MASK, COUNT_ROOM, EAGAIN, EHOSTUNREACH, EINVAL, ETIMEDOUT, Op
+from hubodo.model.board.link import TX_FIFO
+from hubodo.model.board.port import Port
+
+if TYPE_CHECKING:
+    from hubodo.model.board.board import VirtualBoard
+
+WRITE_TIMEOUT_NS = 500_000_000
+BOOT_NS = 150_000_000
+WDT_RESET = 3
+_NS = 1_000_000_000
+_FOREVER = float("inf")
+
+
+def _ping(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.answer(0, t)
+
+
+def _i2c_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    frequency, scl, sda = struct.unpack("<Ibb", payload)
+    board.bus.initialise(frequency, scl, sda)
+    board.answer(0, t)
+
+
+def _i2c_read(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    address, size, register, n = struct.unpack("<BBHH", payload)
+    status, data, end = board.bus.read_mem(t * 1e-9, address, register.to_bytes(size, "big"), n)
+    board.answer(status, end * _NS, data)
+
+
+def _i2c_write(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    address, size, register = struct.unpack_from("<BBH", payload)
+    status, end = board.bus.write(t * 1e-9, address, register.to_bytes(size, "big") + payload[4:])
+    board.answer(status, end * _NS)
+
+
+def _i2c_scan(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    found, end = board.bus.scan(t * 1e-9)
+    board.answer(len(found), end * _NS, found)
+
+
+def _pin_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    mode, pull = struct.unpack("<bb", payload)
+    board.pins.initialise(t * 1e-9, a, mode, pull)
+    board.answer(0, t)
+
+
+def _pin_set(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.pins.set(t * 1e-9, a, payload[0])
+    board.answer(0, t)
+
+
+def _pin_get(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.answer(board.pins.get(t * 1e-9, a), t)
+
+
+def _adc(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    if a == 4:
+        volts = 0.706 - 0.001721 * (25.0 - 27.0)
+    else:
+        volts = board.settings.battery_mv / 1000 / board.settings.battery_divider
+    board.answer(0, t, struct.pack("<H", max(0, min(65535, round(volts / 3.3 * 65535)))))
+
+
+def _wdt(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    if a:
+        board.wdt_timeout = struct.unpack("<I", payload)[0] * 1e6
+    if board.wdt_timeout:
+        board.wdt_deadline = t + board.wdt_timeout
+    board.answer(0, t)
+
+
+def _reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.reset("machine.reset", WDT_RESET)
+
+
+def _soft_reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.kill()
+    board.counts["soft_resets"] += 1
+    if board.stepped:
+        board.t += BOOT_NS
+    board.boot(raw=bool(a))
+
+
+def _write(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    port = board.ports.setdefault(a, Port())
+    if a:
+        payload = payload[: max(0, port.room(t))]
+        port.wire_free = max(port.wire_free, t) + port.byte_ns * len(payload)
+    if port.link is None:
+        board.counts["console"] += len(payload)
+        board.answer(len(payload), t)
+        return
+    sent = board.noise.apply(payload)
+    if board.link_log is not None and payload:
+        board.link_log.append((time.time_ns(), payload, sent, board.link.host_open))
+    board.counts["bytes_out"] += len(payload)
+    if a:
+        port.on_wire.append((port.wire_free, sent))
+        board.answer(len(payload), t)
+        return
+    port.to_send += sent
+
+    def finished(late: bool) -> bool:
+        board.send_waiting(port)
+        if len(port.to_send) > TX_FIFO:
+            if not late:
+                return False
+            board.counts["bytes_dropped"] += len(port.to_send) - TX_FIFO
+            board.counts["writes_timed_out"] += 1
+            del port.to_send[TX_FIFO:]
+        board.answer(len(payload), board.now())
+        return True
+
+    board.answer_later(WRITE_TIMEOUT_NS, finished)
+
+
+def _read(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    most, wait_ms = struct.unpack("<Ii", payload)
+    port = board.ports.setdefault(a, Port())
+    if wait_ms and board.link_port == a:
+        board.watch_link()
+        board.take_input()
+
+    def finished(late: bool) -> bool:
+        if not (port.received or late or board.interrupt_came or wait_ms == 0):
+            return False
+        n = min(most, len(port.received))
+        board.answer(n, board.now(), bytes(port.received.popleft() for _ in range(n)))
+        return True
+
+    board.answer_later(_FOREVER if wait_ms < 0 else wait_ms * 1e6, finished)
+
+
+def _count(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    if a & 0x100:
+        sock = board.sockets.get(a & 0xFF)
+        ready = sock is not None and bool(select.select([sock], [], [], 0)[0])
+        board.answer(int(ready), t)
+        return
+    port = board.ports.setdefault(a, Port())
+    board.answer(min(len(port.received), COUNT_MASK) | (COUNT_ROOM if port.room(t) > 0 else 0), t)
+
+
+def _uart_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    port = board.ports.setdefault(a, Port())
+    baud, port.send_buffer, port.receive_buffer = struct.unpack("<IHH", payload)
+    port.byte_ns = 10e9 / max(1, baud)
+    board.answer(0, t)
+
+
+def _wlan(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    if a == 0:
+        board.wlan_on = board.wlan_connected = False
+    elif a == 1:
+        board.wlan_on = True
+    elif a in (2, 3):
+        board.wlan_connected = a == 2 and board.wlan_on
+    board.answer(int(board.wlan_connected), t)
+
+
+def _udp_open(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    handle = next(k for k in range(1, 256) if k not in board.sockets)
+    board.sockets[handle] = sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.setblocking(False)
+    board.answer(handle, t)
+
+
+def _udp_bind(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    try:
+        board.sockets[a].bind(("127.0.0.1", struct.unpack("<H", payload)[0]))
+    except OSError:
+        board.answer(-EINVAL, t)
+        return
+    board.answer(0, t)
+
+
+def _udp_send(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    host, (port,) = socket.inet_ntoa(payload[:4]), struct.unpack_from("<H", payload, 4)
+    if not board.wlan_connected:
+        board.answer(-EHOSTUNREACH, t)
+        return
+    try:
+        n = board.sockets[a].sendto(payload[6:], (host, port))
+    except BlockingIOError:
+        board.answer(-EAGAIN, t)
+    except OSError:
+        # A datagram to nobody is lost in the air, not refused.
+        board.counts["udp_lost"] += 1
+        board.answer(len(payload) - 6, t)
+    else:
+        board.counts["bytes_out"] += n
+        board.answer(n, t)
+
+
+def _udp_recv(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    most, wait_ms = struct.unpack("<Ii", payload)
+    sock = board.sockets[a]
+
+    def finished(late: bool) -> bool:
+        try:
+            data, (host, port) = sock.recvfrom(most)
+        except (BlockingIOError, ConnectionError):
+            if not (late or wait_ms == 0):
+                return False
+            board.answer(-EAGAIN if wait_ms == 0 else -ETIMEDOUT, board.now())
+            return True
+        board.counts["bytes_in"] += len(data)
+        board.answer(len(data), board.now(), socket.inet_aton(host) + struct.pack("<H", port) + data)
+        return True
+
+    board.answer_later(_FOREVER if wait_ms < 0 else wait_ms * 1e6, finished)
+
+
+def _udp_close(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    if a in board.sockets:
+        board.sockets.pop(a).close()
+    board.answer(0, t)
+
+
+def _idle(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.counts["at_prompt"] += 1
+    board.answer(0, t)
+
+
+HANDLERS: dict[int, Callable[[VirtualBoard, int, bytes, float], None]] = {
+    Op.PING: _ping,
+    Op.I2C_INIT: _i2c_init,
+    Op.I2C_READ_MEM: _i2c_read,
+    Op.I2C_WRITE_MEM: _i2c_write,
+    Op.I2C_READ: _i2c_read,
+    Op.I2C_WRITE: _i2c_write,
+    Op.I2C_SCAN: _i2c_scan,
+    Op.PIN_INIT: _pin_init,
+    Op.PIN_SET: _pin_set,
+    Op.PIN_GET: _pin_get,
+    Op.ADC_READ: _adc,
+    Op.WDT: _wdt,
+    Op.RESET: _reset,
+    Op.SOFT_RESET: _soft_reset,
+    Op.WRITE: _write,
+    Op.READ: _read,
+    Op.COUNT: _count,
+    Op.UART_INIT: _uart_init,
+    Op.WLAN: _wlan,
+    Op.UDP_OPEN: _udp_open,
+    Op.UDP_BIND: _udp_bind,
+    Op.UDP_SEND: _udp_send,
+    Op.UDP_RECV: _udp_recv,
+    Op.UDP_CLOSE: _udp_close,
+    Op.IDLE: _idle,
+}

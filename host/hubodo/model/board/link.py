@@ -1,0 +1,197 @@
+"""What the board is plugged into: a pseudo terminal that behaves as USB CDC, or memory for tests."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import termios
+import time
+import tty
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+TX_FIFO = 256
+RX_FIFO = 1024
+
+
+class Link(Protocol):
+    """One byte stream to a host."""
+
+    counts: Counter[str]
+
+    def read(self) -> bytes:
+        """What the host has sent since, possibly nothing."""
+        ...
+
+    def write(self, data: bytes) -> int:
+        """How many bytes went out at once; with no host all of them, into nowhere."""
+        ...
+
+    @property
+    def host_open(self) -> bool:
+        """Whether a host holds the port open."""
+        ...
+
+    def fileno(self) -> int:
+        """Descriptor to wait on for input, -1 for none."""
+        ...
+
+    def close(self) -> None:
+        """Give everything back."""
+        ...
+
+
+class LineNoise:
+    """A relay that spoils bytes on their way to the host.
+
+    Args:
+        corrupt: probability that a byte is replaced by another value.
+        lose: probability that a byte is cut out.
+        seed: of the generator.
+    """
+
+    def __init__(self, corrupt: float = 0.0, lose: float = 0.0, seed: int = 0) -> None:
+        if not (0 <= corrupt <= 1 and 0 <= lose <= 1):
+            raise ValueError(f"corrupt {corrupt}, lose {lose}: want probabilities")
+        self.corrupt, self.lose = corrupt, lose
+        self.counts: Counter[str] = Counter()
+        self._rng = np.random.default_rng(seed)
+
+    def apply(self, data: bytes) -> bytes:
+        """The bytes as they arrive."""
+        if not (self.corrupt or self.lose) or not data:
+            return data
+        values = np.frombuffer(data, dtype=np.uint8)
+        hit = self._rng.random(len(values)) < self.corrupt
+        changed = np.where(hit, values ^ self._rng.integers(1, 256, len(values), dtype=np.uint8), values)
+        kept = self._rng.random(len(values)) >= self.lose
+        self.counts["corrupted"] += int(hit.sum())
+        self.counts["lost"] += int((~kept).sum())
+        return changed[kept].tobytes()
+
+
+class PtyLink:
+    """USB CDC as the host sees it: a terminal that goes when unplugged and comes back under another name.
+
+    Args:
+        link_path: symbolic link kept on the terminal in being, removed while there is none.
+    """
+
+    def __init__(self, link_path: Path | None = None) -> None:
+        self.counts: Counter[str] = Counter()
+        self.link_path = link_path
+        self._master = -1
+        self.name = ""
+        self._open = False
+        self._looked = 0.0
+        self.plug()
+
+    def plug(self) -> None:
+        """A new terminal appears."""
+        if self._master >= 0:
+            return
+        self._master, slave = os.openpty()
+        tty.setraw(slave, termios.TCSANOW)
+        self.name = os.ttyname(slave)
+        os.close(slave)
+        os.set_blocking(self._master, False)
+        self._open, self._looked = False, 0.0
+        self._poll = select.poll()
+        self._poll.register(self._master, 0)
+        if self.link_path is not None:
+            fresh = self.link_path.with_name(self.link_path.name + ".new")
+            with contextlib.suppress(FileNotFoundError):
+                fresh.unlink()
+            fresh.symlink_to(self.name)
+            fresh.replace(self.link_path)
+
+    def unplug(self) -> None:
+        """The terminal is gone; a host that holds it meets a hang-up."""
+        if self._master < 0:
+            return
+        if self.link_path is not None:
+            with contextlib.suppress(FileNotFoundError):
+                self.link_path.unlink()
+        os.close(self._master)
+        self._master = -1
+        self._open = False
+
+    close = unplug
+
+    def fileno(self) -> int:
+        """The master side while a host is there: without one it would be ready for ever."""
+        return self._master if self._open else -1
+
+    @property
+    def host_open(self) -> bool:
+        """Whether some process has the terminal open; looked up at most every 5 ms while nobody has."""
+        if self._master < 0:
+            return False
+        now = time.monotonic()
+        if self._open or now - self._looked > 0.005:
+            self._looked = now
+            self._open = not any(event & select.POLLHUP for _, event in self._poll.poll(0))
+        return self._open
+
+    def read(self) -> bytes:
+        """Bytes the host has written."""
+        if self._master < 0:
+            return b""
+        try:
+            return os.read(self._master, RX_FIFO)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            self._open = False
+            return b""
+
+    def write(self, data: bytes) -> int:
+        """As much as the terminal takes; everything, discarded, when nobody has it open."""
+        if not self.host_open:
+            self.counts["discarded"] += len(data)
+            return len(data)
+        try:
+            n = os.write(self._master, data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self.counts["discarded"] += len(data)
+            return len(data)
+        self.counts["written"] += n
+        return n
+
+
+class MemoryLink:
+    """A host that takes everything and is always there; what it says is a script of (s, bytes)."""
+
+    def __init__(self, script: Sequence[tuple[float, bytes]] = ()) -> None:
+        self.counts: Counter[str] = Counter()
+        self.output = bytearray()
+        self.t = 0.0
+        self._script = sorted(script)
+        self.host_open = True
+
+    def read(self) -> bytes:
+        """What the script has sent by the time `t`, s, that the board has set."""
+        data = b""
+        while self._script and self._script[0][0] <= self.t:
+            data += self._script.pop(0)[1]
+        return data
+
+    def write(self, data: bytes) -> int:
+        """Takes all."""
+        self.output += data
+        self.counts["written"] += len(data)
+        return len(data)
+
+    def fileno(self) -> int:
+        """Nothing to wait on."""
+        return -1
+
+    def close(self) -> None:
+        """Nothing to give back."""

@@ -1,0 +1,245 @@
+"""machine of the virtual board: I2C, Pin, ADC, WDT, UART over the board's devices, without allocation."""
+
+# MicroPython's own types: not the host's code, no host types.
+# mypy: ignore-errors
+
+import io
+
+import _board
+
+_to = _board.i2c_to
+_result = _board.result
+_bus = open("/dev/i2c", "r+b")
+_serial = open("/dev/serial", "r+b")
+_into = _bus.readinto
+_out = _bus.write
+_serial_to = _board.serial_to
+_serial_into = _serial.readinto
+_serial_out = _serial.write
+_count = _board.count
+_pin_set = _board.pin_set
+_pin_get = _board.pin_get
+_pin_init = _board.pin_init
+_adc = _board.adc
+_wdt = _board.wdt
+_uart_init = _board.uart_init
+
+_WAITING = 0x3FFF
+_ROOM = 0x4000
+
+PWRON_RESET = 1
+HARD_RESET = 2
+WDT_RESET = 3
+DEEPSLEEP_RESET = 4
+SOFT_RESET = 5
+
+
+def unique_id():
+    text = _board.unique_id()
+    return bytes(int(text[i : i + 2], 16) for i in range(0, len(text), 2))
+
+
+def reset_cause():
+    return _board.reset_cause()
+
+
+def reset():
+    _board.reset()
+
+
+def soft_reset():
+    raise SystemExit
+
+
+def freq(hz=None):
+    return _board.frequency()
+
+
+def idle():
+    pass
+
+
+def disable_irq():
+    return 0
+
+
+def enable_irq(state):
+    pass
+
+
+class Pin:
+    IN = 0
+    OUT = 1
+    OPEN_DRAIN = 2
+    PULL_UP = 1
+    PULL_DOWN = 2
+    IRQ_RISING = 8
+    IRQ_FALLING = 4
+
+    def __init__(self, id, mode=-1, pull=-1, value=None):
+        self._id = id._id if isinstance(id, Pin) else _pin_number(id)
+        if mode >= 0:
+            self.init(mode, pull, value=value)
+
+    def init(self, mode=-1, pull=-1, value=None):
+        if value is not None:
+            _pin_set(self._id, 1 if value else 0)
+        _pin_init(self._id, mode, -1 if pull is None else pull)
+
+    def value(self, level=None):
+        if level is None:
+            return _pin_get(self._id)
+        _pin_set(self._id, 1 if level else 0)
+        return None
+
+    def __call__(self, level=None):
+        return self.value(level)
+
+    def on(self):
+        _pin_set(self._id, 1)
+
+    def off(self):
+        _pin_set(self._id, 0)
+
+    def high(self):
+        _pin_set(self._id, 1)
+
+    def low(self):
+        _pin_set(self._id, 0)
+
+    def toggle(self):
+        _pin_set(self._id, 1 - _pin_get(self._id))
+
+
+def _pin_number(id):
+    if isinstance(id, int):
+        return id
+    if id == "LED":
+        return 25
+    return int(id[2:])
+
+
+def _number(pin, default):
+    if pin is None:
+        return default
+    return pin._id if isinstance(pin, Pin) else _pin_number(pin)
+
+
+class I2C:
+    def __init__(self, id=0, *, scl=None, sda=None, freq=400000, timeout=50000):
+        self._id = id
+        self._mem = id << 1
+        self._plain = id << 1 | 1
+        _board.i2c_init(id, freq, _number(scl, -1), _number(sda, -1))
+
+    def init(self, *, scl=None, sda=None, freq=400000):
+        _board.i2c_init(self._id, freq, _number(scl, -1), _number(sda, -1))
+
+    def deinit(self):
+        pass
+
+    def readfrom_mem_into(self, addr, memaddr, buf, *, addrsize=8):
+        _to(self._mem, addr, memaddr, addrsize >> 3)
+        _into(buf)
+        if _result() < 0:
+            raise OSError(-_result())
+
+    def writeto_mem(self, addr, memaddr, buf, *, addrsize=8):
+        _to(self._mem, addr, memaddr, addrsize >> 3)
+        _out(buf)
+        if _result() < 0:
+            raise OSError(-_result())
+
+    def readfrom_mem(self, addr, memaddr, nbytes, *, addrsize=8):
+        buf = bytearray(nbytes)
+        self.readfrom_mem_into(addr, memaddr, buf, addrsize=addrsize)
+        return bytes(buf)
+
+    def readfrom_into(self, addr, buf, stop=True):
+        _to(self._plain, addr, 0, 0)
+        _into(buf)
+        if _result() < 0:
+            raise OSError(-_result())
+
+    def readfrom(self, addr, nbytes, stop=True):
+        buf = bytearray(nbytes)
+        self.readfrom_into(addr, buf)
+        return bytes(buf)
+
+    def writeto(self, addr, buf, stop=True):
+        _to(self._plain, addr, 0, 0)
+        _out(buf)
+        if _result() < 0:
+            raise OSError(-_result())
+        return len(buf)
+
+    def scan(self):
+        return [ord(c) for c in _board.i2c_scan(self._id)]
+
+
+class SoftI2C(I2C):
+    def __init__(self, scl, sda, *, freq=400000, timeout=50000):
+        super().__init__(0, scl=scl, sda=sda, freq=freq)
+
+
+class ADC:
+    CORE_TEMP = 4
+
+    def __init__(self, id):
+        self._id = id._id if isinstance(id, Pin) else id
+
+    def read_u16(self):
+        return _adc(self._id)
+
+
+class WDT:
+    def __init__(self, id=0, timeout=5000):
+        if not 1 <= timeout <= 8388:
+            raise ValueError("timeout exceeds 8388")
+        _wdt(1, timeout)
+
+    def feed(self):
+        _wdt(0, 0)
+
+
+class UART(io.IOBase):
+    def __init__(self, id, baudrate=115200, **options):
+        self._port = id + 1
+        self._timeout = 0
+        self.init(baudrate, **options)
+
+    def init(self, baudrate=115200, bits=8, parity=None, stop=1, *, timeout=0, txbuf=256, rxbuf=256, **pins):
+        self._timeout = timeout
+        _uart_init(self._port, baudrate, txbuf, rxbuf)
+
+    def deinit(self):
+        pass
+
+    def any(self):
+        return _count(self._port) & _WAITING
+
+    def write(self, buf, at=None, size=None):
+        _serial_to(self._port, 0)
+        if size is not None:
+            return _serial_out(buf, at, size) or None
+        return (_serial_out(buf) if at is None else _serial_out(buf, at)) or None
+
+    def readinto(self, buf, nbytes=None):
+        _serial_to(self._port, self._timeout)
+        if nbytes is not None:
+            buf = memoryview(buf)[:nbytes]
+        return _serial_into(buf) or None
+
+    def read(self, nbytes=None):
+        n = self.any() if nbytes is None else nbytes
+        if not n:
+            return None
+        buf = bytearray(n)
+        got = self.readinto(buf)
+        return bytes(buf[:got]) if got else None
+
+    def ioctl(self, request, arg):
+        if request == 3:
+            count = _count(self._port)
+            return arg & ((1 if count & _WAITING else 0) | (4 if count & _ROOM else 0))
+        return 0

@@ -1,0 +1,1 @@
+"""Chips as seen from the bus: registers, sample clock, faults."""

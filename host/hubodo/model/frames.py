@@ -1,0 +1,46 @@
+"""Frames of a wheel node: hub axes with camber, and the rotation from the body to the turning node."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Side = Literal["left", "right"]
+Facing = Literal["left", "right"]
+Array = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.80665
+
+
+def side_sign(side: Side) -> float:
+    """+1 for the left wheel, -1 for the right one: the sign of its y coordinate in the body."""
+    return 1.0 if side == "left" else -1.0
+
+
+def facing_sign(facing: Facing) -> float:
+    """+1 for a node whose z axis points left, -1 for one whose z axis points right."""
+    return 1.0 if facing == "left" else -1.0
+
+
+def hub_axes(side: Side, camber: float) -> tuple[Array, Array, Array]:
+    """Hub up u, forward f and axle-to-the-left a of a wheel, each (3,) in body axes.
+
+    camber: rad, positive when the wheel tops lean inwards.
+    """
+    s = side_sign(side) * np.sin(camber)
+    c = np.cos(camber)
+    return np.array([0.0, -s, c]), np.array([1.0, 0.0, 0.0]), np.array([0.0, c, s])
+
+
+def node_from_body(theta: Array, side: Side, facing: Facing, camber: float = 0.0) -> Array:
+    """Rotations C_sb, (N, 3, 3), that turn body components into node components.
+
+    theta: (N,) rad, wheel angle, growing when rolling forwards.
+    x_s = cos(theta) u + sin(theta) f, y_s = cos(theta) f - sin(theta) u, z_s = a; a node facing right has
+    y_s and z_s negated.
+    """
+    u, f, a = hub_axes(side, camber)
+    cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    sign = facing_sign(facing)
+    rows = [cos * u + sin * f, sign * (cos * f - sin * u), np.broadcast_to(sign * a, (len(theta), 3))]
+    return np.stack(rows, axis=1)
