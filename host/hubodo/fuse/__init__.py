@@ -1,0 +1,1 @@
+"""Estimators: measurements in, states out; no port, file, clock or thread."""

@@ -1,0 +1,422 @@
+"""Differential odometry from the spin of two wheels; its covariance knows what does not average out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.model.frames import STANDARD_GRAVITY, Facing, Side, facing_sign
+
+_MAX_KNOTS = 1 << 17
+_PORTION_NS = 1_000_000_000
+_Row = list[float]
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSpec:
+    """A wheel and its node. radius: m; gyro_bias of the node's z axis and its 1 sigma: rad/s."""
+
+    radius: float
+    facing: Facing
+    gyro_bias: float = 0.0
+    gyro_bias_sigma: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryNoise:
+    """What the covariance grows by; all 1 sigma.
+
+    gyro: rad/s per sample. road, lateral: m per square root of a metre rolled. speed_walk: m/s per
+    square root of a second, how the speed wanders where samples are missing. The rest are constants of
+    a drive and do not average out: radius (both wheels alike), radius_each, track: fractions.
+    """
+
+    gyro: float = 0.004
+    road: float = 0.002
+    lateral: float = 0.001
+    speed_walk: float = 1.0
+    radius: float = 0.005
+    radius_each: float = 0.001
+    track: float = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryConfig:
+    """track_width: m, between the contacts. step_ns: distance of the poses. standstill_bias: whether the
+    bias of a gyro is measured while its wheel rests."""
+
+    left: WheelSpec
+    right: WheelSpec
+    track_width: float
+    step_ns: int = 10_000_000
+    standstill_bias: bool = True
+    noise: OdometryNoise = field(default_factory=OdometryNoise)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelSamples:
+    """Consecutive samples of the node on one wheel.
+
+    t_ns: (N,) host time; gyro: (N, 3) rad/s; accel: (N, 3) m/s2 specific force; node axes.
+    """
+
+    side: Side
+    t_ns: NDArray[np.int64]
+    gyro: NDArray[np.float64]
+    accel: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryState:
+    """Pose and motion of the body at one time.
+
+    x, y: m and heading: rad, in the frame of the start; distance: m rolled, backwards counts too. speed:
+    m/s, yaw_rate: rad/s, means over the step. covariance: 3 rows over x, y, heading, in the frame of the
+    start; twist_covariance: 2 rows over speed, yaw_rate.
+    """
+
+    t_ns: int
+    x: float
+    y: float
+    heading: float
+    speed: float
+    yaw_rate: float
+    distance: float
+    covariance: tuple[tuple[float, float, float], ...]
+    twist_covariance: tuple[tuple[float, float], ...]
+
+
+class Outcome(Enum):
+    """What became of samples."""
+
+    ADVANCED = "new poses"
+    WAITING = "kept until the other wheel's samples come"
+    LATE = "some were not newer than the ones before, and were left out"
+
+
+@dataclass(frozen=True, slots=True)
+class Handled:
+    """Outcome of `handle`, and the poses that it made known, oldest first."""
+
+    outcome: Outcome
+    states: tuple[OdometryState, ...]
+
+
+class DifferentialOdometry:
+    """Shah et al., eq. 16: ds = (dsl + dsr) / 2, dtheta = (dsr - dsl) / b, along the heading halfway.
+
+    Each wheel's speed is R times the rate about its axle, with the signs of the model's README; distances are
+    integrated by the trapezoid rule at the samples' own times and read off at common times every
+    `step_ns`. Missing samples are bridged on the chord of the speed, at the price of a variance of
+    q dt^3 / 12 (integral of a Brownian bridge). Errors that are constant over a drive (radii, track,
+    gyro biases) are carried as sensitivities of the pose, not as noise.
+    """
+
+    def __init__(self, config: OdometryConfig) -> None:
+        self._config = config
+        noise = config.noise
+        self._wheels: dict[Side, _Wheel] = {
+            "left": _Wheel(config.left, noise, config.standstill_bias),
+            "right": _Wheel(config.right, noise, config.standstill_bias),
+        }
+        self._t_ns: int | None = None
+        self._at: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+        self._x = self._y = self._heading = self._distance = 0.0
+        self._p = [[0.0] * 3 for _ in range(3)]
+        # Pose against: radius of both, left, right, track; bias left, right.
+        self._j = [[0.0] * 6 for _ in range(3)]
+        self._bias_sigmas = [config.left.gyro_bias_sigma, config.right.gyro_bias_sigma]
+        self._state: OdometryState | None = None
+
+    def handle(self, samples: WheelSamples) -> Handled:
+        """Takes samples of one wheel; wheels may come in any order and portions."""
+        wheel = self._wheels[samples.side]
+        late = wheel.add(samples)
+        states = tuple(self._advance())
+        if late:
+            return Handled(Outcome.LATE, states)
+        return Handled(Outcome.ADVANCED if states else Outcome.WAITING, states)
+
+    def state(self) -> OdometryState | None:
+        """The newest pose, None before both wheels have moved time forward."""
+        return self._state
+
+    def biases(self) -> dict[Side, tuple[float, float]]:
+        """Gyro bias in use and its 1 sigma by wheel, rad/s."""
+        return {side: (wheel.bias, wheel.bias_sigma) for side, wheel in self._wheels.items()}
+
+    def finish(self) -> tuple[OdometryState, ...]:
+        """No more samples will come: what waited for a first look at standstill goes on without."""
+        for wheel in self._wheels.values():
+            wheel.ready = True
+        return tuple(self._advance())
+
+    def _advance(self) -> list[OdometryState]:
+        left, right = self._wheels["left"], self._wheels["right"]
+        if not (left.ready and right.ready and left.knots and right.knots):
+            return []
+        step = self._config.step_ns
+        if self._t_ns is None:
+            start = max(left.knots[0][0], right.knots[0][0])
+            start = -(-start // step) * step
+            if start > min(left.newest, right.newest):
+                return []
+            self._t_ns = start
+            self._at = (left.at(start), right.at(start))
+            self._state = self._make(start, 0.0, 0.0, 0.0, 0.0)
+            states = [self._state]
+        else:
+            states = []
+        end = min(left.newest, right.newest)
+        while self._t_ns + step <= end:
+            self._t_ns += step
+            states.append(self._step(self._t_ns, left.at(self._t_ns), right.at(self._t_ns)))
+        return states
+
+    def _step(self, t_ns: int, left: tuple[float, float], right: tuple[float, float]) -> OdometryState:
+        (before_l, before_r), self._at = self._at, (left, right)
+        dl, dr = left[0] - before_l[0], right[0] - before_r[0]
+        vl, vr = left[1] - before_l[1], right[1] - before_r[1]
+        b, dt = self._config.track_width, self._config.step_ns * 1e-9
+        ds, dtheta = 0.5 * (dl + dr), (dr - dl) / b
+        mid = self._heading + 0.5 * dtheta
+        cos, sin = math.cos(mid), math.sin(mid)
+        self._x += ds * cos
+        self._y += ds * sin
+        self._heading += dtheta
+        self._distance += abs(ds)
+        self._grow(ds, cos, sin, vl, vr)
+        rl, rr = self._config.left.radius * dt, self._config.right.radius * dt
+        self._fold_biases()
+        per_parameter = (
+            (ds, dtheta),
+            (0.5 * dl, -dl / b),
+            (0.5 * dr, dr / b),
+            (0.0, -dtheta),
+            (0.5 * rl, -rl / b),
+            (0.5 * rr, rr / b),
+        )
+        jx, jy, jh = self._j
+        for k, (d, turn) in enumerate(per_parameter):
+            h = jh[k] + 0.5 * turn
+            jx[k] += cos * d - ds * sin * h
+            jy[k] += sin * d + ds * cos * h
+            jh[k] += turn
+        self._state = self._make(t_ns, ds / dt, dtheta / dt, vl / dt**2, vr / dt**2)
+        return self._state
+
+    def _grow(self, ds: float, cos: float, sin: float, vl: float, vr: float) -> None:
+        """P = F P F' + Q of one step; Q is set up in the body's axes and turned by the heading halfway."""
+        b, p = self._config.track_width, self._p
+        a, c = -ds * sin, ds * cos
+        xx = p[0][0] + 2 * a * p[0][2] + a * a * p[2][2]
+        xy = p[0][1] + a * p[1][2] + c * p[0][2] + a * c * p[2][2]
+        yy = p[1][1] + 2 * c * p[1][2] + c * c * p[2][2]
+        xh, yh, hh = p[0][2] + a * p[2][2], p[1][2] + c * p[2][2], p[2][2]
+        qh = (vl + vr) / b**2
+        forward = 0.25 * (vl + vr)
+        side = self._config.noise.lateral**2 * abs(ds) + 0.25 * ds * ds * qh
+        fh, sh = 0.5 * (vr - vl) / b, 0.5 * ds * qh
+        fs = 0.5 * ds * fh
+        xx += cos * cos * forward - 2 * cos * sin * fs + sin * sin * side
+        yy += sin * sin * forward + 2 * cos * sin * fs + cos * cos * side
+        xy += cos * sin * (forward - side) + (cos * cos - sin * sin) * fs
+        xh += cos * fh - sin * sh
+        yh += sin * fh + cos * sh
+        hh += qh
+        self._p = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]]
+
+    def _fold_biases(self) -> None:
+        """A bias that has been measured anew has a new error: what the old one did becomes plain variance."""
+        for k, side in ((4, "left"), (5, "right")):
+            wheel = self._wheels["left" if side == "left" else "right"]
+            if wheel.bias_sigma == self._bias_sigmas[k - 4]:
+                continue
+            variance = self._bias_sigmas[k - 4] ** 2
+            for i in range(3):
+                for j in range(3):
+                    self._p[i][j] += self._j[i][k] * self._j[j][k] * variance
+            for i in range(3):
+                self._j[i][k] = 0.0
+            self._bias_sigmas[k - 4] = wheel.bias_sigma
+
+    def _make(self, t_ns: int, speed: float, yaw_rate: float, vl: float, vr: float) -> OdometryState:
+        noise, b = self._config.noise, self._config.track_width
+        each = noise.radius_each**2
+        variances = (noise.radius**2, each, each, noise.track**2, *(s * s for s in self._bias_sigmas))
+
+        def total(i: int, k: int) -> float:
+            rows: tuple[_Row, _Row] = (self._j[i], self._j[k])
+            return self._p[i][k] + sum(u * v * w for u, v, w in zip(*rows, variances, strict=True))
+
+        xx, xy, xh, yy, yh, hh = (total(i, k) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+        cross = 0.5 * (vr - vl) / b
+        return OdometryState(
+            t_ns,
+            self._x,
+            self._y,
+            self._heading,
+            speed,
+            yaw_rate,
+            self._distance,
+            ((xx, xy, xh), (xy, yy, yh), (xh, yh, hh)),
+            ((0.25 * (vl + vr), cross), (cross, (vl + vr) / b**2)),
+        )
+
+
+class _Wheel:
+    """Distance rolled by one wheel, as knots (time, distance, variance) between which it is linear."""
+
+    def __init__(self, spec: WheelSpec, noise: OdometryNoise, standstill_bias: bool) -> None:
+        self.knots: deque[tuple[int, float, float]] = deque()
+        self.bias = spec.gyro_bias
+        self.bias_sigma = spec.gyro_bias_sigma
+        self.ready = not standstill_bias  # a first look has told whether it rests
+        self.newest = 0
+        self._sign = facing_sign(spec.facing)
+        self._radius = spec.radius
+        self._noise = noise
+        self._rate = 0.0
+        self._rest = _Standstill() if standstill_bias else None
+
+    def add(self, samples: WheelSamples) -> int:
+        """Integrates samples; returns how many were late."""
+        late = 0
+        noise, radius = self._noise, self._radius
+        gyro_variance, road, walk = (radius * noise.gyro) ** 2, noise.road**2, noise.speed_walk**2 / 12
+        rows = zip(
+            samples.t_ns.tolist(),
+            samples.gyro[:, 2].tolist(),
+            samples.accel[:, 0].tolist(),
+            samples.accel[:, 1].tolist(),
+            strict=True,
+        )
+        for t_ns, rate, ax, ay in rows:
+            if self.knots:
+                before, distance, variance = self.knots[-1]
+                if t_ns <= before:
+                    late += 1
+                    continue
+                dt = (t_ns - before) * 1e-9
+                ds = radius * self._sign * (0.5 * (self._rate + rate) - self.bias) * dt
+                variance += gyro_variance * dt * dt + road * abs(ds) + walk * dt**3
+                self.knots.append((t_ns, distance + ds, variance))
+            else:
+                self.knots.append((t_ns, 0.0, 0.0))
+            self._rate, self.newest = rate, t_ns
+            if self._rest is not None and self._rest.add(t_ns, rate, ax, ay):
+                self._look(self._rest)
+        if len(self.knots) > _MAX_KNOTS:
+            # The other wheel has been silent for minutes: the shape in between is lost to it anyway.
+            self.knots = deque([*list(self.knots)[:-1:2], self.knots[-1]])
+        return late
+
+    def at(self, t_ns: int) -> tuple[float, float]:
+        """Distance and variance at a time between the oldest and newest knot; older knots are let go."""
+        knots = self.knots
+        while len(knots) > 1 and knots[1][0] <= t_ns:
+            knots.popleft()
+        t0, s0, v0 = knots[0]
+        if len(knots) == 1 or t_ns == t0:
+            return s0, v0
+        t1, s1, v1 = knots[1]
+        share = (t_ns - t0) / (t1 - t0)
+        return s0 + share * (s1 - s0), v0 + share * (v1 - v0)
+
+    def _look(self, rest: _Standstill) -> None:
+        """A block of samples has been judged: a resting wheel shows its gyro's bias."""
+        if rest.resting:
+            variance = self.bias_sigma**2
+            gain = variance / (variance + rest.variance)
+            change = gain * (rest.mean - self.bias)
+            self.bias += change
+            self.bias_sigma = math.sqrt((1 - gain) * variance + _BIAS_WALK**2 * 2 * _HALF_NS * 1e-9)
+            if not self.ready:
+                start = self.knots[0][0]
+                slope = self._radius * self._sign * change * 1e-9
+                self.knots = deque((t, s - slope * (t - start), v) for t, s, v in self.knots)
+        self.ready = True
+
+
+_HALF_NS = 250_000_000
+_BIAS_WALK = 2e-5  # rad/s per sqrt(s)
+_REST_SPREAD = 0.02  # rad/s
+_REST_LIMIT = 0.35  # rad/s: twice the zero-rate level of a bad part
+_REST_TURN = 0.005  # rad that gravity may turn by between the halves of a block: 20 mrad/s
+_BIAS_FLOOR = 2e-4  # rad/s
+_REST_SAMPLES = 10
+
+
+class _Standstill:
+    """Blocks of half a second: the wheel rests where its gyro is steady and gravity does not turn."""
+
+    def __init__(self) -> None:
+        self.resting = False
+        self.mean = self.variance = 0.0
+        self._end_ns: int | None = None
+        self._half = [0.0] * 5
+        self._first: list[float] | None = None
+
+    def add(self, t_ns: int, rate: float, ax: float, ay: float) -> bool:
+        """One sample; True when a block has just been judged."""
+        judged = False
+        if self._end_ns is None:
+            self._end_ns = t_ns + _HALF_NS
+        elif t_ns >= self._end_ns:
+            self._end_ns = t_ns + _HALF_NS
+            judged = self._first is not None
+            if self._first is not None:
+                self._judge(self._first, self._half)
+                self._first = None
+            else:
+                self._first = self._half
+            self._half = [0.0] * 5
+        half = self._half
+        half[0] += 1
+        half[1] += rate
+        half[2] += rate * rate
+        half[3] += ax
+        half[4] += ay
+        return judged
+
+    def _judge(self, one: list[float], two: list[float]) -> None:
+        n = one[0] + two[0]
+        self.mean = (one[1] + two[1]) / n
+        spread = max((one[2] + two[2]) / n - self.mean**2, 0.0)
+        turn = (
+            math.hypot(one[3] / one[0] - two[3] / two[0], one[4] / one[0] - two[4] / two[0])
+            / STANDARD_GRAVITY
+        )
+        steady = spread < _REST_SPREAD**2 and abs(self.mean) < _REST_LIMIT and turn < _REST_TURN
+        self.resting = steady and n >= _REST_SAMPLES
+        self.variance = spread / n + _BIAS_FLOOR**2
+
+
+def integrate(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
+    """All poses of recorded wheels, the same as if the samples had come live."""
+    odometry = DifferentialOdometry(config)
+    states: list[OdometryState] = []
+    for part in _second_by_second(wheels):
+        states += odometry.handle(part).states
+    return [*states, *odometry.finish()]
+
+
+def _second_by_second(wheels: Sequence[WheelSamples]) -> Iterator[WheelSamples]:
+    """Portions of all wheels in turn, so that no wheel gets far ahead of the others."""
+    starts = [int(wheel.t_ns[0]) for wheel in wheels if len(wheel.t_ns)]
+    ends = [int(wheel.t_ns[-1]) for wheel in wheels if len(wheel.t_ns)]
+    if not starts:
+        return
+    edges = np.arange(min(starts), max(ends) + 2 * _PORTION_NS, _PORTION_NS, dtype=np.int64)
+    places = [np.searchsorted(wheel.t_ns, edges) for wheel in wheels]
+    for k in range(len(edges) - 1):
+        for wheel, place in zip(wheels, places, strict=True):
+            part = slice(place[k], place[k + 1])
+            if part.stop > part.start:
+                yield WheelSamples(wheel.side, wheel.t_ns[part], wheel.gyro[part], wheel.accel[part])

@@ -1,0 +1,92 @@
+"""A self-contained HTML page from sections of words, tables and figures; it opens without a network."""
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import plotly.graph_objects as go
+import plotly.io
+from plotly.offline import get_plotlyjs
+
+# The three hues differ in lightness too, so that they stay apart in grey and for colour-blind eyes.
+COLOURS = {"left": "#1b6ca8", "right": "#d1495b", "truth": "#8a8d91", "fused": "#2e7d5b", "frame": "#8a8d91"}
+
+_STYLE = """
+:root { color-scheme: light dark; --ink: #1d2126; --dim: #5d646c; --line: #d8dce0; --paper: #ffffff; }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e6e8ea; --dim: #9aa2aa; --line: #3a4047; --paper: #16191d; }
+}
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; margin-bottom: 0.2rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
+p.lead { font-size: 1.1rem; } p { color: var(--ink); } .dim { color: var(--dim); }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
+th, td { text-align: right; padding: 0.25rem 0.9rem 0.25rem 0; border-bottom: 1px solid var(--line); }
+th:first-child, td:first-child { text-align: left; }
+th { color: var(--dim); font-weight: 600; }
+.figure { background: #ffffff; border: 1px solid var(--line); border-radius: 6px; padding: 4px; }
+"""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table: one row of headings, rows of text."""
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with words, then tables and figures."""
+
+    title: str
+    text: str = ""
+    tables: Sequence[Grid] = ()
+    figures: Sequence[go.Figure] = ()
+
+
+def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
+    """An empty figure in the style of the pages; `equal` gives both axes the same scale, as a map needs."""
+    made = go.Figure()
+    made.update_layout(
+        template="plotly_white",
+        height=height,
+        margin={"l": 60, "r": 20, "t": 20, "b": 50},
+        xaxis_title=x_title,
+        yaxis_title=y_title,
+        legend={"orientation": "h", "y": 1.08, "x": 0.0},
+    )
+    if equal:
+        made.update_yaxes(scaleanchor="x", scaleratio=1.0)
+    return made
+
+
+def _grid(grid: Grid) -> str:
+    head = "".join(f"<th>{html.escape(text)}</th>" for text in grid.headings)
+    rows = ("".join(f"<td>{html.escape(text)}</td>" for text in row) for row in grid.rows)
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _figure(made: go.Figure) -> str:
+    drawn = plotly.io.to_html(made, include_plotlyjs=False, full_html=False, config={"displaylogo": False})
+    return f'<div class="figure">{drawn}</div>'
+
+
+def page(title: str, lead: str, sections: Sequence[Section]) -> str:
+    """The page as text: a title, one sentence that says the result, then the sections."""
+    parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>']
+    for section in sections:
+        parts.append(f"<h2>{html.escape(section.title)}</h2>")
+        if section.text:
+            parts.append(f"<p>{html.escape(section.text)}</p>")
+        parts += [_grid(grid) for grid in section.tables]
+        parts += [_figure(made) for made in section.figures]
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{html.escape(title)}</title><style>{_STYLE}</style>"
+        f"<script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>\n"
+    )

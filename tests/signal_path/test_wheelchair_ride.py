@@ -1,0 +1,183 @@
+"""A real ride on two wheels through chip registers, firmware, pseudo serial ports, daemon, log and fusion."""
+
+import gzip
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hubodo.flash.image import build, firmware_folder
+from hubodo.model.chips.sampling import Truth
+from hubodo.model.motion import RecordedMotion
+from hubodo.model.virtual_node import VirtualNode
+from hubowire.messages import node_name
+from shared_data import shared_data
+
+WHEELS = {"left": 1, "right": 2}
+ODR_ERROR = {"left": 0.031, "right": -0.017}
+START = 2.0  # s of chip time at which the ride begins: by then the daemon listens
+VEHICLE = """
+[vehicle]
+wheel_radius = 0.31
+track_width = 0.60
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+"""
+
+
+def hubodo(*words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "hubodo.cli", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def read_csv(path: Path) -> dict[str, np.ndarray]:
+    opener = gzip.open if path.suffix == ".gz" else open
+    with opener(path, "rt") as stream:
+        names = stream.readline().strip().split(",")
+    data = np.loadtxt(path, delimiter=",", skiprows=1)
+    return dict(zip(names, data.T, strict=True))
+
+
+def recorded_motion(path: Path) -> RecordedMotion:
+    ride = read_csv(path)
+    gyro = np.column_stack([ride["gx"], ride["gy"], ride["gz"]])
+    accel = np.column_stack([ride["ax"], ride["ay"], ride["az"]])
+    return RecordedMotion(ride["t"], gyro, accel, temperature_c=ride["temperature"], start=START)
+
+
+@dataclass(frozen=True)
+class Ride:
+    """What one run through the whole path left behind."""
+
+    folder: Path
+    truth: dict[str, Truth]
+    result: dict
+    stats: dict[str, dict]
+
+
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory) -> Ride:
+    data = shared_data("wheelchair")
+    folder = tmp_path_factory.mktemp("ride")
+    image = folder / "image"
+    for name, content in build(firmware_folder(), None).items():
+        (image / name).parent.mkdir(parents=True, exist_ok=True)
+        (image / name).write_bytes(content)
+    (folder / "vehicle.toml").write_text(VEHICLE)
+    nodes = {
+        name: VirtualNode(
+            recorded_motion(data / f"{name}.csv.gz"),
+            firmware=image,
+            config={"node_id": number, "rate_hz": 416},
+            odr_error=ODR_ERROR[name],
+            clock="paced",
+            wait_for_host=True,
+            link_path=folder / f"tty-{name}",
+            seed=number,
+        )
+        for name, number in WHEELS.items()
+    }
+    try:
+        for node in nodes.values():
+            node.start()
+        ports = [f"{name}={folder / f'tty-{name}'}" for name in WHEELS]
+        done = hubodo("record", *ports, "-o", folder / "ride.mcap", "--vehicle", folder / "vehicle.toml",
+                      "--duration", 39, "--json")  # fmt: skip
+        truth = {name: node.chip.truth() for name, node in nodes.items()}
+        stats = {name: node.stats for name, node in nodes.items()}
+    finally:
+        for node in nodes.values():
+            node.stop()
+    assert done.returncode == 0, done.stderr
+    return Ride(folder, truth, json.loads(done.stdout), stats)
+
+
+def exported(ride: Ride) -> Path:
+    out = ride.folder / "csv"
+    if not out.exists():
+        done = hubodo("export", ride.folder / "ride.mcap", "-o", out)
+        assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_node_names_are_those_of_the_table():
+    assert {node_name(number): number for number in WHEELS.values()} == WHEELS
+
+
+def test_no_sample_is_lost_between_the_chips_and_the_log(ride):
+    for name in WHEELS:
+        found = ride.result["nodes"][name]
+        assert (found["samples_lost"], found["frames_lost"], found["gaps"]) == (0, 0, {}), found
+        assert ride.stats[name]["fifo_dropped"] == 0
+
+
+def steps(ride: Ride, name: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """Times (N,) s and raw steps (N, 6) of the exported samples, and where in the chip's record they begin."""
+    table = read_csv(exported(ride) / f"{name}.csv")
+    gyro = np.column_stack([table[c] for c in ("gx", "gy", "gz")]) / np.deg2rad(0.070)
+    accel = np.column_stack([table[c] for c in ("ax", "ay", "az")]) / (0.000488 * 9.80665)
+    values = np.column_stack([gyro, accel])
+    raw = np.rint(values).astype(np.int64)
+    np.testing.assert_allclose(values, raw, atol=1e-6)
+    # The node throws away what the chip made before its FIFO was switched on. At the start of the ride all
+    # samples differ from each other, so that only one place fits.
+    truth = ride.truth[name]
+    middle = len(raw) // 2
+    first = next(
+        k for k in range(len(truth.raw) - len(raw) + 1)
+        if np.array_equal(truth.raw[k + middle : k + middle + 50], raw[middle : middle + 50])
+    )  # fmt: skip
+    return table["t"], raw, first
+
+
+@pytest.mark.parametrize("name", WHEELS)
+def test_every_exported_sample_is_the_step_that_the_chip_made(ride, name):
+    """The whole ride: raw integers recovered from the CSV equal the chip's own, one by one, in order."""
+    t, raw, first = steps(ride, name)
+    truth = ride.truth[name]
+    np.testing.assert_array_equal(raw, truth.raw[first : first + len(raw)])
+    covered = truth.t[first : first + len(raw)]
+    assert covered[0] < START
+    assert covered[-1] > START + 35.0
+    rate = 416.0 * (1 + ODR_ERROR[name])
+    assert np.median(np.diff(t)) == pytest.approx(1 / rate, rel=2e-3)
+
+
+def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
+    """Against the plain integral of the recording's own wheel speeds, over the ride alone."""
+    done = hubodo("fuse", ride.folder / "ride.mcap", "--vehicle", ride.folder / "vehicle.toml",
+                  "-o", ride.folder / "fused", "--json")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    track = read_csv(ride.folder / "fused" / "track.csv")
+    assert list(track)[:5] == ["t", "x", "y", "heading", "speed"]
+    assert (track["x"][0], track["y"][0], track["heading"][0]) == (0, 0, 0)
+
+    data = shared_data("wheelchair")
+    wheels = [read_csv(data / f"{name}.csv.gz") for name in WHEELS]
+    grid = np.linspace(0.0, 35.0, 35001)
+    speeds = [0.31 * np.interp(grid, wheel["t"], wheel["gz"]) for wheel in wheels]
+    plain = np.trapezoid(np.abs(np.mean(speeds, axis=0)), grid)
+
+    t, raw, first = steps(ride, "left")
+    chip_t = ride.truth["left"].t[first : first + len(raw)]
+    begin, end = np.interp([START, START + 35.0], chip_t, t)
+    inside = (track["t"] >= begin) & (track["t"] <= end)
+    x, y = track["x"][inside], track["y"][inside]
+    assert np.sum(np.hypot(np.diff(x), np.diff(y))) == pytest.approx(plain, rel=0.01)
+
+
+def test_the_firmware_that_ran_is_the_image_that_is_flashed(ride):
+    """Byte for byte: what lies on the virtual board is what `hubodo flash` would copy."""
+    image = build(firmware_folder(), None)
+    for name, content in image.items():
+        assert (ride.folder / "image" / name).read_bytes() == content
+    shutil.rmtree(ride.folder / "image")
