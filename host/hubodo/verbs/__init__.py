@@ -3,7 +3,7 @@
 from importlib import import_module
 from types import ModuleType
 
-# Each is a module here, `import` with a trailing "_", with HELP, EXAMPLE, add_arguments(parser) and run(args).
+# Each is a module here (`import` with a trailing "_"): HELP, EXAMPLE, add_arguments(parser), run(args).
 # Names, not modules: a verb starts without waiting for what the others import.
 VERBS: tuple[str, ...] = (
     "demo",

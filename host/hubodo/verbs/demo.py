@@ -17,12 +17,13 @@ from hubodo.config import load_vehicle
 from hubodo.demo.report import demo_page, facts_grid
 from hubodo.demo.ride import Interpreter, RideResult, ride
 from hubodo.demo.scenario import WHEEL_RADIUS, make_scenario
-from hubodo.errors import InputError
+from hubodo.errors import HubodoError, InputError
 from hubodo.fuse.track import Score
+from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
 from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
 from hubodo.report.page import Grid
-from hubodo.verbs.fuse import Fused, fuse
+from hubodo.verbs.fuse import score_against_truth
 
 HELP = "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page"
 EXAMPLE = "hubodo demo -o out/demo --seed 7"
@@ -36,7 +37,7 @@ class Demo:
     interpreter: Interpreter
     page: Path
     ride: RideResult
-    fused: Fused
+    fused: WheelOdometry
     score: Score
     true_length: float
     seconds: float
@@ -46,7 +47,7 @@ class Demo:
         off = self.score
         return {
             "firmware ran on": "MicroPython" if self.interpreter == "micropython" else "CPython",
-            "length of the path": f"{self.fused.track.distance:.2f} m (truth {self.true_length:.2f} m)",
+            "length of the path": f"{self.fused.learnt['distance']:.2f} m (truth {self.true_length:.2f} m)",
             "error at the end": f"{off.final_error:.3f} m, {off.final_percent:.2f} % of the path",
             "largest error": f"{off.maximum_error:.3f} m, {off.maximum_percent:.2f} %",
             "heading error, rms": "-" if off.heading_rms is None else f"{math.degrees(off.heading_rms):.2f}°",
@@ -89,7 +90,11 @@ class Demo:
             "true_length": self.true_length,
             "seconds": round(self.seconds, 1),
             "recorded": self.ride.recorded,
-            "fused": self.fused.as_json(),
+            "fused": {
+                "method": self.fused.method,
+                **self.fused.learnt,
+                "truth": dataclasses.asdict(self.score),
+            },
         }
 
     def render(self, console: Console) -> None:
@@ -134,15 +139,17 @@ def run(args: argparse.Namespace) -> Demo:
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
     recording = dataclasses.replace(recording, truth=truth)
-    fused = fuse(recording, load_vehicle(result.vehicle), str(result.log), str(out))
-    assert fused.score is not None
+    fused = wheel_odometry(recording, load_vehicle(result.vehicle), log=str(result.log))
+    off = score_against_truth(fused.track, recording)
+    if off is None:
+        raise HubodoError(f"{result.log}: the drive and its log have no time in common; run the demo again")
     demo = Demo(
         args.seed,
         interpreter,
         out / "index.html",
         result,
         fused,
-        fused.score,
+        off,
         scenario.length(),
         time.monotonic() - started,
     )

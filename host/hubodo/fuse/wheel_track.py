@@ -1,0 +1,217 @@
+"""A recording of wheel nodes to a track, with what was learnt on the way and what a user must know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from hubodo.fuse import phase, smoother
+from hubodo.fuse.track import Track
+from hubodo.fuse.wheel_config import WheelConfig
+from hubodo.fuse.wheel_filter import START, WheelFilter
+from hubodo.fuse.wheel_state import Wheel
+from hubodo.fuse.wheel_step import Pose
+from hubodo.fuse.windows import WINDOW
+from hubodo.fuse.zero_velocity import Stillness
+from hubodo.log.recording import Table
+from hubodo.model.frames import Array, facing_sign
+
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class WheelTrack:
+    """Poses of the body origin, each (N,). t: s on the log's clock. x, y: m from the start; heading: rad,
+    unwrapped. speed: m/s and yaw_rate: rad/s, means of the tenth of a second that ends at t. covariance:
+    (N, 5, 5) of x, y, heading, speed, yaw_rate. still: 0 moving, 1 loitering, 2 at rest. nis, degrees: of
+    each step.
+    """
+
+    t: Array
+    x: Array
+    y: Array
+    heading: Array
+    speed: Array
+    yaw_rate: Array
+    covariance: Array
+    still: Array
+    nis: Array
+    degrees: Array
+
+    def plain(self) -> Track:
+        """The same as the common track: no yaw rate, sigmas instead of covariances."""
+        sigma = np.sqrt(np.maximum(np.einsum("nii->in", self.covariance), 0.0))
+        return Track(self.t, self.x, self.y, self.heading, self.speed, *sigma[:3])
+
+
+@dataclass(frozen=True)
+class WheelReport:
+    """What the filter learnt. distance: m along the track. duration: s. method: in words. vehicle and nodes:
+    name -> {"value", "sigma"} in SI units, nodes in their own axes; what one wheel cannot show is not there.
+    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. warnings: one
+    line each.
+    """
+
+    distance: float
+    duration: float
+    method: str
+    vehicle: Mapping[str, Mapping[str, float]]
+    nodes: Mapping[str, Mapping[str, Mapping[str, float]]]
+    counts: Mapping[str, Mapping[str, int]]
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """For fuse.json."""
+        return {
+            "distance": self.distance,
+            "duration": self.duration,
+            "method": self.method,
+            "vehicle": {key: dict(value) for key, value in self.vehicle.items()},
+            "nodes": {
+                name: {key: dict(item) for key, item in node.items()} for name, node in self.nodes.items()
+            },
+            "counts": {name: dict(value) for name, value in self.counts.items()},
+            "warnings": list(self.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class WheelRun:
+    """A whole recording, filtered."""
+
+    track: WheelTrack
+    report: WheelReport
+    filter: WheelFilter = field(repr=False)
+
+
+def run(config: WheelConfig, nodes: Mapping[str, Table], smooth: bool = False) -> WheelRun:
+    """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
+
+    smooth: look at the whole log for each pose instead of the past alone. Raises ValueError when there is
+    not one window: less than a fifth of a second of samples.
+    """
+    made = WheelFilter(config)
+    if smooth:
+        made.steps = []
+    blocks = {
+        name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
+    }
+    poses = [*made.handle_many(blocks).poses, *made.finish().poses]
+    if not poses:
+        raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
+    if smooth:
+        poses = smoother.smooth(config, made.steps or [], START)
+    track = collect(poses)
+    return WheelRun(track, report(made, track, smooth), made)
+
+
+def collect(poses: Sequence[Pose]) -> WheelTrack:
+    """Poses as arrays."""
+    plain = np.array([pose[:6] for pose in poses], np.float64)
+    t, x, y, heading, speed, yaw_rate = (np.ascontiguousarray(column) for column in plain.T)
+    covariance = np.array([pose.covariance for pose in poses])
+    still = np.array([pose.still for pose in poses], np.float64)
+    nis = np.array([pose.nis for pose in poses])
+    degrees = np.array([pose.degrees for pose in poses], np.float64)
+    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees)
+
+
+def report(made: WheelFilter, track: WheelTrack, smooth: bool = False) -> WheelReport:
+    """What a filter knows after its last pose."""
+    wheels = made.core.wheels
+    names = " and ".join(wheel.name for wheel in wheels)
+    how = "smoothed over the whole log" if smooth else "filtered, each pose from the past alone"
+    vehicle = {}
+    if len(wheels) == 2:
+        vehicle["track_width"] = _scaled(made, None, phase.TRACK, made.config.track_width, 1.0)
+        vehicle["clock_offset"] = _scaled(made, None, phase.CLOCK, 1.0, 0.0)
+    nodes = {wheel.name: _node(made, wheel) for wheel in wheels}
+    counts = {
+        wheel.name: {
+            "windows_slipping": wheel.slips,
+            "windows_clipped": wheel.clipped,
+            "windows_unheard": wheel.unheard_in_all,
+            "samples_refused": made.refused[wheel.name],
+        }
+        for wheel in wheels
+    }
+    path = float(np.sum(np.abs(track.speed)) * WINDOW)
+    duration = float(track.t[-1] - track.t[0]) + WINDOW
+    warned = tuple(_warnings(made, track))
+    return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
+
+
+def _scaled(
+    made: WheelFilter, node: str | None, state: int, factor: float, offset: float
+) -> dict[str, float]:
+    value, sigma = made.core.estimate(node, state)
+    return {"value": factor * (offset + value), "sigma": abs(factor) * sigma}
+
+
+def _node(made: WheelFilter, wheel: Wheel) -> dict[str, dict[str, float]]:
+    sign = facing_sign(wheel.node.facing)
+    table = (
+        ("gyro_bias_x", phase.BIAS_X, 1.0, 0.0),
+        ("gyro_bias_y", phase.BIAS_Y, sign, 0.0),
+        ("gyro_bias_z", phase.SPIN_BIAS, sign, 0.0),
+        ("spin_scale", phase.SPIN_SCALE, 1.0, 0.0),
+        ("yaw_scale", phase.YAW_SCALE, 1.0, 0.0),
+        ("yaw_rate_from_gravity", phase.YAW_BIAS, 1.0, 0.0),
+        ("tilt_x", phase.TILT_Y, 1.0, 0.0),
+        ("tilt_y", phase.TILT_X, -sign, 0.0),
+        ("lever_arm_x", phase.ARM_X, 1.0, 0.0),
+        ("lever_arm_y", phase.ARM_Y, sign, 0.0),
+        ("camber", phase.CAMBER, 1.0, 0.0),
+        ("wheel_radius", phase.RADIUS, made.config.radius, 1.0),
+    )
+    return {name: _scaled(made, wheel.name, state, factor, offset) for name, state, factor, offset in table}
+
+
+def _warnings(made: WheelFilter, track: WheelTrack) -> list[str]:
+    lines = []
+    beginning = track.still[: int(3.0 / WINDOW)]
+    if not np.any(beginning != Stillness.MOVING):
+        lines.append(
+            "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "
+            "the first turns of the wheel. Stand still for five seconds before driving off"
+        )
+    elif not np.any(beginning == Stillness.RESTING) and not np.any(track.still == Stillness.RESTING):
+        lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
+    if made.core.agreement.verdict:
+        lines.append(f"{made.core.agreement.verdict}; until then its speed is not used")
+    windows = len(track.t)
+    for wheel in made.core.wheels:
+        lines += _wheel_warnings(wheel, windows, made.refused[wheel.name])
+    return lines
+
+
+def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
+    whole = windows * WINDOW
+    if wheel.unheard_in_all >= windows:
+        return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
+    found = []
+    if wheel.unheard_in_all > 5:
+        gone = wheel.unheard_in_all * WINDOW
+        found.append(f"not heard for {gone:.1f} s of {whole:.1f} s; sigmas grow there")
+    if refused:
+        found.append(f"{refused} samples left out because their time went back or jumped far ahead")
+    if wheel.turned < _TURN:
+        turns = wheel.turned / _TURN
+        found.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
+    elif wheel.forwards < -0.8 * wheel.turned:
+        found.append(
+            "rolled backwards nearly all the way; if the vehicle drove forwards, the node faces the other "
+            "way: change its facing"
+        )
+    if wheel.moving >= 50 and wheel.upright < 0.5 * wheel.moving:
+        found.append("gravity does not turn with gz; an axis is mirrored, or the node is not on the wheel")
+    if wheel.clipped:
+        limit = wheel.clipped * WINDOW
+        found.append(f"gz at its limit for {limit:.1f} s; spin there is from gravity and centripetal force")
+    if wheel.slips > max(5, 0.05 * windows):
+        lost = wheel.slips * WINDOW
+        found.append(f"disagreed with the other wheel for {lost:.1f} s and lost weight: slip?")
+    return [f"{wheel.name}: {line}" for line in found]

@@ -1,0 +1,134 @@
+"""A recording and a vehicle to a track: the wheel filter, or plain differential odometry beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from hubodo.config import Vehicle
+from hubodo.errors import InputError
+from hubodo.fuse.odometry import OdometryConfig, WheelSamples, WheelSpec, integrate
+from hubodo.fuse.track import Track, from_states
+from hubodo.fuse.wheel_config import wheel_config
+from hubodo.fuse.wheel_track import WheelTrack, run
+from hubodo.fuse.windows import WINDOW
+from hubodo.log.recording import Recording, Table
+from hubodo.model.frames import Side
+from hubodo.sensors.calibration import Calibration
+
+Method = Literal["filter", "differential"]
+METHODS: tuple[Method, ...] = ("filter", "differential")
+SIDES: tuple[Side, Side] = ("left", "right")
+
+
+@dataclass(frozen=True)
+class WheelOdometry:
+    """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found, as
+    fuse.json has it. warnings: one line each. full: the filter's own track, None for differential odometry.
+    """
+
+    track: Track
+    nodes: tuple[str, ...]
+    method: str
+    learnt: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()
+    full: WheelTrack | None = field(default=None, repr=False)
+
+
+def wheel_nodes(
+    recording: Recording, vehicle: Vehicle, wanted: Sequence[str] | None, log: str
+) -> tuple[str, ...]:
+    """Names of the nodes that sit on wheels and are in the log, of `wanted` where it says which.
+
+    Raises InputError when one that is wanted is not there, or none is left.
+    """
+    on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]
+    there = ", ".join(recording.nodes) or "none"
+    for name in wanted or ():
+        if name not in on_wheels:
+            known = ", ".join(on_wheels) or "none"
+            raise InputError(f"node {name!r}: not on a wheel in the vehicle file (those are: {known})")
+        if name not in recording.nodes:
+            raise InputError(f"{log}: no node {name!r} in the log (there: {there})")
+    found = tuple(name for name in on_wheels if name in recording.nodes and (not wanted or name in wanted))
+    if not found:
+        raise InputError(
+            f"{log}: none of the vehicle's wheel nodes ({', '.join(on_wheels) or 'none'}) is in the log "
+            f"(there: {there}); name the nodes in the vehicle file as in the log"
+        )
+    return found
+
+
+def start_heading(recording: Recording, t: float) -> float | None:
+    """The heading of the truth or of the compass at time t, rad; None where the log has neither."""
+    for table in (recording.truth, recording.heading):
+        if table is not None and "heading" in table:
+            return float(np.interp(t, table.t, np.unwrap(table["heading"])))
+    return None
+
+
+def wheel_odometry(
+    recording: Recording,
+    vehicle: Vehicle,
+    *,
+    log: str,
+    method: Method = "filter",
+    nodes: Sequence[str] | None = None,
+    calibration: Calibration | None = None,
+    smooth: bool = False,
+) -> WheelOdometry:
+    """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
+
+    Raises InputError for nodes that are missing, for two on one wheel, and for a log too short.
+    """
+    names = wheel_nodes(recording, vehicle, nodes, log)
+    if method == "differential":
+        return _differential(recording, vehicle, names, log)
+    first = min(recording.nodes[name].t[0] for name in names if len(recording.nodes[name]))
+    try:
+        config = wheel_config(vehicle, list(names), calibration)
+        config = replace(config, start_heading=start_heading(recording, first) or 0.0)
+        result = run(config, recording.nodes, smooth)
+    except ValueError as error:
+        raise InputError(f"{log}: {error}") from None
+    report = result.report.as_json()
+    warnings = tuple(report.pop("warnings")) + _missing(vehicle, names, nodes)
+    track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
+    return WheelOdometry(track, names, report.pop("method"), report, warnings, result.track)
+
+
+def _begun(track: Track, heading: float, sigma: float) -> Track:
+    """The track with its beginning: the filter's first pose is the end of its first window."""
+    begin = {"t": track.t[0] - WINDOW, "heading": heading, "speed": track.speed[0], "sigma_heading": sigma}
+    names = [item.name for item in fields(Track)]
+    return Track(**{name: np.append(begin.get(name, 0.0), getattr(track, name)) for name in names})
+
+
+def _missing(vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    if wanted:
+        return ()
+    gone = [name for name, mount in vehicle.nodes.items() if mount.side is not None and name not in names]
+    return tuple(f"{name}: not in the log; the track comes from {' and '.join(names)} alone" for name in gone)
+
+
+def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str) -> WheelOdometry:
+    by_side = {vehicle.nodes[name].side: name for name in names}
+    if set(by_side) != set(SIDES):
+        raise InputError(f"{log}: differential odometry needs a node on each wheel; the filter does not")
+    spec = {
+        side: WheelSpec(vehicle.wheel_radius, vehicle.nodes[by_side[side]].facing or "left") for side in SIDES
+    }
+    samples = [_samples(side, recording.nodes[by_side[side]]) for side in SIDES]
+    states = integrate(OdometryConfig(spec["left"], spec["right"], vehicle.track_width), samples)
+    if not states:
+        raise InputError(f"{log}: {' and '.join(names)} have no time in common; nothing to fuse")
+    track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
+    learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
+    return WheelOdometry(track, tuple(names), "differential odometry", learnt)
+
+
+def _samples(side: Side, table: Table) -> WheelSamples:
+    return WheelSamples(side, np.round(table.t * 1e9).astype(np.int64), table.gyro, table.accel)

@@ -1,0 +1,165 @@
+"""From time-stamped samples to an even grid: interval, gaps, outliers; nothing is invented in between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from hubodo.errors import InputError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+# Off an integer number of intervals by more than this, a stamp does not sit on the grid.
+_OFF_GRID = 0.3
+# A pause this long is a gap even where stamps come in bursts.
+_PAUSE_INTERVALS, _PAUSE_S = 5.0, 1.0
+_OUTLIER_BLOCK = 200
+_LONGEST_OUTLIER = 3
+
+
+@dataclass(frozen=True)
+class EvenGrid:
+    """A record on an even grid.
+
+    values: (N,) samples, 0 where none is present. present: (N,) bool. dt: interval in s. start: time of the
+    first sample in s. gaps: ((start s, missing samples), ...). jitter: rms distance of the stamps from the
+    grid in intervals. outliers: times in s of samples that were taken out. notes: lines for people.
+    """
+
+    values: FloatArray
+    present: BoolArray
+    dt: float
+    start: float
+    gaps: tuple[tuple[float, int], ...]
+    jitter: float
+    outliers: FloatArray
+    notes: tuple[str, ...]
+
+    @property
+    def duration(self) -> float:
+        """Length in s, gaps included."""
+        return len(self.values) * self.dt
+
+    @property
+    def missing(self) -> int:
+        """Samples missing, outliers included."""
+        return int(len(self.values) - np.count_nonzero(self.present))
+
+    def slope(self) -> float:
+        """Least-squares slope of the samples that are present, unit/s."""
+        t = np.arange(len(self.values)) * self.dt
+        mean_t, mean_y = t[self.present].mean(), self.values[self.present].mean()
+        t -= mean_t
+        t[~self.present] = 0.0
+        return float(t @ (self.values - mean_y) / (t @ t))
+
+
+def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True) -> EvenGrid:
+    """Place samples on the even grid that their stamps tell.
+
+    t: (N,) s, strictly increasing. values: (N,). The interval is the median of the differences, refined over
+    the whole record; a difference of k intervals means k - 1 missing samples. Outliers are up to three
+    samples in a row, further from the running median than Gaussian noise reaches once in a hundred records.
+    Raises InputError: fewer than 16 samples, not finite, all equal, time not increasing.
+    """
+    if len(t) < 16:
+        raise InputError(
+            f"{len(t)} samples are too few to characterise a sensor; record at least some minutes"
+        )
+    if not (np.isfinite(t).all() and np.isfinite(values).all()):
+        raise InputError("the record holds values that are not finite; import it with --repair")
+    if values.min() == values.max():
+        raise InputError(
+            f"all {len(values)} samples equal {values[0]:.6g}: the sensor is stuck or not connected, or the "
+            "channel is not measured; a sensor at rest shows noise"
+        )
+    steps = np.diff(t)
+    if not bool((steps > 0).all()):
+        row = int(np.argmin(steps)) + 1
+        raise InputError(f"time does not increase at sample {row} (t = {t[row]:.6g} s); import with --repair")
+    notes: list[str] = []
+    dt = float(np.median(steps))
+    counts = np.maximum(1, np.rint(steps / dt)).astype(np.int64)
+    off = np.abs(steps / dt - counts) > _OFF_GRID
+    # Either the stamps sit anywhere, or most samples would be missing in many short gaps: stamped in bursts.
+    if np.mean(off) > 0.1 or (np.mean(counts > 1) > 0.05 and np.sum(counts) > 2 * len(counts)):
+        dt, counts = _bursty(t, steps)
+        notes.append(
+            "the time stamps do not sit on an even grid, as when samples are stamped in bursts: they are "
+            "taken as "
+            f"even by {dt:.6g} s between pauses; averaging times below some tens of samples are only as "
+            "good as that"
+        )
+    places = np.concatenate(([0], np.cumsum(counts)))
+    dt = float((t[-1] - t[0]) / places[-1])
+    jitter = (
+        float(np.std(t - t[0] - places * dt - np.mean(t - t[0] - places * dt)) / dt)
+        if not notes
+        else float("nan")
+    )
+    holes = np.flatnonzero(counts > 1)
+    gaps = tuple((float(t[k]), int(counts[k]) - 1) for k in holes)
+    bad = _outliers(values) if reject_outliers else np.zeros(len(values), bool)
+    if gaps:
+        lost = sum(number for _, number in gaps)
+        longest = max(gaps, key=lambda gap: gap[1])
+        notes.append(
+            f"{len(gaps)} gaps, {lost} samples ({lost / (places[-1] + 1):.2%}) missing; longest "
+            f"{longest[1] * dt:.3g} s at {longest[0]:.6g} s; windows with less than 90 % of their samples "
+            "not used"
+        )
+    if bad.any():
+        first = float(t[int(np.argmax(bad))])
+        notes.append(f"{int(bad.sum())} outliers taken out as missing samples, the first at {first:.6g} s")
+    if not gaps and not bad.any():
+        return EvenGrid(values, np.ones(len(values), bool), dt, float(t[0]), (), jitter, t[:0], tuple(notes))
+    placed = np.zeros(int(places[-1]) + 1)
+    present = np.zeros(len(placed), bool)
+    placed[places[~bad]] = values[~bad]
+    present[places[~bad]] = True
+    return EvenGrid(placed, present, dt, float(t[0]), gaps, jitter, t[bad], tuple(notes))
+
+
+def _bursty(t: FloatArray, steps: FloatArray) -> tuple[float, NDArray[np.int64]]:
+    """Interval and grid steps where stamps come in bursts: even between pauses."""
+    pauses = steps > max(_PAUSE_S, _PAUSE_INTERVALS * float(np.mean(steps)))
+    dt = float(np.sum(steps[~pauses]) / np.count_nonzero(~pauses))
+    counts = np.ones(len(steps), np.int64)
+    counts[pauses] = np.maximum(1, np.rint(steps[pauses] / dt))
+    return dt, counts
+
+
+def _outliers(values: FloatArray) -> BoolArray:
+    """(N,) True for isolated samples far from the running median of their surroundings."""
+    count = len(values)
+    blocks = max(1, count // _OUTLIER_BLOCK)
+    size = count // blocks
+    medians = np.median(values[: blocks * size].reshape(blocks, size), axis=1)
+    centres = (np.arange(blocks) + 0.5) * size - 0.5
+    rest = values - np.interp(np.arange(count), centres, medians)
+    # Behind a coarse converter most samples are the same: the span of nine tenths then tells the noise.
+    low, high = np.quantile(rest, (0.05, 0.95))
+    spread = max(1.4826 * float(np.median(np.abs(rest))), float(high - low) / 3.29, np.finfo(float).tiny)
+    # One false alarm in a hundred records, for noise with tails a little heavier than Gaussian or coarse
+    # steps.
+    reach = 1.25 * float(norm.isf(0.005 / count)) * spread + _step(values)
+    far = np.abs(rest) > reach
+    if not far.any():
+        return far
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], far.astype(np.int8), [0]))))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin > _LONGEST_OUTLIER:
+            far[begin:end] = False
+    return far
+
+
+def _step(values: FloatArray) -> float:
+    """Quantisation step: the smallest difference of a stretch of samples that is not rounding."""
+    levels = np.unique(values[:5000])
+    steps = np.diff(levels)
+    steps = steps[steps > 1e-9 * max(abs(float(levels[0])), abs(float(levels[-1])), 1e-300)]
+    return float(steps.min()) if len(steps) else 0.0

@@ -1,0 +1,147 @@
+"""Loops of 250 m with GNSS of 5 m at 5 Hz: the graph beside the fixes alone and the wheels alone.
+
+    python tests/accuracy/gnss.py [DRIVES [FIRST_SEED]]
+
+Drives, sensors and fixes are made by tests/generators, which share no code with the filter and the graph. The
+wheels alone are given the true first pose and heading, which the graph has to find; it is run again with
+the first heading given, and judged from its own start like them. An outage of 60 s is judged twice: in the
+track of the whole log, and in that of a log which ends with the outage.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators import gnss_drives, wheel_drives
+from hubodo.fuse.graph import Fixes, GraphConfig, OdometryPath, fuse_graph
+from hubodo.fuse.wheel_config import WheelConfig, WheelNode
+from hubodo.fuse.wheel_filter import WheelFilter
+
+SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
+ORIGIN = (47.37, 8.54)
+
+
+def odometry(drive, names):
+    config = WheelConfig(drive.radius, drive.track, {name: WheelNode(name, "left") for name in names})
+    run = WheelFilter(config)
+    nodes = {name: (drive.nodes[name].t, drive.nodes[name].gyro, drive.nodes[name].accel) for name in names}
+    poses = [*run.handle_many(nodes).poses, *run.finish().poses]
+    return OdometryPath(*np.array([pose[:4] for pose in poses]).T)
+
+
+def off(track, frame, drive):
+    """Error of a track, m, at its times, and its squared size in sigmas."""
+    zero = np.zeros(1)
+    x, y = frame.to_local(*gnss_drives.geodetic(zero, zero, *ORIGIN))
+    ex = track.x - x[0] - np.interp(track.t, drive.t, drive.x)
+    ey = track.y - y[0] - np.interp(track.t, drive.t, drive.y)
+    return np.hypot(ex, ey), (ex / track.sigma_x) ** 2, (ey / track.sigma_y) ** 2
+
+
+def one(seed, names):
+    rng = np.random.default_rng([seed, 53])
+    drive = wheel_drives.drive(wheel_drives.loop(rng), rng)
+    path = odometry(drive, names)
+    t = np.arange(path.t[0] + rng.uniform(0.0, 1.0 / RATE_HZ), path.t[-1], 1.0 / RATE_HZ)
+    noise = SIGMA * rng.standard_normal((2, len(t)))
+    place = np.array([np.interp(t, drive.t, v) for v in (drive.x, drive.y)]) + noise
+    latitude, longitude = gnss_drives.geodetic(*place, *ORIGIN)
+    began = time.process_time()
+    whole = fuse_graph(path, Fixes(t, latitude, longitude))
+    taken = time.process_time() - began
+    error, in_x, in_y = off(whole.track, whole.frame, drive)
+    truth = (np.interp(path.t, drive.t, v) for v in (drive.x, drive.y, drive.heading))
+    tx, ty, th = truth
+    turn = np.exp(1j * (th[0] - path.heading[0]))
+    alone = (path.x - path.x[0] + 1j * (path.y - path.y[0])) * turn + tx[0] + 1j * ty[0] - tx - 1j * ty
+    wheels = np.sqrt(np.mean(np.abs(alone) ** 2))
+    config = GraphConfig(start_heading=float(th[0]), start_heading_sigma=2e-3)
+    told = fuse_graph(path, Fixes(t, latitude, longitude), None, config).from_start
+    like = np.sqrt(np.mean((told.x - tx + tx[0]) ** 2 + (told.y - ty + ty[0]) ** 2))
+
+    start = rng.uniform(0.35, 0.55) * path.t[-1]
+    keep = (t < start) | (t > start + OUTAGE)
+    after = fuse_graph(path, Fixes(t[keep], latitude[keep], longitude[keep]))
+    cut = path.t <= start + OUTAGE
+    ended = OdometryPath(path.t[cut], path.x[cut], path.y[cut], path.heading[cut])
+    before = fuse_graph(ended, Fixes(t[t < start], latitude[t < start], longitude[t < start]))
+    end = int(np.count_nonzero(cut)) - 1
+    inside = (path.t >= start) & cut
+    way = float(np.sum(np.hypot(np.diff(tx[inside]), np.diff(ty[inside]))))
+    smoothed = off(after.track, after.frame, drive)[0]
+    ahead, ax, ay = off(before.track, before.frame, drive)
+    begun = int(np.flatnonzero(inside)[0])
+    return {
+        "graph, rms m": np.sqrt(np.mean(error**2)),
+        "fixes alone, rms m": np.sqrt(np.mean(np.sum(noise**2, axis=0))),
+        "wheels alone, rms m": wheels,
+        "graph told the first heading, from start": like,
+        "outage, whole log: error at its end, %": 100.0 * smoothed[end] / way,
+        "outage, whole log: worst in it, %": 100.0 * smoothed[inside].max() / way,
+        "outage, log ends with it: error, %": 100.0 * ahead[end] / way,
+        "  of which grown in it, %": 100.0 * max(0.0, ahead[end] - ahead[begun]) / way,
+        "squares / sigma squared, x": np.mean(in_x),
+        "squares / sigma squared, y": np.mean(in_y),
+        "at the end": in_x[-1],
+        "outage end": 0.5 * (ax[end] + ay[end]),
+        "CPU s": taken,
+    }
+
+
+def main(argv=None):
+    arguments = sys.argv[1:] if argv is None else argv
+    drives = int(arguments[0]) if arguments else 40
+    first = int(arguments[1]) if len(arguments) > 1 else 0
+    began = time.monotonic()
+    missed = []
+    for names in (("left", "right"), ("left",)):
+        rows = [one(seed, names) for seed in range(first, first + drives)]
+        print(f"nodes {' and '.join(names)}: {drives} loops of 250 m, seeds {first}..{first + drives - 1}, "
+              f"fixes of {SIGMA:g} m at {RATE_HZ:g} Hz")  # fmt: skip
+        print(f"  {'':42}{'median':>9}{'90 %':>9}{'largest':>9}")
+        for name in rows[0]:
+            values = np.array([row[name] for row in rows])
+            numbers = (np.median(values), np.quantile(values, 0.9), values.max())
+            print(f"  {name:42}" + "".join(f"{value:9.2f}" for value in numbers))
+        graph, fixes, wheels, told = (
+            np.array([row[name] for row in rows])
+            for name in (
+                "graph, rms m",
+                "fixes alone, rms m",
+                "wheels alone, rms m",
+                "graph told the first heading, from start",
+            )
+        )
+        print(
+            f"  worse than the fixes alone: {np.sum(graph > fixes)} of {drives}; than the wheels told their "
+            f"first pose: {np.sum(graph > wheels)}, told the heading too: {np.sum(told > wheels)}"
+        )
+        over = [np.sqrt(np.mean(values**2)) for values in (graph, fixes, wheels, told)]
+        print(
+            "  rms over all drives: graph {:.2f}, fixes {:.2f}, wheels {:.2f}, graph told {:.2f} m".format(
+                *over
+            )
+        )
+        within = np.array([row["at the end"] for row in rows]) < 1.96**2
+        print(f"  final x within 1.96 sigma: {100.0 * np.mean(within):.0f} % of the drives")
+        outage = np.median([row["outage, whole log: error at its end, %"] for row in rows])
+        claims = {
+            "rms at most 1.0 m on every drive": graph.max() <= 1.0,
+            "never worse than the fixes alone": bool(np.all(graph < fixes)),
+            "better than the wheels alone over all drives": np.mean(graph**2) < np.mean(wheels**2),
+            "outage at most 1 % in the median": outage <= 1.0,
+        }
+        missed += [f"{text} ({' and '.join(names)})" for text, met in claims.items() if not met]
+    print(f"{time.monotonic() - began:.0f} s; claims: {missed or 'all met'}")
+    return bool(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

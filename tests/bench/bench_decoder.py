@@ -1,0 +1,241 @@
+"""Messages per second of the host decoders on clean and dirty streams, with pymavlink beside them.
+
+Same samples for both: one sample a message as ImuBatch and as MAVLink RAW_IMU, and our 16-sample batch with
+the same payload bytes inside MAVLink ENCAPSULATED_DATA. Same damage for both: each byte is replaced with the
+same probability, and cuts, splices and insertions come as often per byte. All decode to values: bulk to
+arrays of samples, streaming and pymavlink to one object a message. Counted are messages that came out whole,
+a second of processor time; the decoders take turns. Peak memory is beside the stream, in a run of its own.
+"""
+
+import argparse
+import json
+import statistics
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / part) for part in ("host", "protocol", "tests/protocol")]
+
+from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
+from wire_strategies import dirty  # noqa: E402
+
+from hubodo.ingest.bulk import BulkDecoder, imu_samples  # noqa: E402
+from hubowire import Frame, FrameDecoder, decode, encode, encode_frame  # noqa: E402
+from hubowire.messages import ImuBatch  # noqa: E402
+
+PERIOD_NS = 4_807_692
+TARGET = 20
+# A file is read in large portions, a port in small ones; pymavlink measured best with small ones.
+LOG_PORTION, PORT_PORTION = 1 << 20, 1 << 12
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One decoder on one stream; medians over the repeats; ratio: messages per second against pymavlink's."""
+
+    stream: str
+    dirt: float
+    decoder: str
+    frame_bytes: float
+    messages_in: int
+    messages_out: int
+    messages_per_s: float
+    samples_per_s: float
+    peak_bytes: int
+    ratio: float
+
+
+def samples(rng: np.random.Generator, count: int) -> list[tuple[int, ...]]:
+    """Raw samples as from a wheel at 8 rad/s: small transverse rates, a spin, gravity going round."""
+    theta = np.arange(count) * 8.0 / 208
+    mean = np.stack(
+        [theta * 0, theta * 0, theta * 0 + 6548, 2049 * np.cos(theta), -2049 * np.sin(theta), theta * 0]
+    )
+    raw = np.rint(mean.T + rng.normal(0, (3, 3, 3, 12, 12, 12), (count, 6)))
+    return [tuple(row) for row in raw.astype(int).tolist()]
+
+
+def our_payloads(some: list[tuple[int, ...]], batch: int) -> list[bytes]:
+    """ImuBatch payloads of `batch` samples."""
+    period_us = PERIOD_NS / 1000
+    return [
+        encode(
+            ImuBatch(
+                round(at * period_us) % 2**30, PERIOD_NS, at % 2**16, -48, 0, tuple(some[at : at + batch])
+            )
+        )
+        for at in range(0, len(some), batch)
+    ]
+
+
+def our_stream(payloads: list[bytes]) -> bytes:
+    return b"".join(
+        encode_frame(Frame(ImuBatch.type_id, 1, seq % 2**16, body)) for seq, body in enumerate(payloads)
+    )
+
+
+def raw_imu_stream(some: list[tuple[int, ...]]) -> bytes:
+    """The same samples, time and temperature as MAVLink 2 RAW_IMU."""
+    out, sender = bytearray(), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    for n, (gx, gy, gz, ax, ay, az) in enumerate(some):
+        message = mavlink.MAVLink_raw_imu_message(
+            n * PERIOD_NS // 1000, ax, ay, az, gx, gy, gz, 0, 0, 0, id=1, temperature=-48
+        )
+        out += message.pack(sender)
+        sender.seq = (sender.seq + 1) % 256
+    return bytes(out)
+
+
+def encapsulated_stream(payloads: list[bytes]) -> bytes:
+    """The same payload bytes in MAVLink 2 ENCAPSULATED_DATA; trailing zeros do not travel."""
+    out, sender = bytearray(), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    for seq, body in enumerate(payloads):
+        data = list(body.ljust(253, b"\0"))
+        out += mavlink.MAVLink_encapsulated_data_message(seq % 2**16, data).pack(sender)
+        sender.seq = (sender.seq + 1) % 256
+    return bytes(out)
+
+
+def run_bulk(stream: bytes, portion: int) -> int:
+    decoder, count = BulkDecoder(), 0
+    for at in range(0, len(stream), portion):
+        groups = decoder.feed(stream[at : at + portion])
+        imu_samples(groups)
+        count += sum(len(group.seq) for group in groups)
+    return count
+
+
+def run_streaming(stream: bytes, portion: int) -> int:
+    decoder, count = FrameDecoder(), 0
+    for at in range(0, len(stream), portion):
+        for frame in decoder.feed(stream[at : at + portion]):
+            count += decode(frame.type_id, frame.payload) is not None
+    return count
+
+
+def run_pymavlink(stream: bytes, portion: int) -> int:
+    decoder, count = mavlink.MAVLink(None), 0
+    decoder.robust_parsing = True
+    for at in range(0, len(stream), portion):
+        found = decoder.parse_buffer(stream[at : at + portion])
+        count += sum(message.get_type() != "BAD_DATA" for message in found or ())
+    return count
+
+
+@dataclass(frozen=True, slots=True)
+class Contestant:
+    """A decoder with its stream. times: how often the stream repeats that of pymavlink."""
+
+    name: str
+    run: Callable[[bytes, int], int]
+    clean: bytes
+    times: int
+    portion: int
+
+
+def peak_bytes(run: Callable[[bytes, int], int], stream: bytes, portion: int) -> int:
+    """Peak memory beside the stream, in a run of its own."""
+    tracemalloc.start()
+    run(stream[: 4 << 20], portion)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def contest(
+    contestants: list[Contestant], dirt: float, repeats: int, seed: int
+) -> list[tuple[int, float, int]]:
+    """Messages out, median processor seconds and peak bytes of each.
+
+    Turns are taken in rounds and processor time is counted, so that other work on the machine falls on all.
+    """
+    rng_seed = seed + 1
+    streams = [dirty(one.clean * one.times, np.random.default_rng(rng_seed), dirt) for one in contestants]
+    counts, seconds = [0] * len(streams), [[0.0] * repeats for _ in streams]
+    for turn in range(repeats):
+        for n, (one, stream) in enumerate(zip(contestants, streams, strict=True)):
+            begin = time.process_time()
+            counts[n] = one.run(stream, one.portion)
+            seconds[n][turn] = time.process_time() - begin
+    peaks = [
+        peak_bytes(one.run, stream, one.portion) for one, stream in zip(contestants, streams, strict=True)
+    ]
+    return [
+        (count, statistics.median(some), peak)
+        for count, some, peak in zip(counts, seconds, peaks, strict=True)
+    ]
+
+
+def bench(count: int, repeats: int, seed: int) -> list[Row]:
+    """All rows; `count` messages for pymavlink, more of the same for the quicker decoders."""
+    some = samples(np.random.default_rng(seed), 16 * count // 4)
+    single, batches = some[:count], our_payloads(some, 16)
+    kinds = {
+        "1 sample": (1, our_stream(our_payloads(single, 1)), raw_imu_stream(single), count),
+        "16 samples": (16, our_stream(batches), encapsulated_stream(batches), len(batches)),
+    }
+    rows = []
+    for kind, (batch, ours, theirs, messages) in kinds.items():
+        contestants = [
+            Contestant("pymavlink", run_pymavlink, theirs, 1, PORT_PORTION),
+            Contestant("streaming", run_streaming, ours, 2, PORT_PORTION),
+            Contestant("bulk, 64 KiB", run_bulk, ours, 16, 1 << 16),
+            Contestant("bulk, 1 MiB", run_bulk, ours, 16, LOG_PORTION),
+        ]
+        for dirt in (0.0, 0.001, 0.01):
+            results = contest(contestants, dirt, repeats, seed)
+            peer = results[0][0] / results[0][1]
+            for one, (out, seconds, peak) in zip(contestants, results, strict=True):
+                rate, size, sent = out / seconds, len(one.clean) / messages, messages * one.times
+                rows.append(Row(kind, dirt, one.name, size, sent, out, rate, rate * batch, peak, rate / peer))
+    return rows
+
+
+def crc_of_pymavlink() -> str:
+    try:
+        return f"pymavlink {version('pymavlink')} with fastcrc {version('fastcrc')}"
+    except PackageNotFoundError:
+        return f"pymavlink {version('pymavlink')} without fastcrc"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--messages", type=int, default=10_000, help="messages in pymavlink's stream")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    rows = bench(given.messages, given.repeats, given.seed)
+    if given.json:
+        print(json.dumps([asdict(row) for row in rows], indent=1))
+        return 0
+    print(f"{crc_of_pymavlink()}; seed {given.seed}; median of {given.repeats}")
+    print("1 sample: ImuBatch against RAW_IMU; 16 samples: the same payload bytes in ENCAPSULATED_DATA")
+    print(f"{'message':<11}{'bytes hit':>9}  {'decoder':<14}{'frame':>7}{'arrived':>9}", end="")
+    print(f"{'M msg/s':>9}{'M samples/s':>13}{'x pymavlink':>13}{'peak MB':>9}")
+    for row in rows:
+        arrived = row.messages_out / row.messages_in
+        print(
+            f"{row.stream:<11}{row.dirt:>9.1%}  {row.decoder:<14}{row.frame_bytes:>5.0f} B{arrived:>9.1%}",
+            end="",
+        )
+        print(f"{row.messages_per_s / 1e6:>9.3f}{row.samples_per_s / 1e6:>13.3f}", end="")
+        print(f"{row.ratio:>13.1f}{row.peak_bytes / 1e6:>9.2f}")
+    worst = min(
+        row.ratio for row in rows if row.dirt and row.stream == "1 sample" and row.decoder == "bulk, 1 MiB"
+    )
+    print(f"bulk on a dirty stream, one sample a message: at least {worst:.1f} x pymavlink (aim {TARGET} x)")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

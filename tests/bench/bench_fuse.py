@@ -1,0 +1,111 @@
+"""One hour of odometry with GNSS at 5 Hz: our graph beside a plain GTSAM graph with a pose per sample.
+
+    python tests/bench/bench_fuse.py [SECONDS]
+
+The peer is what one writes down first: BetweenFactorPose2 from sample to sample (100 Hz), noise of a tenth
+of an increment, PoseTranslationPrior2D for each fix at the nearest sample, Gauss-Newton with sequential
+Cholesky (the default solver overflows the stack on such a chain), started from the true first pose. It finds
+neither constants nor sigmas; ours has to, and its own first heading besides.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators import gnss_drives
+from hubodo.fuse.graph import Fixes, OdometryPath, fuse_graph
+from hubodo.fuse.projection import local_frame
+
+SEED, SIGMA = 54, 5.0
+LIMIT = 1.5
+
+
+def hour(seconds, rate_hz):
+    rng = np.random.default_rng(SEED)
+    laps = max(1, int(seconds * 1.3 / 250.0))
+    return gnss_drives.drive(rng, gnss_drives.loop(rng, laps=laps), rate_hz=rate_hz, sigma=SIGMA)
+
+
+def timed(work):
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = work()
+    return found, time.perf_counter() - wall, time.process_time() - cpu
+
+
+def ours(drive):
+    path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+    fixes = Fixes(drive.fix_t, drive.fix_latitude_deg, drive.fix_longitude_deg)
+    found, wall, cpu = timed(lambda: fuse_graph(path, fixes))
+    zero = np.zeros(1)
+    x, y = found.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+    tx, ty, _ = drive.truth(found.track.t)
+    error = np.sqrt(np.mean((found.track.x - x - tx) ** 2 + (found.track.y - y - ty) ** 2))
+    return wall, cpu, error, len(found.state_t)
+
+
+def peer(drive):
+    import gtsam
+
+    frame = local_frame(*drive.origin)
+    fx, fy = frame.to_local(drive.fix_latitude_deg, drive.fix_longitude_deg)
+    step = np.diff(drive.odo_x + 1j * drive.odo_y) * np.exp(-1j * drive.odo_heading[:-1])
+    turn = np.diff(drive.odo_heading)
+    nearest = np.clip(np.rint((drive.fix_t - drive.odo_t[0]) / np.median(np.diff(drive.odo_t))), 0, len(turn))
+    x0, y0, h0 = drive.truth(drive.odo_t[0])
+    place = (drive.odo_x + 1j * drive.odo_y) * np.exp(1j * h0) + x0 + 1j * y0
+
+    def build():
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        # A tenth of the usual increment (Shah et al. section IV), one object for all: fastest to build.
+        own = 0.1 * np.array([np.median(np.abs(step)), np.median(np.abs(step)), np.median(np.abs(turn))])
+        noise = gtsam.noiseModel.Diagonal.Sigmas(own)
+        fix = gtsam.noiseModel.Isotropic.Sigma(2, SIGMA)
+        for k, (move, angle) in enumerate(zip(step.tolist(), turn.tolist(), strict=True)):
+            graph.add(gtsam.BetweenFactorPose2(k, k + 1, gtsam.Pose2(move.real, move.imag, angle), noise))
+        for k, x, y in zip(nearest.astype(int).tolist(), fx.tolist(), fy.tolist(), strict=True):
+            graph.add(gtsam.PoseTranslationPrior2D(k, np.array([x, y]), fix))
+        headings = (drive.odo_heading + h0).tolist()
+        for k, (at, heading) in enumerate(zip(place.tolist(), headings, strict=True)):
+            values.insert(k, gtsam.Pose2(at.real, at.imag, heading))
+        return graph, values
+
+    def optimise():
+        parameters = gtsam.GaussNewtonParams()
+        parameters.setLinearSolverType("SEQUENTIAL_CHOLESKY")
+        return gtsam.GaussNewtonOptimizer(graph, values, parameters).optimize()
+
+    (graph, values), built, built_cpu = timed(build)
+    found, solved, solved_cpu = timed(optimise)
+    poses = np.array([found.atPose2(k).translation() for k in range(len(place))])
+    error = np.sqrt(np.mean((poses[:, 0] - np.interp(drive.odo_t, drive.t, drive.x)) ** 2
+                            + (poses[:, 1] - np.interp(drive.odo_t, drive.t, drive.y)) ** 2))  # fmt: skip
+    return built, solved, built_cpu + solved_cpu, error, len(place)
+
+
+def main(argv=None):
+    arguments = sys.argv[1:] if argv is None else argv
+    seconds = float(arguments[0]) if arguments else 3600.0
+    print(f"{seconds:g} s of driving, fixes of {SIGMA:g} m at 5 Hz (seed {SEED})")
+    times = {}
+    for rate_hz in (10.0, 100.0):
+        drive = hour(seconds, rate_hz)
+        wall, cpu, error, states = ours(drive)
+        times[rate_hz] = cpu
+        print(f"  ours, odometry at {rate_hz:g} Hz: {wall:.2f} s ({cpu:.2f} s CPU), {states} poses solved, "
+              f"{len(drive.odo_t)} given back with sigmas, rms {error:.2f} m")  # fmt: skip
+    built, solved, cpu, error, states = peer(drive)
+    print(f"  GTSAM, a pose per sample: {built:.2f} s to build, {solved:.2f} s to solve ({cpu:.2f} s CPU), "
+          f"{states} poses, rms {error:.2f} m")  # fmt: skip
+    print(f"  CPU ratio at 100 Hz: {times[100.0] / cpu:.3f}; ours at 10 Hz at most {LIMIT} s CPU")
+    return times[10.0] > LIMIT * seconds / 3600.0 + 0.5 or times[100.0] > cpu
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,158 @@
+"""Recording beside its peer: our writer and that of the `mcap` package, same messages, disk and run.
+
+`python tests/bench/bench_recording.py` prints a table; each figure is the median of five. Both compress with
+zstd unless said. Ours keeps the half-second bound (one look at the clock per write); the peer, by its nature,
+keeps whatever fits its chunk in memory.
+"""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+
+from hubodo.log import ros2
+from hubodo.log.container import Compression
+from hubodo.log.writer import McapLog
+
+RUNS = 5
+MESSAGES = 200_000
+SMALL = 48
+"""Bytes of the small payload: a raw frame of two samples."""
+
+Job = Callable[[Path], int]
+
+
+def imu_peer(path: Path) -> int:
+    """The mcap package, Imu messages encoded beforehand: only the writing counts."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start("ros2", "peer")
+        schema = writer.register_schema(ros2.IMU, "ros2msg", ros2.definition(ros2.IMU).encode())
+        channel = writer.register_channel("/left/imu", "cdr", schema)
+        for i in range(MESSAGES):
+            writer.add_message(channel, i, _ENCODED[i % len(_ENCODED)], i)
+        writer.finish()
+    return MESSAGES
+
+
+def imu_ours(batch: int) -> Job:
+    """McapLog.imu with batches as they come off the wire: encoding counts as well."""
+
+    def job(path: Path) -> int:
+        with McapLog(path) as log:
+            for first in range(0, MESSAGES, batch):
+                rows = slice(first, first + batch)
+                log.imu("left", _T[rows], first, _GYRO[rows], _ACCEL[rows])
+        return MESSAGES
+
+    return job
+
+
+def small_peer(path: Path) -> int:
+    """The mcap package with payloads of 48 bytes."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD)
+        writer.start("ros2", "peer")
+        channel = writer.register_channel("/raw", "hubodo", 0)
+        for i in range(MESSAGES):
+            writer.add_message(channel, i, _PAYLOADS[i % len(_PAYLOADS)], i)
+        writer.finish()
+    return MESSAGES
+
+
+def small_single(path: Path) -> int:
+    """McapLog.write, one message a call."""
+    with McapLog(path) as log:
+        channel = log.add_channel("/raw", "", "", b"", "hubodo")
+        for i in range(MESSAGES):
+            log.write(channel, i, i, _PAYLOADS[i % len(_PAYLOADS)])
+    return MESSAGES
+
+
+def small_many(compression: Compression) -> Job:
+    """McapLog.write_many, a chunk's worth a call."""
+
+    def job(path: Path) -> int:
+        times = np.arange(10_000)
+        with McapLog(path, compression=compression) as log:
+            channel = log.add_channel("/raw", "", "", b"", "hubodo")
+            for _ in range(100):
+                log.write_many(channel, times, times, _MATRIX)
+        return 1_000_000
+
+    return job
+
+
+_RNG = np.random.default_rng(1)
+_T = 1_700_000_000_000_000_000 + np.arange(MESSAGES) * 4_800_000
+_GYRO = np.round(_RNG.normal(size=(MESSAGES, 3)) / 0.00122) * 0.00122
+_ACCEL = np.round(_RNG.normal(size=(MESSAGES, 3)) / 0.00479) * 0.00479
+_MATRIX = _RNG.integers(0, 256, (10_000, SMALL), np.uint8)
+_PAYLOADS = [row.tobytes() for row in _MATRIX[:1000]]
+
+
+def _encoded() -> list[bytes]:
+    layout = ros2.stamped(ros2.IMU, "left")
+    rows = np.zeros(4000, layout.dtype)
+    rows[:] = layout.template
+    rows["angular_velocity"], rows["linear_acceleration"] = _GYRO[:4000], _ACCEL[:4000]
+    return [row.tobytes() for row in rows]
+
+
+_ENCODED = _encoded()
+
+
+def rate(job: Job, folder: Path) -> float:
+    """Messages per second, files closed and footers written."""
+    path = folder / "bench.mcap"
+    start = time.perf_counter()
+    count = job(path)
+    seconds = time.perf_counter() - start
+    path.unlink()
+    return count / seconds
+
+
+def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
+    """(what, messages/s, ratio to the peer on the same messages), peers first; runs interleaved."""
+    groups: list[dict[str, Job]] = [
+        {
+            "Imu: mcap Writer.add_message, encoded before": imu_peer,
+            "Imu: hubodo, 8 a batch": imu_ours(8),
+            "Imu: hubodo, 16 a batch": imu_ours(16),
+            "Imu: hubodo, 2048 a batch": imu_ours(2048),
+        },
+        {
+            "48 bytes: mcap Writer.add_message": small_peer,
+            "48 bytes: hubodo write, one a call": small_single,
+            "48 bytes: hubodo write_many": small_many("zstd"),
+            "48 bytes: hubodo write_many, uncompressed": small_many("none"),
+        },
+    ]
+    lines = []
+    with tempfile.TemporaryDirectory() as folder:
+        for jobs in groups:
+            rates: dict[str, list[float]] = {name: [] for name in jobs}
+            for _ in range(runs):
+                for name, job in jobs.items():
+                    rates[name].append(rate(job, Path(folder)))
+            medians = {name: statistics.median(found) for name, found in rates.items()}
+            peer = next(iter(medians.values()))
+            lines += [(name, found, found / peer) for name, found in medians.items()]
+    return lines
+
+
+def main() -> None:
+    """Print the table."""
+    print(f"recording, median of {RUNS}: {'M msg/s':>35} {'ratio':>8}")
+    for name, found, ratio in bench():
+        print(f"{name:<46} {found / 1e6:>15.3f} {ratio:>8.2f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""The emulated chips behind a bus that the firmware's drivers, run by CPython, can talk to."""
+
+import random
+import time
+
+from hubodo.model.board.bus import I2cBus
+
+from fakes.fake_port import PORT_TICKS
+
+
+class EmulatedBus:
+    """machine.I2C over an I2cBus, on the ticks of the fake port.
+
+    stalls: (mean seconds between, longest seconds) of a processor that is held up at any call of bus or clock.
+    """
+
+    def __init__(self, *chips, faults=(), call_us=40, stalls=None, seed=1):
+        self.bus = I2cBus(chips, faults)
+        self.call_us = call_us
+        self.stalls = stalls
+        self.stalled_us = 0
+        self.zero_us = PORT_TICKS.now_us
+        self._rng = random.Random(seed)
+
+    @property
+    def t(self):
+        """Seconds of the chips' time."""
+        return (PORT_TICKS.now_us - self.zero_us) * 1e-6
+
+    def spend(self, us):
+        """Lets time pass, and now and then more than was asked for."""
+        PORT_TICKS.now_us += us
+        if self.stalls is None:
+            return
+        mean, longest = self.stalls
+        if self._rng.random() < us * 1e-6 / mean:
+            held_us = self._rng.random() * longest * 1e6
+            self.stalled_us += held_us
+            PORT_TICKS.now_us += held_us
+
+    def _after(self, status, end):
+        PORT_TICKS.now_us = max(PORT_TICKS.now_us, self.zero_us + end * 1e6)
+        self.spend(self.call_us)
+        if status < 0:
+            raise OSError(-status)
+
+    def readfrom_mem_into(self, address, register, buffer):
+        view = memoryview(buffer).cast("B")
+        status, data, end = self.bus.read_mem(self.t, address, bytes([register]), len(view))
+        if status >= 0:
+            view[:] = data
+        self._after(status, end)
+
+    def writeto_mem(self, address, register, buffer):
+        status, end = self.bus.write(self.t, address, bytes([register]) + bytes(buffer))
+        self._after(status, end)
+
+    def ticks_us(self):
+        """For `ticks_us` of a firmware module: a look at the clock takes its time, and may be held up too."""
+        now = time.ticks_us()
+        self.spend(5)
+        return now

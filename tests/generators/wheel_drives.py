@@ -1,0 +1,255 @@
+"""Drives as nodes on wheels would record them, made without the model under test.
+
+Positions and rotations of a rigid wheel are written down in the world at 1 kHz and differentiated
+numerically: rate from the change of the rotation, specific force from the second difference of the sensing
+point's position. Nothing is taken from hubodo. Then comes the sensor: mounting, scale, bias with warm-up,
+noise, its own clock, saturation and steps of the LSM6DS33 (2000 deg/s, 16 g).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+RATE_HZ = 1000.0
+GRAVITY = 9.80665
+GYRO_STEP = np.radians(0.070)
+ACCEL_STEP = 0.488e-3 * GRAVITY
+GYRO_DENSITY = np.radians(7e-3)
+ACCEL_DENSITY = 90e-6 * GRAVITY
+
+
+@dataclass(frozen=True)
+class Errors:
+    """1 sigma of what is drawn anew for each drive and node; all zero: perfect sensors on a flat road.
+
+    radius, track: fractions. scale: of each gyro and accelerometer axis (accel_scale). bias, warmup: rad/s.
+    tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
+    clock: s between the nodes. roll: rad/s of the vehicle
+    while it moves. vibration: m/s² per sample. road: m per square root of
+    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities.
+    """
+
+    radius: float = 0.002
+    track: float = 0.005
+    scale: float = 0.01
+    accel_scale: float = 0.01
+    bias: float = np.radians(1.0)
+    warmup: float = np.radians(0.2)
+    tilt: float = np.radians(1.0)
+    arm: float = 0.01
+    accel_bias: float = 0.2
+    g_sensitivity: float = np.radians(1e-2) / GRAVITY
+    clock: float = 0.003
+    roll: float = 0.01
+    vibration: float = 0.2
+    road: float = 0.0005
+    noise: float = 1.0
+
+
+PERFECT = Errors(*([0.0] * 15))
+
+
+@dataclass(frozen=True)
+class Node:
+    """What a node recorded: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², node axes; and what is true of
+    it."""
+
+    t: np.ndarray
+    gyro: np.ndarray
+    accel: np.ndarray
+    truth: dict[str, float]
+
+
+@dataclass(frozen=True)
+class WheelDrive:
+    """nodes: by name. t, x, y, heading, speed: the truth, 1 kHz. length: m. radius, track: as declared, m."""
+
+    nodes: dict[str, Node]
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    heading: np.ndarray
+    speed: np.ndarray
+    length: float
+    radius: float
+    track: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the vehicle is made to do. speed, yaw_rate: m/s, rad/s at 1 kHz, smooth. slip: m/s that each named
+    wheel turns beyond the road under it."""
+
+    speed: np.ndarray
+    yaw_rate: np.ndarray
+    slip: dict[str, np.ndarray] = field(default_factory=dict)
+
+
+def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
+    width = int(seconds * RATE_HZ)
+    kernel = np.hanning(2 * width + 3)
+    padded = np.pad(value, width + 1, mode="edge")
+    once = np.convolve(padded, kernel / kernel.sum(), mode="valid")
+    padded = np.pad(once, width + 1, mode="edge")
+    return np.convolve(padded, kernel / kernel.sum(), mode="valid")
+
+
+def legs(parts: list[tuple[float, float, float]]) -> Plan:
+    """Legs of (duration s, speed m/s, yaw rate rad/s), rounded."""
+    counts = [int(part[0] * RATE_HZ) for part in parts]
+    speed = np.repeat([part[1] for part in parts], counts)
+    yaw_rate = np.repeat([part[2] for part in parts], counts)
+    return Plan(_smooth(speed), _smooth(yaw_rate))
+
+
+def loop(rng: np.random.Generator, length: float = 250.0, rest: float = 8.0) -> Plan:
+    """Once round in `length` metres with random legs between, from rest to rest."""
+    parts, done = [(rest, 0.0, 0.0)] if rest > 0.0 else [], 0.0
+    while done < length:
+        duration, speed = float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.8, 1.8))
+        duration = min(duration, (length - done) / speed + 0.5)
+        turn = 2.0 * np.pi * speed / length + float(rng.uniform(-0.3, 0.3))
+        parts.append((duration, speed, turn))
+        done += duration * speed
+    parts.append((3.0, 0.0, 0.0))
+    return legs(parts)
+
+
+def drive(
+    plan: Plan,
+    rng: np.random.Generator,
+    errors: Errors | None = None,
+    radius: float = 0.15,
+    track: float = 0.5,
+    camber: float = 0.0,
+    rate_hz: float = 104.0,
+    facing: dict[str, str] | None = None,
+    arm: tuple[float, float] | None = None,
+) -> WheelDrive:
+    """Run a plan. facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm,
+    m, instead of a drawn one."""
+    errors = errors or Errors()
+    dt = 1.0 / RATE_HZ
+    t = np.arange(len(plan.speed)) * dt
+    heading = _integral(plan.yaw_rate)
+    x = _integral(plan.speed * np.cos(heading))
+    y = _integral(plan.speed * np.sin(heading))
+    true_track = track * (1.0 + errors.track * rng.standard_normal())
+    roll = _wander(errors.roll, len(t), rng) * _smooth(np.minimum(1.0, np.abs(plan.speed) / 0.5))
+    made = {}
+    for name, side in (("left", 1.0), ("right", -1.0)):
+        true_radius = radius * (1.0 + errors.radius * rng.standard_normal())
+        slip = plan.slip.get(name, np.zeros(len(t)))
+        rolled = plan.speed - plan.yaw_rate * side * 0.5 * true_track + slip
+        jitter = errors.road * rng.standard_normal(len(t)) * np.sqrt(np.abs(rolled) * dt)
+        theta = (
+            rng.uniform(-np.pi, np.pi) + (_integral(rolled) + np.cumsum(_smooth(jitter, 0.05))) / true_radius
+        )
+        sensing = np.array(arm) if arm else errors.arm * rng.standard_normal(2)
+        rate, force = _rigid_wheel(
+            x, y, heading, roll, theta, side, true_track, true_radius, camber, np.append(sensing, 0.0)
+        )
+        turned = -1.0 if (facing or {}).get(name, "left") == "right" else 1.0
+        flip = np.array([1.0, turned, turned])
+        node = _sensor(t, rate * flip, force * flip, rng, errors, rate_hz)
+        node.truth.update(
+            radius=true_radius / radius - 1.0,
+            track=true_track / track - 1.0,
+            arm_x=float(sensing[0]),
+            arm_y=float(sensing[1] * turned),
+            start_angle=float(theta[0]),
+        )
+        made[name] = node
+    return WheelDrive(
+        made, t, x, y, heading, plan.speed, float(np.sum(np.abs(plan.speed)) * dt), radius, track
+    )
+
+
+def _integral(value: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]))]) / RATE_HZ
+
+
+def _wander(rate: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """An angle whose rate has the spread `rate` and which stays near zero (second-order noise about 1 Hz)."""
+    if rate == 0.0:
+        return np.zeros(count)
+    white = _smooth(rng.standard_normal(count), 0.25)
+    return white * rate / np.std(np.gradient(white) * RATE_HZ)
+
+
+def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
+    """(N, 3) rate and specific force in node axes, by differences of rotation and position."""
+    zero, one = np.zeros_like(heading), np.ones_like(heading)
+    ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
+    world_from_body = np.stack(
+        [
+            np.stack([ch, -sh * cr, sh * sr], 1),
+            np.stack([sh, ch * cr, -ch * sr], 1),
+            np.stack([zero, sr, cr], 1),
+        ],
+        1,
+    )
+    lean = side * camber
+    up = np.array([0.0, -np.sin(lean), np.cos(lean)])
+    axle = np.array([0.0, np.cos(lean), np.sin(lean)])
+    forward = np.array([1.0, 0.0, 0.0])
+    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    body_from_node = np.stack([c * up + s * forward, c * forward - s * up, one[:, None] * axle], 2)
+    world_from_node = world_from_body @ body_from_node
+    hub_in_body = np.array([0.0, side * (0.5 * track - radius * np.sin(camber)), radius * np.cos(camber)])
+    place = np.stack([x, y, zero], 1) + world_from_body @ hub_in_body + world_from_node @ arm
+    dt = 1.0 / RATE_HZ
+    change = np.gradient(world_from_node, dt, axis=0, edge_order=2)
+    skew = np.einsum("nji,njk->nik", world_from_node, change)
+    rate = 0.5 * np.stack(
+        [skew[:, 2, 1] - skew[:, 1, 2], skew[:, 0, 2] - skew[:, 2, 0], skew[:, 1, 0] - skew[:, 0, 1]], 1
+    )
+    acceleration = np.zeros_like(place)
+    acceleration[1:-1] = (place[2:] - 2.0 * place[1:-1] + place[:-2]) / dt**2
+    acceleration[0], acceleration[-1] = acceleration[1], acceleration[-2]
+    force = np.einsum("nji,nj->ni", world_from_node, acceleration + np.array([0.0, 0.0, GRAVITY]))
+    return rate, force
+
+
+def _sensor(t, rate, force, rng, errors, rate_hz) -> Node:
+    normal = rng.standard_normal
+    turn = np.append(errors.tilt * normal(2), 0.0)
+    # Axes turned by the small vector m read v - m x v.
+    rate, force = rate - np.cross(turn, rate), force - np.cross(turn, force)
+    period = 1.0 / (rate_hz * (1.0 + 0.01 * rng.uniform(-1.0, 1.0))) if errors.noise else 1.0 / rate_hz
+    taken = np.arange(t[0] + rng.uniform(0.0, period) * (errors.noise > 0), t[-1], period)
+    late = errors.clock * normal()
+    gyro_scale, accel_scale = errors.scale * normal(3), errors.accel_scale * normal(3)
+    bias, warm, constant = errors.bias * normal(3), errors.warmup * normal(3), rng.uniform(60.0, 200.0)
+    gravity_in_gyro = errors.g_sensitivity * normal((3, 3))
+    at = np.stack([np.interp(taken, t, column) for column in np.hstack([rate, force]).T], 1)
+    gyro, accel = at[:, :3], at[:, 3:]
+    gyro = gyro * (1.0 + gyro_scale) + bias + warm * (1.0 - np.exp(-taken / constant))[:, None]
+    gyro = gyro + accel @ gravity_in_gyro.T
+    accel = accel * (1.0 + accel_scale) + errors.accel_bias * normal(3)
+    bandwidth = np.sqrt(0.5 * rate_hz)
+    gyro = gyro + errors.noise * GYRO_DENSITY * bandwidth * normal(gyro.shape)
+    moving = np.interp(taken, t, np.abs(rate[:, 2])) > 0.1
+    shake = np.where(moving, errors.vibration, 0.0)[:, None]
+    accel = accel + (errors.noise * ACCEL_DENSITY * bandwidth + shake) * normal(accel.shape)
+    gyro = np.round(np.clip(gyro / GYRO_STEP, -32768, 32767)) * GYRO_STEP
+    accel = np.round(np.clip(accel / ACCEL_STEP, -32768, 32767)) * ACCEL_STEP
+    truth = {
+        "spin_scale": float(gyro_scale[2]),
+        "yaw_scale": float(0.5 * (gyro_scale[0] + gyro_scale[1])),
+        "bias_x": float(bias[0]),
+        "bias_y": float(bias[1]),
+        "bias_z": float(bias[2]),
+        "tilt_x": float(turn[0]),
+        "tilt_y": float(turn[1]),
+        "late": float(late),
+    }
+    return Node(taken + late, gyro, accel, truth)
+
+
+def with_slip(plan: Plan, node: str, start: float, duration: float, speed: float) -> Plan:
+    """The plan with one wheel spinning `speed` m/s too fast from `start` for `duration` seconds."""
+    t = np.arange(len(plan.speed)) / RATE_HZ
+    return replace(plan, slip={node: _smooth(speed * ((t > start) & (t < start + duration)), 0.15)})

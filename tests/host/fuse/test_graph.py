@@ -1,0 +1,328 @@
+"""The factor graph of whole drives, on data of a generator that shares nothing with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from generators import gnss_drives
+from generators.gnss_drives import Errors
+from hubodo.errors import InputError
+from hubodo.fuse.graph import Fixes, GraphConfig, Headings, OdometryPath, fuse_graph
+from hubodo.fuse.graph_config import paper
+from hubodo.fuse.outages import outages
+from hubodo.fuse.screening import scatter, without_jumps
+
+
+def make(seed, length=250.0, errors=None, motion=None, **kwargs):
+    rng = np.random.default_rng([seed, 44])
+    motion = gnss_drives.loop(rng, length=length) if motion is None else motion(rng)
+    return gnss_drives.drive(rng, motion, errors or gnss_drives.drawn(rng), **kwargs)
+
+
+def path_of(drive):
+    return OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+
+
+def fixes_of(drive, keep=slice(None), sigma=None):
+    own = None if sigma is None else np.full(len(drive.fix_t), sigma)[keep]
+    return Fixes(drive.fix_t[keep], drive.fix_latitude_deg[keep], drive.fix_longitude_deg[keep], own)
+
+
+def north(fixes, which, metres):
+    return replace(fixes, latitude_deg=fixes.latitude_deg + np.where(which, metres / 111_000.0, 0.0))
+
+
+def errors_of(drive, result):
+    """(N, 3) of the track: east, north, heading."""
+    zero = np.zeros(1)
+    x, y = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+    tx, ty, th = drive.truth(result.track.t)
+    turn = np.mod(result.track.heading - th + np.pi, 2 * np.pi) - np.pi
+    return np.column_stack([result.track.x - x[0] - tx, result.track.y - y[0] - ty, turn])
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_five_metre_fixes_place_a_loop_within_a_metre_whatever_its_first_heading(seed):
+    drive = make(seed)
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    assert rms(errors_of(drive, result)) < 1.0
+    assert result.warnings == ()
+
+
+@pytest.mark.parametrize("heading", np.linspace(-np.pi, np.pi, 9))
+def test_no_first_heading_leads_into_a_wrong_minimum(heading):
+    drive = make(20, length=80.0, start_heading=heading)
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    error = errors_of(drive, result)
+    assert abs(error[0, 2]) < 0.2
+    assert rms(error) < 1.5
+
+
+def test_poses_are_as_far_from_the_truth_as_their_covariance_says():
+    """NEES of three dimensions at one pose of each of 60 drives; the mean within the 99.9 % band."""
+    nees, constants = [], []
+    for seed in range(60):
+        errors = gnss_drives.drawn(np.random.default_rng([seed, 45]))
+        drive = make(seed, length=100.0, errors=errors, rate_hz=10.0)
+        result = fuse_graph(path_of(drive), fixes_of(drive))
+        error = errors_of(drive, result)
+        k = len(result.solution.poses) // 3 + seed
+        at = np.interp(result.state_t[k], result.track.t, np.arange(len(error)))
+        e = np.array([np.interp(at, np.arange(len(error)), column) for column in error.T])
+        nees.append(e @ np.linalg.solve(result.solution.covariance[k], e))
+        true = {"scale": 1 / (1 + errors.scale) - 1, "turn": 1 / (1 + errors.turn) - 1}
+        constants += [
+            (result.constants[name].value - true[name]) / result.constants[name].sigma for name in true
+        ]
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 60) / 60
+    assert low < np.mean(nees) < high
+    # The drawn constants are smaller than their priors allow, so their scores are too; none may stand out.
+    assert np.max(np.abs(constants)) < 4.0
+
+
+def test_precise_fixes_calibrate_the_wheels():
+    errors = Errors(0.008, -0.012, 4e-4, 1e-3, 0.002, 0.002, 2e-4)
+    drive = make(
+        3, errors=errors, sigma=0.02, motion=lambda rng: gnss_drives.loop(rng, laps=4, speed=(0.4, 2.5))
+    )
+    found = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.02)).constants
+    true = {
+        "scale": 1 / 1.008 - 1,
+        "turn": 1 / 0.988 - 1,
+        "rate": -4e-4 / 0.988,
+        "curve": -1e-3 / 0.988 / 1.008,
+    }
+    for name, value in true.items():
+        assert abs(found[name].value - value) < 4.0 * found[name].sigma, name
+    assert found["scale"].sigma < 3e-4
+    assert found["turn"].sigma < 1e-3
+
+
+def test_never_worse_than_the_odometry_alone_or_the_fixes_alone():
+    for seed in range(5):
+        drive = make(seed, sigma=20.0, length=120.0)
+        result = fuse_graph(path_of(drive), fixes_of(drive, sigma=20.0))
+        x, y = result.frame.to_local(drive.fix_latitude_deg, drive.fix_longitude_deg)
+        zero = np.zeros(1)
+        ox, oy = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+        tx, ty, _ = drive.truth(drive.fix_t)
+        alone = np.sqrt(np.mean((x - ox - tx) ** 2 + (y - oy - ty) ** 2))
+        assert rms(errors_of(drive, result)) < alone
+
+
+def test_the_antenna_is_not_the_vehicle():
+    """A lever arm left out shows at once with fixes of 2 cm."""
+    drive = make(5, sigma=0.02, antenna=(0.6, -0.3))
+    fixes = fixes_of(drive, sigma=0.02)
+    known = fuse_graph(path_of(drive), fixes, None, GraphConfig(antenna=(0.6, -0.3)))
+    unknown = fuse_graph(path_of(drive), fixes)
+    assert rms(errors_of(drive, known)) < 0.02
+    # An arm forward passes for a delay, one to the side for nothing else.
+    assert rms(errors_of(drive, unknown)) > 0.2
+
+
+def test_an_outage_of_a_minute_costs_less_than_a_percent_of_the_way_in_it():
+    drive = make(6)
+    keep = (drive.fix_t < 80.0) | (drive.fix_t > 140.0)
+    result = fuse_graph(path_of(drive), fixes_of(drive, keep))
+    zero = np.zeros(1)
+    ox, oy = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+    truth = (drive.t, drive.x + ox[0] + 7.0, drive.y + oy[0] - 3.0)
+    (gap,) = outages(result.track, result.fix_t, truth)
+    assert gap.end - gap.start == pytest.approx(60.2, abs=0.3)
+    assert gap.percent is not None
+    assert gap.percent < 1.0
+    rolled = np.cumsum(drive.speed) * 1e-3
+    way = np.interp(gap.end, drive.t, rolled) - np.interp(gap.start, drive.t, rolled)
+    assert gap.distance == pytest.approx(way, rel=0.02)
+    (untold,) = outages(result.track, result.fix_t)
+    assert untold.error is None
+    assert untold.percent is None
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [(80.0, 90.0), (80.0, 80.2), (-1.0, 10.0), (130.0, 1e9)],
+    ids=["10 s", "once", "start", "to end"],
+)
+def test_a_jump_of_a_hundred_metres_is_survived_and_said(begin, end):
+    drive = make(7)
+    jumped = (drive.fix_t > begin) & (drive.fix_t < end)
+    result = fuse_graph(path_of(drive), north(fixes_of(drive), jumped, 100.0))
+    error = errors_of(drive, result)
+    assert rms(error) < 1.5
+    said = [text for text in result.warnings if "jumped" in text]
+    assert len(said) == 1
+    assert f"t = {drive.fix_t[jumped][0]:.1f}" in said[0]
+
+
+def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
+    drive = make(8)
+    plain = fuse_graph(path_of(drive), fixes_of(drive))
+    result = fuse_graph(
+        path_of(drive), north(fixes_of(drive), (drive.fix_t > 80) & (drive.fix_t < 100), 20.0)
+    )
+    assert result.track.sigma_x.mean() > 2.0 * plain.track.sigma_x.mean()
+    assert any("alike" in text for text in result.warnings)
+
+
+def test_a_receiver_that_promises_too_much_is_not_believed():
+    drive = make(9)
+    plain = fuse_graph(path_of(drive), fixes_of(drive, sigma=5.0))
+    bold = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.5))
+    assert any("scatter" in text for text in bold.warnings)
+    assert bold.track.sigma_x.mean() == pytest.approx(plain.track.sigma_x.mean(), rel=0.2)
+    assert rms(errors_of(drive, bold)) < 1.0
+
+
+@pytest.mark.parametrize("delay", [2.0, -1.5])
+def test_a_clock_that_is_off_is_found_undone_and_said(delay):
+    drive = make(10, delay=delay)
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    found = result.constants["delay"]
+    assert abs(found.value - delay) < 4.0 * found.sigma
+    assert rms(errors_of(drive, result)) < 1.0
+    assert any("time stamps" in text for text in result.warnings)
+
+
+def test_a_clock_that_is_right_stays_untouched():
+    drive = make(11, sigma=0.05)
+    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.05))
+    assert abs(result.constants["delay"].value) < 4.0 * result.constants["delay"].sigma
+    assert result.warnings == ()
+
+
+def test_one_fix_places_the_track_and_leaves_its_direction_open():
+    drive = make(12)
+    result = fuse_graph(path_of(drive), fixes_of(drive, slice(300, 301)))
+    assert any("one fix only" in text for text in result.warnings)
+    assert any("heading: known to" in text for text in result.warnings)
+    k = int(np.searchsorted(result.track.t, drive.fix_t[300]))
+    assert np.hypot(result.track.sigma_x[k], result.track.sigma_y[k]) < 8.0
+    assert result.track.sigma_heading.min() > 1.0
+    assert result.track.sigma_x[-1] > 10.0
+
+
+def test_a_vehicle_that_stands_has_a_place_and_no_heading():
+    drive = make(13, motion=lambda rng: (np.zeros(30_000), np.zeros(30_000)))
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    assert rms(errors_of(drive, result)) < 4.0 * 5.0 / np.sqrt(len(drive.fix_t)) * np.sqrt(2.0)
+    assert any("heading: known to" in text for text in result.warnings)
+
+
+def test_rows_that_are_no_place_on_earth_are_named_and_left_out():
+    drive = make(14)
+    fixes = fixes_of(drive)
+    latitude = fixes.latitude_deg.copy()
+    latitude[16:20] = 95.0
+    result = fuse_graph(path_of(drive), replace(fixes, latitude_deg=latitude))
+    assert rms(errors_of(drive, result)) < 1.0
+    (text,) = result.warnings
+    assert "4 of" in text
+    assert "row 17" in text
+    with pytest.raises(InputError, match=r"no usable fix.*no place on Earth"):
+        fuse_graph(path_of(drive), replace(fixes, latitude_deg=fixes.latitude_deg * 0.0 + 95.0))
+
+
+def test_fixes_of_another_clock_altogether_are_one_clear_error():
+    drive = make(15, length=40.0)
+    fixes = fixes_of(drive)
+    with pytest.raises(InputError, match="clocks differ"):
+        fuse_graph(path_of(drive), replace(fixes, t=fixes.t + 1e6))
+
+
+def test_fixes_at_null_island_do_not_move_the_frame():
+    drive = make(16)
+    fixes, lost = fixes_of(drive), drive.fix_t < 15.0
+    result = fuse_graph(
+        path_of(drive),
+        replace(
+            fixes,
+            latitude_deg=np.where(lost, 0.0, fixes.latitude_deg),
+            longitude_deg=np.where(lost, 0.0, fixes.longitude_deg),
+        ),
+    )
+    assert rms(errors_of(drive, result)) < 1.0
+    assert any("km from the others" in text for text in result.warnings)
+
+
+def test_a_compass_tells_the_heading_where_fixes_cannot():
+    drive = make(17)
+    t = np.arange(0.5, drive.t[-1], 0.1)
+    _, _, heading = drive.truth(t)
+    rng = np.random.default_rng(17)
+    seen = np.mod(heading + 0.05 * rng.standard_normal(len(t)) + np.pi, 2.0 * np.pi) - np.pi
+    headings = Headings(t, seen, np.full(len(t), 0.05))
+    result = fuse_graph(path_of(drive), fixes_of(drive, slice(300, 301)), headings)
+    error = errors_of(drive, result)
+    assert np.max(np.abs(error[:, 2])) < 0.15
+    without = fuse_graph(path_of(drive), None, headings)
+    assert without.frame is None
+    assert without.track.x[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_heading_drifting_by_turns_does_not_mislead_the_first_guess():
+    drive = make(
+        18,
+        errors=Errors(0.01, 0.02, 4e-3, 2e-2, 0.003, 0.003, 3e-4),
+        motion=lambda rng: gnss_drives.loop(rng, laps=3),
+    )
+    drift = drive.odo_heading[-1] - (drive.heading[-1] - drive.heading[0])
+    assert abs(drift) > 2.0 * np.pi
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    assert rms(errors_of(drive, result)) < 1.0
+
+
+def test_the_papers_settings_are_ten_percent_and_five_metres():
+    drive = make(19)
+    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=1.0), None, paper())
+    assert rms(errors_of(drive, result)) < 1.0
+    assert np.all(result.graph.positions.sigma == 5.0)
+    steps = result.graph.between.steps
+    moved = np.abs(np.add.reduceat(steps.moves(np.zeros(6)), steps.first))
+    assert np.allclose(steps.covariance[:, 0, 0], (0.1 * moved) ** 2 + 1e-6)
+    assert all(abs(value.value) < 1e-6 for value in result.constants.values())
+
+
+def test_the_rate_of_the_odometry_does_not_matter():
+    results = []
+    for rate in (10.0, 100.0):
+        drive = make(21, length=120.0, errors=Errors(0.002, 0.005), rate_hz=rate)
+        results.append((drive, fuse_graph(path_of(drive), fixes_of(drive))))
+    first, second = (errors_of(drive, result) for drive, result in results)
+    assert rms(first) == pytest.approx(rms(second), abs=0.01)
+
+
+def test_from_start_begins_at_nothing_and_its_sigma_with_it():
+    drive = make(22)
+    track = fuse_graph(path_of(drive), fixes_of(drive)).from_start
+    assert track.x[0] == track.y[0] == 0.0
+    assert track.sigma_x[0] < 1e-3
+    assert track.sigma_x.max() > 0.05
+
+
+def test_a_place_tenths_of_a_second_between_odometry_poses_is_on_the_arc():
+    """Output at the odometry's times, states at the fixes': the truth without noise within millimetres."""
+    drive = make(23, length=60.0, errors=Errors(), sigma=1e-4, rate_hz=20.0)
+    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.005))
+    error = errors_of(drive, result)
+    assert np.max(np.abs(error[:, :2])) < 0.003
+
+
+def test_screening_keeps_what_the_wheels_can_have_rolled():
+    way = np.arange(100.0)
+    place = way + 0j
+    sigma = np.ones(100)
+    assert without_jumps(place, way, sigma).all()
+    jumped = place + np.where((way > 20) & (way < 30), 100j, 0)
+    assert np.array_equal(without_jumps(jumped, way, sigma), ~((way > 20) & (way < 30)))
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(100) + 1j * rng.standard_normal(100)
+    assert scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
+    assert scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)

@@ -1,0 +1,244 @@
+"""Differential odometry against paths known in closed form, and its covariance against many noisy drives."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hubodo.fuse.odometry import (
+    DifferentialOdometry,
+    OdometryConfig,
+    OdometryNoise,
+    Outcome,
+    WheelSamples,
+    WheelSpec,
+    integrate,
+)
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+R, B = 0.3, 0.9
+FORWARD, TURN = 1.5, 0.25
+G = 9.80665
+
+
+def config(**kwargs):
+    left = WheelSpec(R, kwargs.pop("left_facing", "left"), *kwargs.pop("left_bias", ()))
+    right = WheelSpec(R, kwargs.pop("right_facing", "left"), *kwargs.pop("right_bias", ()))
+    return OdometryConfig(left, right, B, **{"standstill_bias": False, **kwargs})
+
+
+def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, noise=0.0, rng=None):
+    """Samples of a wheel that turns at `rate(t)` rad/s; gravity turns in its plane as in a real one."""
+    t = np.arange(start, seconds, 1 / hz)
+    spin = np.array([rate(x) for x in t])
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1])) / hz])
+    sign = 1.0 if facing == "left" else -1.0
+    gyro = np.zeros((len(t), 3))
+    gyro[:, 2] = sign * spin + bias
+    accel = np.column_stack([G * np.cos(angle), -sign * G * np.sin(angle), np.zeros(len(t))])
+    if rng is not None:
+        gyro[:, 2] += rng.normal(0, noise, len(t))
+        accel += rng.normal(0, 0.05, accel.shape)
+    return WheelSamples(side, T0 + np.round(t * S).astype(np.int64), gyro, accel)
+
+
+def pair(seconds, speed, yaw, **kwargs):
+    """Both wheels of a vehicle with v(t), r(t): v_w = v - r y_w, y_w = +-B/2."""
+    return (
+        wheel("left", seconds, lambda t: (speed(t) - yaw(t) * B / 2) / R, **kwargs),
+        wheel("right", seconds, lambda t: (speed(t) + yaw(t) * B / 2) / R, **kwargs),
+    )
+
+
+def drive(cfg, *wheels):
+    odometry = DifferentialOdometry(cfg)
+    states = [state for samples in wheels for state in odometry.handle(samples).states]
+    return states + list(odometry.finish())
+
+
+def split(samples, size):
+    for k in range(0, len(samples.t_ns), size):
+        part = slice(k, k + size)
+        yield WheelSamples(samples.side, samples.t_ns[part], samples.gyro[part], samples.accel[part])
+
+
+def test_a_straight_line_is_straight_and_as_long_as_speed_times_time():
+    last = drive(config(), *pair(10, lambda t: FORWARD, lambda t: 0.0))[-1]
+    seconds = (last.t_ns - T0) / S
+    assert last.x == pytest.approx(FORWARD * seconds, abs=1e-9)
+    assert last.y == last.heading == 0.0
+    assert last.speed == pytest.approx(FORWARD)
+
+
+def test_a_circle_closes_on_the_left_and_the_midpoint_rule_leaves_the_chord_error_only():
+    seconds = 2 * math.pi / TURN
+    last = drive(config(), *pair(seconds + 0.01, lambda t: FORWARD, lambda t: TURN))[-1]
+    assert last.heading == pytest.approx(2 * math.pi, abs=TURN * 0.011)
+    chord = (TURN * 0.01) ** 2 / 24 * FORWARD * seconds
+    assert math.hypot(last.x, last.y) < FORWARD * 0.02 + chord
+    quarter = drive(config(), *pair(seconds / 4 + 1e-6, lambda t: FORWARD, lambda t: TURN))[-1]
+    assert quarter.x == pytest.approx(FORWARD / TURN, abs=0.02)
+    assert quarter.y == pytest.approx(FORWARD / TURN, abs=0.02)  # anticlockwise goes to the left: y > 0
+
+
+@pytest.mark.parametrize("left", ["left", "right"])
+@pytest.mark.parametrize("right", ["left", "right"])
+def test_where_a_node_faces_changes_the_sign_of_its_gyro_and_nothing_else(left, right):
+    a = wheel("left", 2, lambda t: 4.0, facing=left)
+    b = wheel("right", 2, lambda t: 5.0, facing=right)
+    last = drive(config(left_facing=left, right_facing=right), a, b)[-1]
+    assert last.speed == pytest.approx(4.5 * R)
+    assert last.yaw_rate == pytest.approx(1.0 * R / B)
+
+
+@given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 4))
+def test_portions_and_order_of_arrival_do_not_change_the_track(n_left, n_right, seed):
+    a, b = pair(1.0, lambda t: 1 + t, lambda t: 0.3 * t)
+    whole = drive(config(), a, b)
+    parts = [*split(a, n_left)], [*split(b, n_right)]
+    rng = np.random.default_rng(seed)
+    mixed = []
+    queues = [list(p) for p in parts]
+    while any(queues):
+        queue = queues[int(rng.integers(2))]
+        if queue:
+            mixed.append(queue.pop(0))
+    assert drive(config(), *mixed) == whole
+
+
+@given(st.integers(-(10**9), 10**9))
+def test_a_shift_in_time_by_whole_steps_moves_the_stamps_only(steps):
+    a, b = pair(0.5, lambda t: 1.0, lambda t: 0.2)
+    shift = steps * 10_000_000
+    moved = [WheelSamples(w.side, w.t_ns + shift, w.gyro, w.accel) for w in (a, b)]
+    one, two = drive(config(), a, b), drive(config(), *moved)
+    assert [s.t_ns + shift for s in one] == [s.t_ns for s in two]
+    assert [(s.x, s.y, s.heading) for s in one] == [(s.x, s.y, s.heading) for s in two]
+
+
+def test_left_and_right_swapped_mirror_the_track():
+    a, b = pair(3, lambda t: 1.0, lambda t: 0.4)
+    mirrored = (WheelSamples("left", b.t_ns, b.gyro, b.accel), WheelSamples("right", a.t_ns, a.gyro, a.accel))
+    one, two = drive(config(), a, b)[-1], drive(config(), *mirrored)[-1]
+    assert (one.x, -one.y, -one.heading) == pytest.approx((two.x, two.y, two.heading))
+
+
+def test_wheels_with_other_rates_and_phases_still_agree():
+    a = wheel("left", 5, lambda t: 4.0, hz=416.0, start=0.0013)
+    b = wheel("right", 5, lambda t: 4.0, hz=104.0, start=0.0047)
+    states = drive(config(), a, b)
+    assert max(abs(s.heading) for s in states) < 1e-9
+    assert np.diff([s.t_ns for s in states]).tolist() == [10_000_000] * (len(states) - 1)
+
+
+def test_one_wheel_alone_waits_and_its_samples_are_not_forgotten():
+    a, b = pair(2, lambda t: 1.0, lambda t: 0.0)
+    odometry = DifferentialOdometry(config())
+    assert odometry.handle(a).outcome is Outcome.WAITING
+    assert odometry.state() is None
+    handled = odometry.handle(b)
+    assert handled.outcome is Outcome.ADVANCED
+    assert handled.states[-1] == odometry.state()
+
+
+def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
+    a, b = pair(1, lambda t: 1.0, lambda t: 0.0)
+    odometry = DifferentialOdometry(config())
+    odometry.handle(a)
+    assert odometry.handle(a).outcome is Outcome.LATE
+    assert odometry.handle(b).states[-1].x == pytest.approx(0.99, abs=0.02)
+
+
+def test_a_gap_is_bridged_on_the_chord_and_paid_for_in_variance():
+    a, b = pair(10, lambda t: FORWARD, lambda t: 0.0)
+    hole = (a.t_ns < T0 + 4 * S) | (a.t_ns > T0 + 6 * S)
+    holed = WheelSamples("left", a.t_ns[hole], a.gyro[hole], a.accel[hole])
+    whole, bridged = drive(config(), a, b)[-1], drive(config(), holed, b)[-1]
+    assert bridged.x == pytest.approx(whole.x, abs=1e-9)
+    # A Brownian bridge of 2 s at 1 m/s per sqrt(s) leaves 2^3 / 12 m2 on one wheel.
+    extra = bridged.covariance[2][2] - whole.covariance[2][2]
+    assert extra == pytest.approx(2.0**3 / 12 / B**2, rel=0.02)
+
+
+def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on():
+    rng = np.random.default_rng(11)
+
+    def speed(t):
+        return 0.0 if t < 3 else 1.0
+
+    a = wheel("left", 13, lambda t: speed(t) / R, bias=0.05, noise=0.004, rng=rng)
+    b = wheel("right", 13, lambda t: speed(t) / R, bias=-0.08, noise=0.004, rng=rng)
+    odometry = DifferentialOdometry(config(standstill_bias=True))
+    last = None
+    for x, y in zip(split(a, 8), split(b, 8), strict=True):
+        odometry.handle(x)
+        last = odometry.handle(y).states[-1:] or last
+    biases = odometry.biases()
+    assert biases["left"][0] == pytest.approx(0.05, abs=3 * biases["left"][1])
+    assert biases["right"][0] == pytest.approx(-0.08, abs=3 * biases["right"][1])
+    assert last[0].x == pytest.approx(10.0, abs=0.03)
+    assert abs(last[0].heading) < 0.02
+    naive = drive(config(), a, b)[-1]
+    assert abs(naive.heading) > 0.3  # what the bias would have done
+
+
+def test_slow_rolling_is_not_mistaken_for_rest():
+    a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
+    odometry = DifferentialOdometry(config(standstill_bias=True))
+    odometry.handle(a)
+    odometry.handle(b)
+    assert odometry.biases()["left"][0] == 0.0
+    assert odometry.state().x == pytest.approx(0.6, abs=0.01)
+
+
+def test_the_covariance_covers_many_noisy_drives():
+    """Normalised error squared of 100 drives, 3 degrees of freedom each: their sum is chi-square(300)."""
+    noise = OdometryNoise(
+        gyro=0.02, road=0.0, lateral=0.0, speed_walk=0.0, radius=0.005, radius_each=0.002, track=0.01
+    )
+    cfg = config(noise=noise, left_bias=(0.0, 0.002), right_bias=(0.0, 0.002))
+    truth = drive(cfg, *pair(12, lambda t: 1.0, lambda t: 0.3 * math.sin(0.4 * t)))[-1]
+    total, seed = 0.0, 4
+    rng = np.random.default_rng(seed)
+    for _ in range(100):
+        both, track = rng.normal(0, 0.005), 1 + rng.normal(0, 0.01)
+        made = []
+        for side, samples in zip(
+            ("left", "right"), pair(12, lambda t: 1.0, lambda t: 0.3 * math.sin(0.4 * t)), strict=True
+        ):
+            scale = 1 + both + rng.normal(0, 0.002)
+            gyro = samples.gyro * scale + rng.normal(0, 0.002)
+            gyro[:, 2] += rng.normal(0, 0.02, len(gyro))
+            made.append(WheelSamples(side, samples.t_ns, gyro, samples.accel))
+        off = OdometryConfig(cfg.left, cfg.right, B * track, standstill_bias=False, noise=noise)
+        last = drive(off, *made)[-1]
+        error = np.array([last.x - truth.x, last.y - truth.y, last.heading - truth.heading])
+        total += float(error @ np.linalg.solve(np.array(truth.covariance), error))
+    # 99.9 % of chi-square(300) lies within 225..387.
+    assert 225 < total < 387, f"seed {seed}"
+
+
+def test_a_long_silence_of_one_wheel_does_not_fill_the_memory():
+    odometry = DifferentialOdometry(config())
+    for k in range(15):
+        t = T0 + (k * 10_000 + np.arange(10_000, dtype=np.int64)) * 5_000_000
+        gyro, accel = np.zeros((10_000, 3)), np.zeros((10_000, 3))
+        gyro[:, 2] = 2.0
+        odometry.handle(WheelSamples("left", t, gyro, accel))
+    assert len(odometry._wheels["left"].knots) <= (1 << 17) + 10_000
+    t = T0 + np.array([0, 15 * 10_000 - 1], np.int64) * 5_000_000
+    gyro = np.zeros((2, 3))
+    gyro[:, 2] = 2.0
+    last = odometry.handle(WheelSamples("right", t, gyro, np.zeros((2, 3)))).states[-1]
+    assert last.distance == pytest.approx(2.0 * R * (last.t_ns - T0) / S)
+
+
+def test_a_recording_is_integrated_as_if_it_came_live_however_long_it_is(monkeypatch):
+    a, b = pair(12, lambda t: 1 + 0.1 * t, lambda t: 0.3 * math.sin(t))
+    whole = drive(config(), a, b)
+    monkeypatch.setattr("hubodo.fuse.odometry._MAX_KNOTS", 500)
+    assert integrate(config(), [a, b]) == whole
+    assert integrate(config(), []) == []

@@ -1,0 +1,207 @@
+"""North: every method finds the azimuth within its sigma, on tables made without the estimator's
+equations."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from generators.north_table import Sensor, carousel, earth_in_sensor, maytag
+from hubodo.errors import CalibrationError, InputError
+from hubodo.sensors.north import find_north, horizontal_rate
+from hubodo.sensors.north_circle import fuse, summarise, wrap
+from hubodo.sensors.north_drift import Drift
+from hubodo.sensors.north_stops import Table
+from hubodo.sensors.north_table import SimulatedTable, seek_east, simulate_stops
+
+LATITUDE = np.radians(32.7574)
+TACTICAL = Sensor(0.05, 0.2, 0.3)
+DT = 0.1
+POINTS = {"maytag": [0.0, np.pi], "maytag4": [0.0, np.pi, np.pi / 2, 1.5 * np.pi]}
+
+
+def table_of(run):
+    return Table(run.table_t, run.table_angle, run.table_moving)
+
+
+def made(seed, method, azimuth, *, sensor=TACTICAL, stops=20, stop=20.0, latitude=LATITUDE, transient=0.0):
+    rng = np.random.default_rng(seed)
+    error = sensor.error(int(stops * (stop + 2) / DT) + 10, DT, rng)
+    return maytag(
+        error,
+        DT,
+        azimuth,
+        latitude,
+        list(np.resize(POINTS[method], stops)),
+        stop,
+        2.0,
+        transient=transient,
+        rng=rng,
+    )
+
+
+@pytest.mark.parametrize("method", ["maytag", "maytag4"])
+def test_stops_find_the_azimuth_with_an_honest_sigma_over_25_seeds(method):
+    z = []
+    for seed in range(25):
+        azimuth = np.random.default_rng(seed).uniform(-np.pi, np.pi)
+        run = made(seed, method, azimuth)
+        found = find_north(run.t, run.rate, table_of(run), LATITUDE, method, settle=1.0, near=azimuth)
+        z.append(float(wrap(found.azimuth - azimuth)) / found.sigma)
+    # rms of 25 values scatters by 14 %; three of that. No value beyond 4.
+    assert 0.58 < np.sqrt(np.mean(np.square(z))) < 1.42, z
+    assert np.abs(z).max() < 4
+
+
+def test_a_carousel_finds_the_azimuth_with_an_honest_sigma_near_the_white_noise_bound():
+    z, ratio = [], []
+    for seed in range(14):
+        rng = np.random.default_rng(seed)
+        azimuth = rng.uniform(-np.pi, np.pi)
+        run = carousel(TACTICAL.error(3700, DT, rng), DT, azimuth, LATITUDE, 30.0, 360.0)
+        found = find_north(run.t, run.rate, table_of(run), LATITUDE, "carousel")
+        z.append(float(wrap(found.azimuth - azimuth)) / found.sigma)
+        ratio.append(found.sigma / found.white_bound)
+        assert len(found.rates) == len(found.cross) == 12
+    # rms of 14 values scatters by 19 %.
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.57, z
+    # Turning fast against this drift, it cannot be better than white noise and need not be much worse.
+    assert 0.75 < np.median(ratio) < 1.35
+
+
+def test_the_white_noise_bound_is_sqrt_2_over_t_times_n_over_horizontal_rate():
+    rng = np.random.default_rng(1)
+    run = carousel(Sensor(0.42, 0, 0).error(36100, DT, rng), DT, 1.0, np.radians(45), 60.0, 3600.0)
+    drift = Drift(np.radians(0.42) / 60, 0.0, 0.0)
+    found = find_north(run.t, run.rate, table_of(run), np.radians(45), "carousel", drift=drift)
+    # The field's own number: 0.42 deg/rt-h and one hour give 3.2 degrees with one axis.
+    assert np.degrees(found.white_bound) == pytest.approx(3.2, abs=0.05)
+    assert found.sigma == pytest.approx(found.white_bound, rel=0.02)
+
+
+def test_east_seeking_stops_east_and_never_west():
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        # Start pointing west, or nearly: the loop's other zero.
+        azimuth = -np.pi / 2 + rng.uniform(-0.05, 0.05)
+        table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, azimuth, LATITUDE)
+        found = seek_east(table, table.measure, LATITUDE, stop=20.0, steps=8)
+        assert abs(wrap(azimuth - found.angle - np.pi / 2)) < np.radians(5)
+        assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma
+        assert len(found.steps) == 8
+
+
+def test_a_log_of_an_east_seeking_session_gives_the_azimuth():
+    rng = np.random.default_rng(3)
+    table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, 0.7, LATITUDE)
+    angles = [0, np.pi, 0, np.pi / 2, 1.5 * np.pi, np.pi / 2, -0.9, -0.9 + np.pi, -0.9, -0.87, -0.87 + np.pi]
+    t, rate, made_table = simulate_stops(table, np.array(angles), 30.0)
+    found = find_north(t, rate, made_table, LATITUDE, "east")
+    assert abs(wrap(found.azimuth - 0.7)) < 4 * found.sigma < np.radians(10)
+    assert len(found.rates) == 7
+
+
+@settings(max_examples=8)
+@given(st.floats(-np.pi, np.pi), st.floats(-1.2, 1.2), st.floats(-np.pi, np.pi))
+def test_turning_table_zero_turns_the_answer(azimuth, latitude, shift):
+    angles = np.resize(POINTS["maytag4"], 12)
+    quiet = SimulatedTable(1e-7 * np.random.default_rng(0).standard_normal(4000), DT, azimuth, latitude)
+    t, rate, table = simulate_stops(quiet, angles, 20.0)
+    found = find_north(t, rate, table, latitude, "maytag4")
+    assert abs(wrap(found.azimuth - azimuth)) < 1e-2
+    turned = Table(table.t, table.angle + shift, table.moving)
+    again = find_north(t, rate, turned, latitude, "maytag4")
+    assert abs(wrap(again.azimuth - azimuth - shift)) < 1e-2
+    mounted = find_north(t, rate, table, latitude, "maytag4", mounting=shift)
+    assert abs(wrap(mounted.azimuth - azimuth - shift)) < 1e-2
+
+
+def test_signs_from_first_principles():
+    # Axis to the north feels all of it, to the south its negative, to the east nothing; anticlockwise from
+    # north is west.
+    for azimuth, angle, share in (
+        (0, 0, 1),
+        (np.pi, 0, -1),
+        (np.pi / 2, 0, 0),
+        (0, np.pi / 2, 0),
+        (np.pi / 2, np.pi / 2, 1),
+    ):
+        felt = earth_in_sensor(azimuth, np.array([angle]), LATITUDE)[0]
+        assert felt == pytest.approx(share * horizontal_rate(LATITUDE), rel=1e-5, abs=1e-12)
+
+
+def test_stops_along_one_line_say_that_two_azimuths_remain():
+    run = made(1, "maytag", np.radians(60))
+    found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag", settle=1.0)
+    assert len(found.candidates) == 2
+    assert min(abs(wrap(c - np.radians(60))) for c in found.candidates) < 4 * found.sigma
+    assert float(wrap(sum(found.candidates))) == pytest.approx(0, abs=1e-6)
+    assert "two azimuths" in found.warnings[0]
+    west = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag", settle=1.0, near=np.radians(-50))
+    assert west.azimuth == pytest.approx(-found.azimuth)
+
+
+def test_pointing_north_two_points_give_one_azimuth_with_the_sigma_of_the_flat_cosine():
+    run = made(2, "maytag", 0.0)
+    found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag", settle=1.0)
+    assert len(found.candidates) == 1 and abs(found.azimuth) < 1e-9
+    rate, sigma = found.components()
+    assert abs(rate[0] - horizontal_rate(LATITUDE)) < 4 * sigma[0]
+    # cos is flat there: a rate known to 1 % leaves 8 degrees.
+    assert found.sigma > 2 * sigma[0] / horizontal_rate(LATITUDE)
+
+
+def test_four_gyros_halve_the_sigma_and_stay_honest():
+    off, gain = [], []
+    for seed in range(8):
+        runs = [made(100 * seed + k, "maytag4", 0.4) for k in range(4)]
+        found = [find_north(r.t, r.rate, table_of(r), LATITUDE, "maytag4", settle=1.0) for r in runs]
+        azimuth, sigma = fuse([f.posterior for f in found], horizontal_rate(LATITUDE))
+        off.append((azimuth - 0.4) / sigma)
+        gain.append(np.mean([f.sigma for f in found]) / sigma)
+    assert np.median(gain) == pytest.approx(2, rel=0.15)
+    assert np.sqrt(np.mean(np.square(off))) < 1.7
+
+
+def test_one_minute_of_a_noisy_gyro_says_that_it_does_not_know():
+    run = made(3, "maytag4", 1.0, sensor=Sensor(1.0, 20, 100), stops=8, stop=6.0)
+    found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag4")
+    assert found.sigma > np.radians(45)
+    assert any("does not show north" in text for text in found.warnings)
+
+
+def test_the_density_of_a_record_without_earth_rate_in_it_is_flat():
+    run = made(4, "maytag4", 1.0, sensor=Sensor(50.0, 0, 0))
+    found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag4")
+    # Uniform over the circle: pi/sqrt(3).
+    assert summarise(found.posterior)[1] == pytest.approx(np.pi / np.sqrt(3), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "latitude, words",
+    [(np.radians(91), "out of range"), (np.radians(88), "too near the pole"), (np.nan, "out of range")],
+)
+def test_impossible_latitudes_are_refused(latitude, words):
+    with pytest.raises(InputError, match=words):
+        horizontal_rate(latitude)
+
+
+@pytest.mark.parametrize(
+    "change, error, words",
+    [
+        ({"stops": 2}, InputError, "2 stops are too few"),
+        ({"angles": [0.0, np.pi / 2]}, InputError, "180 degrees apart"),
+        ({"method": "maytag4"}, InputError, "every 90 degrees"),
+        ({"method": "carousel"}, InputError, "turns; a carousel needs 2"),
+        ({"method": "north"}, InputError, "method 'north' is unknown"),
+        ({"constant": True}, CalibrationError, "never changes"),
+    ],
+    ids=["too few", "wrong angles", "no cross stops", "no turns", "no method", "constant"],
+)
+def test_bad_records_end_in_words(change, error, words):
+    rng = np.random.default_rng(0)
+    angles = np.resize(change.get("angles", [0.0, np.pi]), change.get("stops", 4))
+    run = maytag(TACTICAL.error(2000, DT, rng), DT, 0.0, LATITUDE, list(angles), 10.0, 2.0)
+    rate = run.rate * 0 if change.get("constant") else run.rate
+    with pytest.raises(error, match=words):
+        find_north(run.t, rate, table_of(run), LATITUDE, change.get("method", "maytag"))

@@ -1,0 +1,262 @@
+"""The parts of north-finding: stops, filters, drift covariance, advice, tables on a wire."""
+
+import os
+import pty
+import threading
+import tty
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad
+from serial import Serial
+
+from generators.noise import gyro_noise
+from generators.north_table import Sensor, maytag
+from hubodo.errors import InputError, LinkError
+from hubodo.sensors.north_advice import (
+    best_programme,
+    ergodicity,
+    programme_sigma,
+    time_for,
+    white_azimuth_bound,
+)
+from hubodo.sensors.north_drift import Drift, covariance, flicker, random_walk
+from hubodo.sensors.north_filters import FILTERS, along, opposite_pairs, weights
+from hubodo.sensors.north_mount import check_direction, mount_of, tilt_warning
+from hubodo.sensors.north_stops import Table, split_stops
+from hubodo.sensors.north_table import SerialTable
+
+LATITUDE = np.radians(45)
+DT = 0.02
+
+
+def run_of(seed, *, transient=0.02, stops=8, stop=20.0):
+    rng = np.random.default_rng(seed)
+    error = Sensor(0.1, 0.5, 1).error(int(stops * (stop + 2) / DT) + 10, DT, rng)
+    return maytag(
+        error,
+        DT,
+        0.3,
+        LATITUDE,
+        list(np.resize([0.0, np.pi], stops)),
+        stop,
+        2.0,
+        transient=transient,
+        rng=rng,
+    )
+
+
+def table_of(run):
+    return Table(run.table_t, run.table_angle, run.table_moving)
+
+
+def test_one_recording_is_split_into_its_stops_and_the_transients_are_cut():
+    run = run_of(1)
+    stops = split_stops(run.t, run.rate, table_of(run), vertical=run.vertical)
+    assert len(stops) == 8
+    # 0.02 rad/s decaying with 0.15 s is below 1e-8 rad/s after 2.2 s, and visible for about half of that.
+    assert 0.6 < stops.cut[0] < 4.0
+    clean = run_of(1, transient=0.0)
+    same = split_stops(clean.t, clean.rate, table_of(clean), settle=stops.cut[0])
+    assert np.abs(stops.mean - same.mean).max() < 2e-6
+
+
+def test_without_transients_little_is_cut():
+    run = run_of(2, transient=0.0)
+    assert max(split_stops(run.t, run.rate, table_of(run)).cut) <= 1.0
+
+
+def test_a_table_that_turned_while_it_was_said_to_be_still_is_found_by_the_vertical_gyro():
+    run = run_of(3)
+    vertical = run.vertical.copy()
+    inside = (run.t > 50) & (run.t < 55)
+    vertical[inside] += np.radians(0.6)
+    with pytest.raises(InputError, match=r"stop 3, 4[4-6].*adds up to 3\.0 degrees"):
+        split_stops(run.t, run.rate, table_of(run), vertical=vertical)
+
+
+def test_a_table_file_whose_angle_changes_while_still_is_refused_with_the_time():
+    run = run_of(4)
+    t = np.append(run.table_t[:-1], [run.table_t[-1] - 5, run.table_t[-1]])
+    angle = np.append(run.table_angle[:-1], [run.table_angle[-1] + 0.01, run.table_angle[-1] + 0.01])
+    with pytest.raises(InputError, match=r"0\.57 degrees while moving is 0"):
+        split_stops(run.t, run.rate, Table(t, angle, np.append(run.table_moving[:-1], [False, False])))
+
+
+@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("count", [4, 5, 9, 20, 21])
+def test_every_filter_gives_the_rate_whatever_the_bias(name, count):
+    sign = np.where(np.arange(count) % 2 == 0, 1, -1)
+    w = weights(name, sign)
+    assert w[sign > 0].sum() == pytest.approx(0.5) and w[sign < 0].sum() == pytest.approx(-0.5)
+    assert w @ (7.0 + 0.0035 * sign) == pytest.approx(0.0035)
+
+
+def test_nearest_neighbour_is_the_thesis_formula_and_swanson_schlamminger_its_weights():
+    sign = np.array([1, -1, 1, -1, 1])
+    assert np.allclose(weights("nearest", sign) * 8, [1, -2, 2, -2, 1])
+    # 1/(N+1), -1/(N-1), .. for N = 5 stops in all.
+    assert np.allclose(weights("swanson_schlamminger", sign), [1 / 6, -1 / 4, 1 / 6, -1 / 4, 1 / 6])
+
+
+@pytest.mark.parametrize("name, lag", [("next_nearest", 3), ("next_next_nearest", 5)])
+def test_the_wider_filters_relate_each_stop_to_two_and_three_opposite_ones_on_each_side(name, lag):
+    sign = np.where(np.arange(21) % 2 == 0, 1, -1)
+    pairs = opposite_pairs(sign, lag)
+    partners = (pairs.first == 10).sum()
+    assert partners == lag + 1
+    assert np.allclose(
+        np.bincount(pairs.first, minlength=21) + np.bincount(pairs.second, minlength=21),
+        2 * len(pairs.first) * np.abs(weights(name, sign)),
+    )
+
+
+def test_filters_refuse_what_they_cannot_do():
+    with pytest.raises(InputError, match="facing the same way"):
+        weights("nearest", np.array([1, 1, 1]))
+    with pytest.raises(InputError, match="unknown"):
+        weights("neares", np.array([1, -1]))
+    assert list(along(np.radians([0, 181, 90, 359, 5]), 0.0)) == [1, -1, 0, 1, 0]
+
+
+def test_random_walk_and_flicker_covariances_are_the_integrals_they_stand_for():
+    start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
+    walk = random_walk(start, end)
+    for i in range(3):
+        for j in range(3):
+            area = (end[i] - start[i]) * (end[j] - start[j])
+            exact = dblquad(lambda u, v: min(u, v), start[i], end[i], start[j], end[j], epsabs=1e-4)[0] / area
+            assert walk[i, j] == pytest.approx(exact, rel=1e-3)
+    assert np.linalg.eigvalsh(flicker(start, end)).min() > 0
+
+
+def test_the_allan_deviation_of_the_flicker_covariance_is_flat_at_0_664():
+    t = np.arange(512.0)
+    c = flicker(t, t + 1)
+    for m in (4, 16, 64):
+        d = np.zeros(512)
+        d[200 : 200 + m], d[200 + m : 200 + 2 * m] = -1 / m, 1 / m
+        assert np.sqrt(d @ c @ d / 2) == pytest.approx(np.sqrt(2 * np.log(2) / np.pi), rel=0.03)
+
+
+def test_the_covariance_is_that_of_simulated_drift():
+    drift = Drift(0.0, 1.0, 0.05)
+    start = np.arange(12) * 12.0
+    model = covariance(drift, start, start + 10)
+    w = weights("nearest", np.where(np.arange(12) % 2 == 0, 1, -1))
+    found = []
+    for seed in range(400):
+        x = gyro_noise(1440, 0.1, np.random.default_rng(seed), b=1.0, k=0.05)
+        found.append(w @ np.array([x[int(10 * s) : int(10 * s) + 100].mean() for s in start]))
+    # 400 values: 3.5 % on a standard deviation.
+    assert np.std(found) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
+
+
+def test_independent_estimates_have_slope_minus_one_half_and_drifting_ones_do_not():
+    rng = np.random.default_rng(2)
+    good = ergodicity(rng.standard_normal(1799), shared=False)
+    assert abs(good.slope + 0.5) < 3 * good.sigma and good.sigma < 0.1
+    noise = rng.standard_normal(1800)
+    neighbours = ergodicity((noise[1:] + noise[:-1]) / 2)
+    assert abs(neighbours.slope + 0.5) < 3 * neighbours.sigma
+    bad = ergodicity(np.cumsum(rng.standard_normal(1799)))
+    assert not bad.ergodic and bad.slope > 0
+    assert ergodicity(rng.standard_normal(10)) is None
+
+
+def test_advice_keeps_to_the_bound_and_prefers_short_stops_for_more_drift():
+    horizontal = 5e-5
+    quiet, drifting = Drift(1e-5, 1e-9, 1e-9), Drift(1e-5, 2e-5, 2e-6)
+    assert programme_sigma(quiet, 34, 40, 0.0, horizontal) == pytest.approx(
+        white_azimuth_bound(quiet.n, 34 * 40, horizontal), rel=0.02
+    )
+    slow, fast = (best_programme(d, 1800, 2.0, horizontal) for d in (quiet, drifting))
+    assert fast.stop < slow.stop and fast.sigma > slow.sigma
+    enough = time_for(quiet, np.radians(1), 2.0, horizontal)
+    assert enough.sigma <= np.radians(1)
+    assert best_programme(quiet, 5.0, 2.0, horizontal) is None
+    assert time_for(drifting, np.radians(1e-4), 2.0, horizontal) is None
+
+
+def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():
+    accel, gyro = np.zeros((200, 3)), np.zeros((200, 3))
+    accel[:, 2] = 9.81
+    assert mount_of(gyro, accel, "y").mounting == pytest.approx(np.pi / 2)
+    assert mount_of(gyro, -accel, "y").mounting == pytest.approx(-np.pi / 2)
+    assert mount_of(gyro, accel, "x").mounting == 0
+    with pytest.raises(InputError, match="degrees from level"):
+        mount_of(gyro, accel, "z")
+
+
+def test_a_table_file_that_counts_clockwise_is_found_out():
+    run = run_of(5)
+    count = len(run.t)
+    gyro = np.column_stack([run.rate, np.zeros(count), run.vertical])
+    accel = np.tile([0, 0, 9.81], (count, 1))
+    check_direction(mount_of(gyro, accel, "x"), run.t, table_of(run))
+    with pytest.raises(InputError, match="clockwise"):
+        check_direction(
+            mount_of(gyro, accel, "x"), run.t, Table(run.table_t, -run.table_angle, run.table_moving)
+        )
+
+
+def test_a_gyro_in_degrees_per_second_is_found_out_by_the_turns_of_the_table():
+    run = run_of(5)
+    gyro = np.degrees(np.column_stack([run.rate, run.rate, run.vertical]))
+    with pytest.raises(InputError, match="degrees per second"):
+        check_direction(mount_of(gyro, np.tile([0, 0, 9.81], (len(gyro), 1)), "x"), run.t, table_of(run))
+
+
+def test_a_leaning_table_is_named_with_what_it_costs():
+    run = run_of(6)
+    rng = np.random.default_rng(0)
+    angle = np.interp(run.t, run.table_t, run.table_angle)
+    lean = 9.81 * np.radians(1.0) * np.cos(angle)
+    accel = np.column_stack([lean, 0 * lean, np.full(len(lean), 9.81)]) + 0.05 * rng.standard_normal(
+        (len(lean), 3)
+    )
+    gyro = np.column_stack([run.rate, run.rate, run.vertical])
+    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE)
+    assert "leans by 1.0" in words[0]
+    accel[:, 0] -= lean
+    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE) == []
+
+
+class FakeTable:
+    """A table at the far end of a pseudo terminal that answers as the protocol says."""
+
+    def __init__(self, off=0.0, silent=False):
+        self.far, near = pty.openpty()
+        tty.setraw(self.far)
+        self.path = os.ttyname(near)
+        self.at, self.off, self.silent = 0.0, off, silent
+        threading.Thread(target=self.serve, daemon=True).start()
+
+    def serve(self):
+        with os.fdopen(self.far, "rb+", buffering=0) as stream:
+            while line := stream.readline():
+                word, _, rest = line.decode().strip().partition(" ")
+                if self.silent:
+                    continue
+                if word == "GOTO":
+                    self.at = float(rest) + self.off
+                    stream.write(b"OK %.4f\n" % self.at)
+                elif word == "ANGLE?":
+                    stream.write(b"ANGLE %.4f\n" % self.at)
+                else:
+                    stream.write(b"ERR unknown command\n")
+
+
+def test_a_serial_table_is_driven_over_a_real_port():
+    with Serial(FakeTable().path, 115200, timeout=5) as port:
+        table = SerialTable(port)
+        table.turn_to(np.radians(-90.0))
+        assert table.angle() == pytest.approx(np.radians(-90.0))
+
+
+@pytest.mark.parametrize(
+    "fault, words", [({"off": 0.5}, "stopped at"), ({"silent": True}, "answered nothing")]
+)
+def test_a_table_that_misses_or_does_not_answer_is_an_error(fault, words):
+    with Serial(FakeTable(**fault).path, 115200, timeout=0.3) as port, pytest.raises(LinkError, match=words):
+        SerialTable(port).turn_to(1.0)

@@ -1,0 +1,138 @@
+"""`hubodo north` from a CSV folder to the JSON that other programs read."""
+
+import json
+
+import numpy as np
+import pytest
+
+from generators.north_table import Sensor, carousel, maytag
+from hubodo.cli import main
+from hubodo.log.csv_table import write_table
+from hubodo.log.recording import Table
+from shared_data import shared_data
+
+LATITUDE_DEG = 48.0
+DT = 0.05
+POINTS = [0.0, np.pi, np.pi / 2, 1.5 * np.pi]
+
+
+def folder(path, run, *, table=True, y=None):
+    path.mkdir()
+    count = len(run.t)
+    zero = np.zeros(count)
+    rng = np.random.default_rng(0)
+    accel = np.array([0, 0, 9.81]) + 0.01 * rng.standard_normal((count, 3))
+    columns = {"t": run.t, "gx": run.rate, "gy": zero if y is None else y, "gz": run.vertical}
+    write_table(path / "imu.csv", Table({**columns, "ax": accel[:, 0], "ay": accel[:, 1], "az": accel[:, 2]}))
+    if table:
+        moving = run.table_moving.astype(float)
+        write_table(path / "table.csv", Table({"t": run.table_t, "angle": run.table_angle, "moving": moving}))
+    return path
+
+
+def stops(seed, azimuth_deg, count=20, points=POINTS):
+    rng = np.random.default_rng(seed)
+    error = Sensor(0.05, 0.2, 0.3).error(int(count * 22 / DT) + 10, DT, rng)
+    angles = list(np.resize(points, count))
+    return maytag(error, DT, np.radians(azimuth_deg), np.radians(LATITUDE_DEG), angles, 20.0, 2.0, rng=rng)
+
+
+def north(capsys, path, *words):
+    status = main(
+        ["north", str(path), "--node", "imu", "--latitude_deg", str(LATITUDE_DEG), "--json", *words]
+    )
+    out, err = capsys.readouterr()
+    return status, json.loads(out) if status == 0 else err
+
+
+@pytest.mark.parametrize(
+    "method, run",
+    [
+        ("maytag4", stops(1, 200.0)),
+        ("maytag", stops(2, 60.0, points=POINTS[:2])),
+        (
+            "carousel",
+            carousel(
+                Sensor(0.05, 0.2, 0.3).error(8100, DT, np.random.default_rng(3)),
+                DT,
+                np.radians(310),
+                np.radians(LATITUDE_DEG),
+                40.0,
+                400.0,
+            ),
+        ),
+        ("east", stops(4, 30.0)),
+    ],
+)
+def test_each_method_prints_the_fields_that_programs_read(tmp_path, capsys, method, run):
+    status, found = north(capsys, folder(tmp_path / "log", run), "--axis", "x", "--method", method)
+    assert status == 0, found
+    truth = {"maytag4": 200.0, "maytag": 60.0, "carousel": 310.0, "east": 30.0}[method]
+    off = (found["azimuth_deg"] - truth + 180) % 360 - 180
+    assert abs(off) < 4 * found["sigma_deg"] < 40
+    assert found["rate"] and all(abs(r) < 1e-3 for r in found["rate"])
+    assert 350 < found["duration"] < 460
+    gyro = found["gyros"][0]
+    assert gyro["white_noise_bound_deg"] <= gyro["sigma_deg"] * 1.3
+    if method.startswith("maytag"):
+        assert set(gyro["filters"]) >= {"nearest", "swanson_schlamminger", "sliding_average"}
+    if method == "maytag":
+        assert len(gyro["candidates_deg"]) == 2 and "two azimuths" in found["warnings"][0]
+
+
+def test_two_axes_of_a_node_are_fused_with_y_a_quarter_turn_on(tmp_path, capsys):
+    azimuth = 120.0
+    run = stops(5, azimuth)
+    other = stops(6, azimuth)
+    # The y axis looks a quarter turn anticlockwise: what x would feel with table zero 90 degrees less.
+    left = stops(6, azimuth - 90.0)
+    path = folder(tmp_path / "log", run, y=left.rate)
+    status, both = north(capsys, path, "--axis", "x", "--axis", "y", "--method", "maytag4")
+    assert status == 0, both
+    assert abs(both["azimuth_deg"] - azimuth) < 4 * both["sigma_deg"]
+    assert both["sigma_deg"] < min(g["sigma_deg"] for g in both["gyros"])
+    assert len(other.t) == len(left.t)
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        (["--axis", "z"], "degrees from level"),
+        (["--method", "carousel"], "turns; a carousel needs 2"),
+        (["--latitude_deg", "95"], "out of range"),
+        (["--latitude_deg", "89.9"], "too near the pole"),
+        (["--node", "left"], "no node 'left'"),
+        (["--simulate_azimuth_deg", "10", "--stops", "2"], "give 4 stops"),
+        (["--simulate_azimuth_deg", "10", "--stops", "200"], "too short for the programme"),
+    ],
+)
+def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):
+    path = folder(tmp_path / "log", stops(7, 10.0, count=6, points=POINTS[:2]))
+    status, err = north(capsys, path, *words)
+    assert status == 2 and text in err and err.count("\n") == 1
+
+
+def test_a_log_without_a_table_says_what_to_do(tmp_path, capsys):
+    status, err = north(capsys, folder(tmp_path / "log", stops(8, 10.0, count=6), table=False))
+    assert status == 2 and "--simulate_azimuth_deg" in err
+
+
+def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):
+    path = shared_data("static")
+    words = [
+        "north",
+        str(path),
+        "--node",
+        "node",
+        "--latitude_deg",
+        "32.7574",
+        "--method",
+        "maytag4",
+        "--json",
+    ]
+    assert main([*words, "--simulate_azimuth_deg", "75", "--stops", "240", "--settle", "1"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    print(f"\nreal noise: {found['error_deg']:+.1f} degrees off, sigma {found['sigma_deg']:.1f}")
+    assert abs(found["error_deg"]) < 3.5 * found["sigma_deg"]
+    # The gyro's white noise alone sets the least sigma; drift comes on top.
+    assert found["sigma_deg"] > 0.9 * found["gyros"][0]["white_noise_bound_deg"]

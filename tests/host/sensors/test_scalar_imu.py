@@ -1,0 +1,188 @@
+"""Both triads from one record: by turns, by Earth rate, by a rate table; and records that must be refused."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from generators.poses import GRAVITY, Errors, carry
+from hubodo.errors import CalibrationError, InputError
+from hubodo.log.csv_table import write_table
+from hubodo.log.recording import Table
+from hubodo.sensors.calibration import read_calibration
+from hubodo.sensors.imu_calibration import calibrate_imu
+from hubodo.sensors.rests import find_rests
+from hubodo.sensors.triad import triad_from_effects
+from hubodo.verbs import calibrate_imu as verb
+
+GYRO = Errors(
+    (0.02, -0.05, 0.01),
+    (0.03, -0.02, 0.01),
+    {"xz": 0.01, "xy": -0.02, "yz": 0.004, "yx": 0.015, "zy": -0.01, "zx": 0.006},
+)
+ACCEL = Errors((0.3, -0.5, 0.2), (0.01, -0.02, 0.015), {"xz": 0.004, "yz": -0.004, "zy": 0.006, "xy": -0.006})
+
+
+def matrix(errors):
+    return errors.measure(np.eye(3)).T - np.array(errors.b)[:, None]
+
+
+def z_scores(triad, sigma, errors):
+    truth = np.concatenate([errors.b, matrix(errors).ravel()])
+    found = np.concatenate([triad.bias, triad.matrix.ravel()])
+    return (found - truth) / sigma
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
+    data = carry(np.random.default_rng(seed), GYRO, ACCEL)
+    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    assert len(found.rests) == 24
+    # Of 24 standard normal numbers the largest exceeds 4.2 once in 1,500 runs.
+    assert np.abs(z_scores(found.accel.triad, found.accel.sigma, ACCEL)).max() < 4.2
+    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
+    assert found.accel_held_out.rms < 0.005 < 0.2 < found.accel_held_out.rms_before
+    assert np.degrees(found.gyro.held_out.error.max()) < 0.5
+    assert "turns between rests" in found.gyro.method
+
+
+def test_g_sensitivity_is_told_from_bias_and_left_out_where_there_is_none():
+    g = np.array([[1e-4, 2e-4, 0], [0, -2e-4, 1e-4], [1e-4, 0, -1e-4]])
+    rng = np.random.default_rng(4)
+    data = carry(rng, GYRO, ACCEL, g_sensitivity=g)
+    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    assert np.abs((found.gyro.g_sensitivity - g) / found.gyro.g_sensitivity_sigma).max() < 4
+    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
+    plain = carry(rng, GYRO, ACCEL)
+    assert calibrate_imu(plain.t, plain.gyro, plain.accel, gravity=GRAVITY).gyro.g_sensitivity is None
+
+
+def test_precise_gyros_are_calibrated_by_earth_rate_and_their_six_angles_by_the_angle_to_gravity():
+    small = Errors((2e-6, -3e-6, 1e-6), (1e-3, -2e-3, 1e-3), GYRO.d)
+    latitude = np.radians(50)
+    rng = np.random.default_rng(6)
+    data = carry(rng, small, ACCEL, poses=30, gyro_noise=1e-6, latitude=latitude)
+    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
+    assert "Earth rate" in found.gyro.method and "angle between gravity and Earth rate" in found.gyro.method
+    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), small)).max() < 4.2
+    sigma = np.sqrt(np.diag(found.gyro.covariance))
+    assert sigma[3:].max() < 0.003
+
+
+def test_one_turn_about_the_vertical_less_and_the_misalignment_stays_with_its_convention():
+    # Nine poses of the scalar method all with east along one axis of the node: rows of east x up lie in a
+    # plane.
+    latitude = np.radians(50)
+    rng = np.random.default_rng(7)
+    attitudes = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 12, endpoint=False), [1.0, 0, 0]))
+    data = carry(rng, Errors(), Errors(), attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
+    with pytest.raises(CalibrationError, match="bias x"):
+        calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
+
+
+def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_frame():
+    rng = np.random.default_rng(8)
+    data = carry(rng, GYRO, ACCEL, poses=14)
+    rate, dt = 1.5, 0.01
+    blocks = []
+    for axis in Rotation.random(16, rng=rng).apply([0, 0, 1.0]):
+        true = np.tile(rate * axis, (300, 1))
+        blocks.append((GYRO.measure(true) + 0.004 * rng.standard_normal((300, 3)), axis))
+    # On the table gravity turns round in the node; its accelerometer must not look at rest.
+    spin = 5.0 * np.sin(rate * np.arange(300) * dt)[:, None] * np.ones(3)
+    gyro = np.vstack([data.gyro, *(b for b, _ in blocks)])
+    accel = np.vstack([data.accel, *(ACCEL.measure(spin) for _ in blocks)])
+    t = np.arange(len(gyro)) * dt
+    found = calibrate_imu(t, gyro, accel, gravity=GRAVITY, table_rate=rate)
+    assert "table rate" in found.gyro.method
+    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
+    with pytest.raises(CalibrationError, match="no steady turn"):
+        calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, table_rate=8.0)
+
+
+def test_rests_are_those_that_were_made():
+    data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, rest=5.0, turn=2.0)
+    rests = find_rests(data.t, data.gyro, data.accel)
+    starts = np.arange(12) * 7.0
+    assert len(rests) == 12
+    # The raised cosine begins so gently that the first tenths of a turn are below the noise.
+    assert np.abs(rests.t[:, 0] - starts).max() < 0.5
+    assert np.abs(rests.t[:, 1] - (starts + 5.0)).max() < 0.5
+
+
+def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
+    rng = np.random.default_rng(10)
+    data = carry(rng, Errors(), Errors(), poses=14)
+    accel, gyro = data.accel.copy(), data.gyro.copy()
+    rests = find_rests(data.t, gyro, accel)
+    i, j = rests.start[3], rests.end[3]
+    accel[i:j, 0] += np.linspace(0, 0.2, j - i)
+    i, j = rests.start[6] - 30, rests.end[6] + 30
+    gyro[i:j] += data.true_force[i:j] / GRAVITY * 0.05
+    again = find_rests(data.t, gyro, accel)
+    assert len(again) == 12
+    assert any("gravity crept" in text for text in again.rejected)
+    assert any("turned at 0.05" in text for text in again.rejected)
+
+
+def test_gyros_in_degrees_per_second_are_found_out_by_the_turns():
+    data = carry(np.random.default_rng(11), Errors(), Errors(), poses=14, gyro_noise=0.001)
+    found = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
+    assert any("degrees per second" in note for note in found.notes)
+    assert set(found.effects()) == {"accel_bias", "accel_scale_factor", "accel_nonorthogonality", "gyro_bias"}
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda t, g, a: (t[:20], g[:20], a[:20]), "shorter than one rest"),
+        (lambda t, g, a: (t, g, a * 0 + 9.8), "never changes"),
+        (lambda t, g, a: (t, g, a / 9.80665), "as if it were in g"),
+        (lambda t, g, a: (t[:3000], g[:3000], a[:3000]), "cannot show"),
+    ],
+    ids=["short", "constant", "in g", "four poses"],
+)
+def test_bad_records_end_in_words(change, words):
+    data = carry(np.random.default_rng(12), Errors(), Errors(), poses=12)
+    with pytest.raises(CalibrationError, match=words):
+        calibrate_imu(*change(data.t, data.gyro, data.accel), gravity=GRAVITY)
+
+
+def test_impossible_places_are_refused():
+    data = carry(np.random.default_rng(13), Errors(), Errors(), poses=10)
+    with pytest.raises(InputError, match="gravity 1 "):
+        calibrate_imu(data.t, data.gyro, data.accel, gravity=1)
+    with pytest.raises(InputError, match="latitude"):
+        calibrate_imu(data.t, data.gyro, data.accel, latitude=2.0)
+
+
+def test_the_verb_writes_a_file_that_undoes_the_errors_and_keeps_what_was_there(tmp_path, capsys):
+    data = carry(np.random.default_rng(14), GYRO, ACCEL, poses=20)
+    folder = tmp_path / "log"
+    folder.mkdir()
+    names = ("gx", "gy", "gz", "ax", "ay", "az")
+    columns = dict(zip(names, np.column_stack([data.gyro, data.accel]).T, strict=True))
+    temperature = np.linspace(20, 25, len(data.t))
+    write_table(folder / "hand.csv", Table({"t": data.t, **columns, "temperature": temperature}))
+    output = tmp_path / "c.toml"
+    output.write_text("[nodes.other.effects.gyro_bias]\nx = { value = 1.0, sigma = 0.1 }\n")
+    parser = argparse.ArgumentParser()
+    verb.add_arguments(parser)
+    line = [str(folder), "--node", "hand", "--gravity", str(GRAVITY), "-o", str(output)]
+    result = verb.run(parser.parse_args([*line, "--report", str(tmp_path / "r.html")]))
+    read = read_calibration(output)
+    assert set(read.nodes) == {"hand", "other"}
+    effects = read.nodes["hand"].effects
+    assert (
+        effects["accel_bias"].temperature == (20.0, 25.0) and len(effects["accel_bias"].source_sha256) == 64
+    )
+    right = triad_from_effects(effects, "accel").apply(data.accel)
+    assert np.abs((right - data.true_force).mean(axis=0)).max() < 0.01
+    shown = json.loads(json.dumps(result.as_json(), allow_nan=False))
+    assert shown["accel_norm_held_out"]["after_rms"] < 0.01
+    assert len(shown["rests"]) == 20
+    assert "20 rests" in (tmp_path / "r.html").read_text()
+    with pytest.raises(InputError, match="it has hand"):
+        verb.run(parser.parse_args([*line[:2], "left", *line[3:]]))
