@@ -43,6 +43,8 @@ STAY_IN_REPL = "/stay_in_repl"
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
 _SEARCH_MS = const(1000)
+_SETTINGS_MS = const(1000)
+_CHECK_US = const(1500)
 _SILENT_LEAST_US = const(100000)
 _SILENT_PERIODS = const(10)
 _RECONFIGURE_US = const(1000000)
@@ -83,6 +85,7 @@ class Node:
         _, self._mag_words = shared(3)
         now = ticks_ms()
         self._hello_ms = self._health_ms = self._search_ms = self._filter_ms = self._mag_ms = now
+        self._settings_ms = now
         self._pause_us = self._check_us = self._since_us = ticks_us()
         self._paused = False
         self.make_filter()
@@ -113,7 +116,9 @@ class Node:
         """Finds the parts, configures them and samples; `chip` is None when there is no IMU."""
         self._running = True
         self._find_parts()
-        if self.chip is not None:
+        if self.chip is None:
+            self.sampler.end()
+        else:
             self._begin(False)
         reports.hello(self)
 
@@ -236,15 +241,37 @@ class Node:
             self._pause_us = ticks_add(now, _PAUSE_US)
 
     def _revive(self, always):
-        """Configures the chip again if it lost its settings, or always; False when it does not answer."""
+        """Configures the chip again if it lost its settings, or always; False when it does not answer.
+
+        One that answers with another id is given up.
+        """
+        chip = self.chip
         try:
-            if always or not self.chip.intact():
-                self.chip.configure()
-                self._begin(True)
+            if always or not chip.intact():
+                if _who_am_i(self.board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (chip.who_am_i, -1):
+                    self.sampler.end()
+                    self._search()
+                else:
+                    chip.configure()
+                    self._begin(True)
         except OSError:
             self.i2c_errors += 1
             return False
         return True
+
+    def _search(self):
+        """Looks for the parts again; an IMU that is there is sampled on, with a gap."""
+        self._find_parts()
+        if self.chip is not None:
+            self._begin(True)
+        reports.hello(self)
+
+    def _check_settings(self, ms):
+        """A bit of a setting that turned over would go on changing samples: looked for every second."""
+        if not self.chip.uses_fifo and ticks_diff(self.sampler.due_us, ticks_us()) < _CHECK_US:
+            return
+        self._settings_ms = ticks_add(ms, _SETTINGS_MS)
+        self._revive(False)
 
     def _watch_imu(self, now):
         """A chip that answers but has no samples is set up again."""
@@ -270,11 +297,10 @@ class Node:
         if self.chip is not None:
             if not self._paused:
                 self._watch_imu(ticks_us())
+                if self.chip is not None and ticks_diff(ms, self._settings_ms) >= 0:
+                    self._check_settings(ms)
         elif self._running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
-            self._find_parts()
-            if self.chip is not None:
-                self._begin(True)
-                reports.hello(self)
+            self._search()
         if self.mag is not None and ticks_diff(ms, self._mag_ms) >= 0:
             self._read_mag(ms)
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:

@@ -34,7 +34,7 @@ class SampleClock:
         self._fresh = True
         self._rephase = False
         self._t_ns = 0
-        self._moved = 0
+        self._moved = self._chased = 0
         self._step_us = 1
         self._in_row = 0
         self._set_period(period_ns)
@@ -42,7 +42,7 @@ class SampleClock:
     def rephase(self):
         """The chip was configured again: its beat began anew, its period is the same."""
         self._rephase = True
-        self._moved = 0
+        self._moved = self._chased = 0
 
     def _set_period(self, period_ns):
         self.period_ns = period_ns
@@ -53,12 +53,31 @@ class SampleClock:
         """Time of the sample that comes `samples` after the newest one; negative: before it."""
         return ticks_add(self.t_us, samples * self.period_us + (self._t_ns + samples * self._rest_ns) // 1000)
 
+    def late_us(self, at_us, samples):
+        """How long at `at_us` the last of `samples` new ones has been there: 0 to a period, by the clock.
+
+        0 until the clock is locked.
+        """
+        if not self.locked or self._rephase:
+            return 0
+        return ticks_diff(at_us, self.ahead_us(samples))
+
     def skipped(self, at_us, samples):
         """How many more than `samples` new ones must have been taken up to `at_us`, by the clock."""
         late = ticks_diff(at_us, self.ahead_us(samples))
+        if not self.locked:
+            # Both times are those of looks, and the period is the nominal one: to the nearest.
+            late += self.period_us >> 1
+        else:
+            late += self._chased
         if self._fresh or late < self.period_us:
             return 0
         return late // self.period_us
+
+    def interrupted(self):
+        """Samples were lost that only the clock can count: a period that is being measured is measured anew."""
+        if not self.locked:
+            self._count = -1
 
     def seen(self, at_us, samples, on_time):
         """At `at_us`, exactly `samples` new ones were there; on_time: the first look since one was due."""
@@ -79,6 +98,11 @@ class SampleClock:
             self._acquire(at_us, samples)
             return
         if samples:
+            if samples > 1 and self._chased:
+                # It was not the beat that had become slower.
+                self.t_us = ticks_add(self.t_us, -self._chased)
+                self._set_period(self.period_ns - self._chased)
+            self._chased = 0
             self.t_us = self.ahead_us(samples)
             self._t_ns = (self._t_ns + samples * self._rest_ns) % 1000
         early = ticks_diff(at_us, self.t_us)
@@ -100,6 +124,11 @@ class SampleClock:
         # A look that the processor delayed breaks a bound by chance: no single one may move much.
         limit = (self.period_us >> 5) + 4
         move = limit if move > limit else (-limit if move < -limit else move)
+        if not samples and move > 0:
+            if self._chased > self.period_us >> 3:
+                # The chip is silent: there is no beat to follow.
+                return
+            self._chased += move
         half = self.period_us >> 1
         if -half < self._moved + move < half:
             self._moved += move
@@ -114,11 +143,12 @@ class SampleClock:
         if not samples:
             return
         self.t_us, self._t_ns = at_us, 0
-        self._count += samples
         elapsed = ticks_diff(at_us, self._from_us)
-        if elapsed > _LOST_US:
+        if self._count < 0 or elapsed > _LOST_US:
             self._from_us, self._count = at_us, 0
-        elif self._count >= _ACQUIRE_LEAST:
+            return
+        self._count += samples
+        if self._count >= _ACQUIRE_LEAST:
             self._set_period(elapsed * 1000 // self._count)
             self.locked = elapsed >= _ACQUIRE_US
             self._step_us = self.period_us >> 5

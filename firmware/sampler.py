@@ -29,6 +29,10 @@ _FULL_SCALE = const(32767)
 _TEMPERATURE_US = const(1000000)
 _COUNTED_GAP_US = const(100000000)
 """Samples lost in a gap up to this long are counted by the clock."""
+_LOOK_US = const(500)
+"""A look at the chip that takes longer, and half a period, was held up: when it saw the chip is not known."""
+_TRIES = const(3)
+"""So many looks are given up for that; a processor that is always so slow gets what it can see."""
 
 
 class Sampler:
@@ -56,7 +60,12 @@ class Sampler:
         self._first_us = self.last_us
         self._first_index = 0
         self._first_look = True
+        self._rate_mhz = 0
+        self._look_us = _LOOK_US
+        self._late_us = self._held_up = 0
+        self._empty_us = self.last_us
         self._left = 0
+        """Samples in the chip's FIFO that the clock has counted already."""
         self._realigned = 0
         self._resume = False
         self._torn = False
@@ -68,7 +77,9 @@ class Sampler:
         self._flush()
         clock = self.clock
         period_ns = 1000000000000 // chip.rate_mhz
-        known = clock.locked and self.chip is not None and self.chip.rate_mhz == chip.rate_mhz
+        known = clock.locked and self._rate_mhz == chip.rate_mhz
+        if lost:
+            self.missed += self._left
         if known and lost and ticks_diff(now, clock.t_us) < _COUNTED_GAP_US:
             clock.rephase()
             self._resume = True
@@ -78,9 +89,13 @@ class Sampler:
         if clock.index >= 0:
             self._flags = BATCH_FLAG_GAP_BEFORE
         self.chip = chip
+        self._rate_mhz = chip.rate_mhz
+        half_us = clock.period_us >> 1
+        self._look_us = half_us if half_us > _LOOK_US else _LOOK_US
         self._batch = batch
         self._slot.shape(batch)
-        self._left = 0
+        self._left = self._held_up = self._late_us = 0
+        self._empty_us = now
         self._torn = False
         self._realigned = chip.realigned
         self._first_look = True
@@ -93,31 +108,38 @@ class Sampler:
 
     def turn(self, now):
         """Looks at the chip when a sample or batch is due."""
-        if self.chip is None or ticks_diff(self.due_us, now) > 0:
+        if self.chip is None:
+            if ticks_diff(now, self.clock.t_us) > _COUNTED_GAP_US:
+                # Before the ticks begin anew, and the gap would look short.
+                self.clock.locked = False
+        elif ticks_diff(self.due_us, now) > 0:
             return
-        if self.chip.uses_fifo:
+        elif self.chip.uses_fifo:
             self._turn_fifo(now)
         else:
             self._turn_polled(now)
 
     def _turn_polled(self, now):
         clock, chip = self.clock, self.chip
-        at_us = ticks_add(now, _STATUS_US)
         if not chip.ready():
-            clock.seen(at_us, 0, self._first_look)
+            self._empty_us = now
+            clock.seen(ticks_add(now, _STATUS_US), 0, self._first_look)
             self._first_look = False
             self.due_us = now
             return
         at = FIRST_ROW + _ROW * self._count
+        begun = ticks_us()
         if not chip.read_into(self._slot.values, at):
             return
+        if not self._whole(begun, ticks_us()):
+            # Given up; the clock counts it with the next.
+            self._first_look = False
+            self.due_us = now
+            return
+        at_us = ticks_add(begun, _STATUS_US)
         skipped = clock.skipped(at_us, 1)
-        if chip.ready():
-            # The next sample came while this one was read: it may be torn. Only the new one is whole.
-            at_us = ticks_us()
-            chip.read_into(self._slot.values, at)
-            skipped = clock.skipped(at_us, 1) or 1
         if skipped:
+            clock.interrupted()
             self._skip(skipped)
         clock.seen(at_us, 1 + skipped, self._first_look)
         self._first_look = True
@@ -134,18 +156,41 @@ class Sampler:
         else:
             self.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
 
+    def _whole(self, begun, done):
+        """Whether no new sample can have come while one was read: it would be torn, and no flag would tell.
+
+        Known from a look that found nothing, less than a period before; or else from the clock. Before there
+        is a clock, that look must also tell which sample it is: to 3/8 of a period.
+        """
+        clock = self.clock
+        period = clock.period_us
+        limit = period - (period >> 3)
+        known_us = ticks_diff(done, self._empty_us)
+        if clock.locked:
+            if 0 <= known_us < limit:
+                return True
+            late = ticks_diff(begun, clock.ahead_us(1))
+            return (late % period if late > 0 else 0) + ticks_diff(done, begun) < limit
+        return 0 <= known_us < limit and ticks_diff(begun, self._empty_us) <= 3 * (period >> 3)
+
     def _turn_fifo(self, now):
         chip, clock, batch = self.chip, self.clock, self._batch
         if self._torn:
             self._empty_fifo(now, BATCH_FLAG_GAP_BEFORE)
             self._torn = False
             return
-        at_us = ticks_add(now, _STATUS_US)
+        begun = ticks_us()
+        at_us = ticks_add(begun, _STATUS_US)
         level = chip.fifo_level()
         if level < 0:
             self._empty_fifo(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
             self.overruns += 1
             return
+        if ticks_diff(ticks_us(), begun) > self._look_us and self._held_up < _TRIES:
+            self._held_up += 1
+            self._first_look = False
+            return
+        self._held_up = 0
         new = level - self._left
         lost = 0
         if chip.realigned != self._realigned:
@@ -154,26 +199,40 @@ class Sampler:
             lost = 1
         if new < 0:
             # The chip emptied its FIFO by itself: it was reset.
+            self.missed += self._left
             self._resume = True
             new = level
-        if self._resume and level:
-            self._resume = False
-            lost += clock.skipped(at_us, new + lost)
+        if self._resume:
+            if level:
+                self._resume = False
+                self._late_us = 0
+                lost += clock.skipped(at_us, new + lost)
+                clock.interrupted()
+        elif new and self._chip_skipped(at_us, new + lost):
+            # Where among the waiting samples the hole is, nobody knows: their times are not known either.
+            self._empty_fifo(now, BATCH_FLAG_GAP_BEFORE)
+            return
         if lost:
             self.missed += lost
             self._flags |= BATCH_FLAG_GAP_BEFORE
         enough = level >= batch
-        clock.seen(at_us, new + lost, self._first_look and enough)
         if new:
+            clock.seen(at_us, new + lost, self._first_look and enough)
             self.last_us = now
         self._first_look = enough
         if enough:
             # A burst that fails takes an unknown number of words with it: all that waited is lost.
             self._torn = True
             self.missed += level
+            self._left = 0
             chip.fifo_read_into(self._slot.rows)
-            self.missed -= level
             self._torn = False
+            if ticks_diff(ticks_us(), begun) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
+                # It has overflowed since the look: what was read may begin within a sample.
+                self._empty_fifo(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
+                self.overruns += 1
+                return
+            self.missed -= level
             self._first_us = clock.ahead_us(1 - level)
             self._first_index = clock.index + 1 - level
             clock.batch_began()
@@ -186,9 +245,21 @@ class Sampler:
         self._left = level
         self.due_us = ticks_add(clock.ahead_us(batch - level), -_STATUS_US)
 
+    def _chip_skipped(self, at_us, samples):
+        """Whether the chip took at least two samples fewer than its beat: `samples` come too late at one stroke.
+
+        A beat that becomes slower makes them late little by little, and is followed by the clock.
+        """
+        late, before = self.clock.late_us(at_us, samples), self._late_us
+        self._late_us = late
+        period = self.clock.period_us
+        quarter = period >> 2
+        return late > 2 * period - quarter and late - before > period - quarter
+
     def _empty_fifo(self, now, flags):
         """Starts the FIFO anew; how many samples that costs is counted by the clock when the next come."""
         self.chip.fifo_flush()
+        self.missed += self._left
         self._flags |= flags
         self._resume = True
         self._left = 0

@@ -72,6 +72,8 @@ class LSM6DS33:
     RATES_HZ = tuple(row[0] for row in _RATES_HZ)
     RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
     RANGES_G = tuple(row[0] for row in _RANGES_G)
+    FIFO_SAMPLES = 682
+    """Whole samples that the FIFO holds."""
     WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x69,)
     ANY_WHO_AM_I = False
@@ -99,6 +101,8 @@ class LSM6DS33:
             (_CTRL2_G, odr_code << 4 | gyro_code),
         )
         self._fifo_on = odr_code << 3 | _CONTINUOUS
+        fifo_mode = self._fifo_on if self.uses_fifo else 0
+        self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode), *self._settings)
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         stray = memoryview(bytearray(2 * _PATTERN))
@@ -120,8 +124,8 @@ class LSM6DS33:
             self.fifo_flush()
 
     def intact(self):
-        """Whether the settings still stand in the chip: a dip of its supply resets them."""
-        for register, value in self._settings:
+        """Whether id and settings still stand in the chip: a dip of its supply resets them."""
+        for register, value in self._standing:
             if self._read(register) != value:
                 return False
         return True

@@ -73,6 +73,8 @@ class MPU6050:
     RATES_HZ = tuple(row[0] for row in _RATES_HZ)
     RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
     RANGES_G = tuple(row[0] for row in _RANGES_G)
+    FIFO_SAMPLES = 85
+    """Whole samples that the FIFO holds."""
     WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
     ANY_WHO_AM_I = True
@@ -107,6 +109,8 @@ class MPU6050:
             (_FIFO_EN, _GYRO_AND_ACCEL if self.uses_fifo else 0),
             (_INT_ENABLE, _DATA_READY),
         )
+        user_control = _FIFO_ON if self.uses_fifo else 0
+        self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control), *self._settings)
         self._burst = bytearray(15)
         self._count = bytearray(2)
         self._ready = 0
@@ -127,8 +131,8 @@ class MPU6050:
             self.fifo_flush()
 
     def intact(self):
-        """Whether the settings still stand in the chip: a dip of its supply resets them."""
-        for register, value in self._settings:
+        """Whether id and settings still stand in the chip: a dip of its supply resets them."""
+        for register, value in self._standing:
             if self._read(register) != value:
                 return False
         return True

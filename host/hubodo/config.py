@@ -45,34 +45,36 @@ class Vehicle:
 class RecordConfig:
     """``[record]`` of hubodo.toml: defaults for `hubodo record`; the command line goes before them.
 
-    ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second.
+    ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second at most,
+    None: one for every sample.
     clock_request_period: s between two questions for a node's clock.
     """
 
     ports: tuple[str, ...] = ()
     output: str | None = None
     vehicle: str | None = None
+    calibration: str | None = None
     gnss: str | None = None
     gnss_baud: int = 9600
     baud: int = 115200
     wait: bool = False
     duration: float | None = None
     compression: Literal["zstd", "lz4", "none"] = "zstd"
-    odometry_rate_hz: float = 100.0
+    odometry_rate_hz: float | None = None
     clock_request_period: float = 1.0
 
 
 def load_record_config(path: Path) -> RecordConfig:
     """Reads hubodo.toml.
 
-    Paths in it (output, vehicle) are relative to the file. Raises ConfigError at the first key that is
-    unknown or of the wrong type.
+    Paths in it (output, vehicle, calibration) are relative to the file. Raises ConfigError at the first key
+    that is unknown or of the wrong type.
     """
     table = _load(path)
     _only(table, ("record",), str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
     for key in ("gnss_baud", "baud", "odometry_rate_hz", "clock_request_period"):
-        if not getattr(config, key) > 0:
+        if getattr(config, key) is not None and not getattr(config, key) > 0:
             raise ConfigError(f"{path}: [record] {key} = {getattr(config, key)}: must be above 0")
     if config.duration is not None and not config.duration > 0:
         raise ConfigError(f"{path}: [record] duration = {config.duration}: must be above 0")
@@ -84,7 +86,11 @@ def load_vehicle(path: Path) -> Vehicle:
 
     Raises ConfigError when a key is unknown, missing or impossible.
     """
-    table = _load(path)
+    return vehicle_of(_load(path), path)
+
+
+def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
+    """`load_vehicle` of a document that is already parsed; path: where it stood, for the errors."""
     _only(table, _MODEL_TABLES, str(path))
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")

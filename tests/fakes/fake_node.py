@@ -16,6 +16,7 @@ import termios
 import threading
 import time
 import tty
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -76,6 +77,7 @@ class FakeNode:
     answers: bool = True
     hello_period: float = 5.0  # s, as the firmware
     spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
+    rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
     sent: list[Sent] = field(default_factory=list)
     requests: list[Message] = field(default_factory=list)
 
@@ -246,6 +248,9 @@ class FakeNode:
             rows = tuple(sample(self.samples_made + k) for k in range(self.batch))
             if self.spin_raw is not None:
                 rows = tuple((0, 0, self.spin_raw, 0, 0, 2048) for _ in numbers)
+            if self.rows:
+                at = [min(self.samples_made + k, len(self.rows) - 1) for k in range(self.batch)]
+                rows = tuple(self.rows[k] for k in at)
             t_us = int(self._index * period * 1e6) % PERIOD
             batch = ImuBatch(t_us, round(period * 1e9), self._index & 0xFFFF, 16, 0, rows)
             self._put(batch, self.samples_made, self.batch)

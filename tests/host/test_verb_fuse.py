@@ -1,6 +1,7 @@
 """`hubodo fuse` on recordings whose path is known by hand."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,3 +137,53 @@ def test_a_node_that_is_nowhere_is_one_clear_line_and_leaves_nothing(tmp_path, c
     assert complaint.count("\n") == 1
     assert "front" in complaint or "there: hub" in complaint
     assert not (tmp_path / "out").exists()
+
+
+def with_gnss(recording: Recording, sigma: float = 1.5) -> Recording:
+    """The circle with fixes at 5 Hz from a receiver of `sigma` metres; seed 5."""
+    rng = np.random.default_rng(5)
+    truth = recording.truth
+    t = np.arange(truth.t[0], truth.t[-1], 0.2)
+    x, y = (np.interp(t, truth.t, truth[c]) + rng.normal(0, sigma, len(t)) for c in ("x", "y"))
+    # Radii of curvature of WGS 84 at 47 degrees: 6 367 400 m along the meridian, 6 389 600 m across.
+    latitude = 47.0 + np.degrees(y / 6_369_600.0)
+    longitude = 8.0 + np.degrees(x / (6_389_600.0 * np.cos(np.radians(47.0))))
+    gnss = {"t": t, "latitude_deg": latitude, "longitude_deg": longitude, "altitude": 400 + 0 * t}
+    return replace(recording, gnss=Table({**gnss, "sigma": np.full(len(t), sigma)}))
+
+
+def test_fixes_make_the_track_absolute_through_the_graph(tmp_path, capsys):
+    write_recording(with_gnss(circle()), tmp_path / "log.mcap")
+    (tmp_path / "vehicle.toml").write_text(VEHICLE)
+    assert call(tmp_path, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["methods"]) == 2
+    assert "factor graph with" in result["methods"][1]
+    assert result["truth"]["rms_error"] < 0.5
+    assert call(tmp_path, "--json", "--force", "--no-graph") == 0
+    assert len(json.loads(capsys.readouterr().out)["methods"]) == 1
+
+
+def test_wheel_speeds_of_another_sensor_stand_in_for_nodes(tmp_path, capsys):
+    recording = circle()
+    w = 2 * np.pi / 14.0
+    t = recording.truth.t
+    v = np.where(t >= 6.0, 1.0 - np.cos(w * np.clip(t - 6.0, 0, 14)), 0.0)
+    wheels = Table({"t": t, "left": v * (1 - 0.4 / 2), "right": v * (1 + 0.4 / 2)})
+    body = recording.nodes["left"]
+    write_recording(Recording({"frame": body}, wheels=wheels, truth=recording.truth), tmp_path / "log.mcap")
+    (tmp_path / "vehicle.toml").write_text(VEHICLE)
+    assert call(tmp_path, "--json") == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["methods"] == ["differential odometry on wheel speeds"]
+    assert result["truth"]["final_error"] < 0.01
+
+
+@pytest.mark.parametrize("latitude", [91.0, 400.0])
+def test_fixes_that_are_no_place_on_earth_are_one_clear_line(tmp_path, capsys, latitude):
+    recording = with_gnss(circle())
+    columns = {**recording.gnss.columns, "latitude_deg": np.full(len(recording.gnss), latitude)}
+    write_recording(replace(recording, gnss=Table(columns)), tmp_path / "log.mcap")
+    (tmp_path / "vehicle.toml").write_text(VEHICLE)
+    assert call(tmp_path) == 2
+    assert "no place on Earth" in capsys.readouterr().err

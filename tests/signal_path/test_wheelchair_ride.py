@@ -121,7 +121,7 @@ def test_no_sample_is_lost_between_the_chips_and_the_log(ride):
 
 
 def steps(ride: Ride, name: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Times (N,) s and raw steps (N, 6) of the exported samples, and where in the chip's record they begin."""
+    """Times (N,) s and raw steps (N, 6) of the exported samples, and their place in the chip's record."""
     table = read_csv(exported(ride) / f"{name}.csv")
     gyro = np.column_stack([table[c] for c in ("gx", "gy", "gz")]) / np.deg2rad(0.070)
     accel = np.column_stack([table[c] for c in ("ax", "ay", "az")]) / (0.000488 * 9.80665)

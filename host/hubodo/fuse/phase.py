@@ -1,8 +1,8 @@
 """What one wheel's window says about wheel angle, yaw, speed and the node's errors; with the Jacobian.
 
 The node is taken to face left. Complex numbers are x + iy of node axes; turned by e^(i theta), theta the
-wheel angle, their real part points up and their imaginary part forward (model.md). With p the mean wheel
-rate, R the radius, T the window, lambda +1 on the left wheel and -1 on the right one:
+wheel angle, their real part points up and their imaginary part forward (the model's README). With p the mean
+wheel rate, R the radius, T the window, lambda +1 on the left wheel and -1 on the right one:
 
     p = (int gz / T - b_z) / (1 + k) + u - lambda r sin(camber)
     theta_m = theta + p T / 2

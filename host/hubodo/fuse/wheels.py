@@ -26,8 +26,9 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found, as
-    fuse.json has it. warnings: one line each. full: the filter's own track, None for differential odometry.
+    """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found,
+    as fuse.json has it. warnings: one line each. heading_from_speeds: it is the difference of the wheels'
+    speeds, not a gyro's. full: the filter's own track, None for differential odometry.
     """
 
     track: Track
@@ -35,6 +36,7 @@ class WheelOdometry:
     method: str
     learnt: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
+    heading_from_speeds: bool = False
     full: WheelTrack | None = field(default=None, repr=False)
 
 
@@ -82,8 +84,16 @@ def wheel_odometry(
 ) -> WheelOdometry:
     """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
 
+    A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
+
     Raises InputError for nodes that are missing, for two on one wheel, and for a log too short.
     """
+    if (
+        recording.wheels is not None
+        and not nodes
+        and not any(name in recording.nodes for name in vehicle.nodes)
+    ):
+        return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
     if method == "differential":
         return _differential(recording, vehicle, names, log)
@@ -97,7 +107,7 @@ def wheel_odometry(
     report = result.report.as_json()
     warnings = tuple(report.pop("warnings")) + _missing(vehicle, names, nodes)
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
-    return WheelOdometry(track, names, report.pop("method"), report, warnings, result.track)
+    return WheelOdometry(track, names, report.pop("method"), report, warnings, full=result.track)
 
 
 def _begun(track: Track, heading: float, sigma: float) -> Track:
@@ -127,7 +137,28 @@ def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], 
         raise InputError(f"{log}: {' and '.join(names)} have no time in common; nothing to fuse")
     track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
-    return WheelOdometry(track, tuple(names), "differential odometry", learnt)
+    return WheelOdometry(track, tuple(names), "differential odometry", learnt, heading_from_speeds=True)
+
+
+def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdometry:
+    """Shah et al. eq. 16 on the surface speeds that another odometer measured."""
+    radius = vehicle.wheel_radius
+    spec = WheelSpec(radius, "left", 0.0, 0.0)
+    t_ns = np.round(wheels.t * 1e9).astype(np.int64)
+    still = np.zeros((len(wheels), 3))
+
+    def spinning(side: Side) -> WheelSamples:
+        gyro = still.copy()
+        gyro[:, 2] = wheels[side] / radius
+        return WheelSamples(side, t_ns, gyro, still)
+
+    config = OdometryConfig(spec, spec, vehicle.track_width, standstill_bias=False)
+    states = integrate(config, [spinning(side) for side in SIDES])
+    if not states:
+        raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")
+    track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
+    learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
+    return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt, heading_from_speeds=True)
 
 
 def _samples(side: Side, table: Table) -> WheelSamples:

@@ -13,13 +13,14 @@ from pathlib import Path
 from rich.console import Console
 
 from hubodo.config import RecordConfig, Vehicle
-from hubodo.errors import InputError, LinkError, WireMismatch
+from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
 from hubodo.ingest.link import Link, LinkNews
 from hubodo.ingest.ports import Lister, list_devices, parse_port
 from hubodo.ingest.station import Station
 from hubodo.ingest.status import RecordResult, View, make_result
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.writer import McapLog
+from hubodo.sensors.calibration import Calibration
 
 S = 1_000_000_000
 _TICK_NS = S // 50
@@ -37,6 +38,7 @@ def record(
     out: Path,
     *,
     vehicle: Vehicle | None = None,
+    calibration: Calibration | None = None,
     metadata: Mapping[str, str] | None = None,
     attachments: Mapping[str, bytes] | None = None,
     lister: Lister = list_devices,
@@ -46,7 +48,8 @@ def record(
 
     Unless config.wait, every port must open at the start; once open, a link may come and go. Raises
     InputError (a port cannot be opened, `out` exists, only strangers on the links; nothing is left
-    behind then) and WireMismatch (every node speaks another version; the raw frames stay in the log).
+    behind then), CalibrationError (the calibration is of nodes with other serials; nothing is left behind)
+    and WireMismatch (every node speaks another version; the raw frames stay in the log).
     """
     now_ns = steady_clock()
     news: queue.SimpleQueue[LinkNews] = queue.SimpleQueue()
@@ -71,6 +74,8 @@ def record(
             now_ns,
             gnss=gnss,
             vehicle=vehicle,
+            calibration=calibration,
+            t_zero_ns=log.t_zero_ns,
             odometry_rate_hz=config.odometry_rate_hz,
             clock_period=config.clock_request_period,
         )
@@ -87,7 +92,7 @@ def record(
         station.close()
         duration = (now_ns() - start_ns) / S
         log.close()
-    if isinstance(verdict, InputError):
+    if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:
         raise verdict
@@ -102,7 +107,7 @@ def _loop(
     view: View,
     now_ns: Callable[[], int],
     stopping: threading.Event,
-) -> InputError | WireMismatch | None:
+) -> InputError | WireMismatch | CalibrationError | None:
     end_ns = None if config.duration is None else now_ns() + int(config.duration * S)
     next_tick = 0
     while not stopping.is_set():

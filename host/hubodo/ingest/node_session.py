@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.ingest.clock import ClockSync, StrictlyIncreasing
+from hubodo.ingest.clock import PERIOD_US, ClockSync, StrictlyIncreasing
 from hubodo.ingest.gaps import LinkCounts
 from hubodo.ingest.health import health_data
 from hubodo.ingest.node_decoder import NodeDecoder, Output
@@ -17,7 +17,7 @@ from hubodo.ingest.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Re
 from hubodo.ingest.sink import Sink
 from hubodo.log.recording import Event
 from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
-from hubowire.messages import GetHello, Health, Part, Start, TimeRequest
+from hubowire.messages import GetHello, Health, Hello, Part, ResetCause, Start, TimeRequest
 
 S = 1_000_000_000
 _BURST, _BURST_NS = 8, S // 50
@@ -29,17 +29,36 @@ _CTRL_C = 0x03
 _ANY_NODE = 0
 _TRIES = 600
 _RATE_WINDOW_NS = 2 * S
+_TICKS_PERIOD = PERIOD_US * 1e-6
 
 Send = Callable[[bytes], bool]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Published:
-    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement."""
+    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement; power_on_ns: host
+    time at which the node was switched on."""
 
     node: str
     t_ns: NDArray[np.int64]
     block: ImuBlock
+    power_on_ns: int | None
+
+
+class ArrivalOrder:
+    """Log times of blocks of samples: strictly increasing over all nodes of a station.
+
+    A log read by log time then gives the blocks in the order in which the station took them, which is that
+    of arrival but for what was held back and for links that were read at the same moment.
+    """
+
+    def __init__(self) -> None:
+        self._last_ns = 0
+
+    def stamp(self, received_ns: int) -> int:
+        """The log time of a block received at that time."""
+        self._last_ns = max(received_ns, self._last_ns + 1)
+        return self._last_ns
 
 
 class NodeSession:
@@ -60,6 +79,7 @@ class NodeSession:
         *,
         datagrams: bool,
         clock_period: float,
+        order: ArrivalOrder,
     ) -> None:
         self.name = name
         self.link = link
@@ -70,6 +90,10 @@ class NodeSession:
         self.gaps: dict[str, int] = {}  # cause -> how many
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
+        self.power_on_ns: int | None = None
+        self._order = order
+        self._boot: Hello | None = None  # of a start of which no sample has been published
+        self._boot_id: int | None = None
         self._send = send
         self._sink = sink
         self._now_ns = now_ns
@@ -185,6 +209,8 @@ class NodeSession:
                 case Event():
                     self._sink.event(self._gap(output) if output.kind == "gap" else output)
                 case HelloSeen():
+                    if output.hello.boot_id != self._boot_id:
+                        self._boot, self._boot_id = output.hello, output.hello.boot_id
                     if output.restarted:
                         yield from self._release()
                         self.clock.reset()
@@ -253,11 +279,30 @@ class NodeSession:
             self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
             return
         t_ns = self._times.apply(self.clock.host_ns(item.device_ns))
-        self._sink.imu(self.name, t_ns, item.received_ns, item.gyro, item.accel)
-        self._sink.temperature(self.name, t_ns[:1], item.received_ns, item.temperature)
+        if self._boot is not None:
+            self._started(self._boot, int(t_ns[0]))
+            self._boot = None
+        log_ns = self._order.stamp(item.received_ns)
+        self._sink.imu(self.name, t_ns, log_ns, item.gyro, item.accel)
+        self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._recent.append((item.received_ns, len(t_ns)))
-        yield Published(self.name, t_ns, item)
+        yield Published(self.name, t_ns, item, self.power_on_ns)
+
+    def _started(self, hello: Hello, t_ns: int) -> None:
+        """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""
+        if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
+            self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
+        age = (t_ns - self.power_on_ns) / S
+        data = {
+            "node": self.name,
+            "boot_id": hello.boot_id,
+            "power_on_ns": self.power_on_ns,
+            "age": age,
+            "age_modulo": _TICKS_PERIOD,
+        }
+        text = f"{self.name}: switched on {age:.1f} s before this sample, or a multiple of 18 min earlier"
+        self._sink.event(Event(t_ns, "started", self.name, text, data))
 
 
 def hello_metadata(seen: HelloSeen) -> dict[str, str]:

@@ -4,49 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-import numpy as np
-
 from hubodo.config import Vehicle
-from hubodo.errors import InputError, WireMismatch
-from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, WheelSamples, WheelSpec
+from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.ingest.gnss_session import GnssSession
+from hubodo.ingest.latency import Latency
 from hubodo.ingest.link import Chunk, LinkLost, LinkNews, LinkUp
 from hubodo.ingest.link_session import LinkSession
-from hubodo.ingest.node_session import NodeSession, Published
+from hubodo.ingest.node_session import ArrivalOrder, NodeSession, Published
+from hubodo.ingest.odometer import Block, Motion, Odometer
 from hubodo.ingest.sink import Sink
-from hubodo.model.frames import Side
+from hubodo.log.recording import Event
+from hubodo.sensors.apply import check_serial
+from hubodo.sensors.calibration import Calibration
 from hubowire import Frame, node_name
 
-S = 1_000_000_000
-_SIDES: tuple[Side, ...] = ("left", "right")
-
 Send = Callable[[str, bytes, str], bool]
-
-
-class Latency:
-    """Time from the arrival of the bytes that completed a pose to the pose in the log."""
-
-    def __init__(self) -> None:
-        self.count = 0
-        self.total_ns = 0
-        self.worst_ns = 0
-
-    def add(self, ns: int) -> None:
-        self.count += 1
-        self.total_ns += ns
-        self.worst_ns = max(self.worst_ns, ns)
-
-    @property
-    def mean(self) -> float | None:
-        """s; None before the first pose."""
-        return self.total_ns / self.count / S if self.count else None
 
 
 class Station:
     """Routes what links report to nodes, odometry and log.
 
     links: label -> name for the node behind it, or None to take it from the node id. gnss: labels of
-    links that carry NMEA. send(link, bytes, to) writes to a link. Every node name occurs once.
+    links that carry NMEA. send(link, bytes, to) writes to a link. Every node name occurs once. vehicle
+    switches odometry on; calibration is applied to what goes into it; t_zero_ns: host time of t = 0;
+    odometry_rate_hz: poses a second at most.
     """
 
     def __init__(
@@ -58,19 +39,23 @@ class Station:
         *,
         gnss: Iterable[str] = (),
         vehicle: Vehicle | None = None,
-        odometry_rate_hz: float = 100.0,
+        calibration: Calibration | None = None,
+        t_zero_ns: int = 0,
+        odometry_rate_hz: float | None = None,
         clock_period: float = 1.0,
     ) -> None:
         self.links = {label: LinkSession(label, sink) for label in links}
         self.gnss = {label: GnssSession(label, sink) for label in gnss}
         self.nodes: dict[tuple[str, int], NodeSession] = {}
-        self.odometry = None if vehicle is None else _odometry(vehicle, odometry_rate_hz)
-        self.latency = Latency()
-        self.poses = 0
-        self.notices: list[str] = []
-        self._wheels: dict[str, Side] = {}
+        self.odometer: Odometer | None = None
         if vehicle is not None:
-            self._wheels = {name: side for side in _SIDES if (name := vehicle.on(side)) is not None}
+            self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
+        self.latency = Latency()
+        self.notices: list[str] = []
+        self._calibration = calibration or Calibration()
+        self._fitting: dict[tuple[str, str], bool] = {}
+        self._misfit: CalibrationError | None = None
+        self._order = ArrivalOrder()
         self._names = dict(links)
         self._sink = sink
         self._send = send
@@ -107,23 +92,29 @@ class Station:
             self.notices += link.tick(now_ns)
         for node in list(self.nodes.values()):
             self._fuse(node.tick(now_ns), now_ns)
+        self._warn(now_ns)
 
     def close(self) -> None:
         """The end of the recording: writes what waited."""
         now_ns = self._now_ns()
         for node in self.nodes.values():
             self._fuse(node.close(now_ns), now_ns)
+        if self.odometer is not None:
+            self._publish(self.odometer.finish(), now_ns)
+        self._warn(now_ns, end=True)
         for link in self.links.values():
             link.close(now_ns)
         for gnss in self.gnss.values():
             gnss.close()
 
-    def verdict(self) -> WireMismatch | InputError | None:
-        """Why nobody is left to listen to, None while somebody is.
+    def verdict(self) -> WireMismatch | InputError | CalibrationError | None:
+        """Why it makes no sense to go on, None while it does.
 
         WireMismatch: the nodes of every link speak another version. InputError: no link has ever carried
-        a frame, and all of them speak something else.
+        a frame, and all of them speak something else. CalibrationError: the calibration is of other nodes.
         """
+        if self._misfit is not None:
+            return self._misfit
         nodes = list(self.nodes.values())
         refusals = [node.decoder.refusal for node in nodes if node.decoder.refusal is not None]
         if refusals and len(refusals) == len(nodes) and {node.link for node in nodes} == set(self.links):
@@ -153,6 +144,7 @@ class Station:
                 self._now_ns,
                 datagrams=link.datagrams,
                 clock_period=self._clock_period,
+                order=self._order,
             )
         return node
 
@@ -173,43 +165,47 @@ class Station:
 
     def _fuse(self, published: Iterable[Published], arrived_ns: int) -> None:
         for item in published:
-            side = self._wheels.get(item.node)
-            if self.odometry is None or side is None:
+            if self.odometer is None or not self._fits(item, arrived_ns):
                 continue
-            states = self.odometry.handle(
-                WheelSamples(side, item.t_ns, item.block.gyro, item.block.accel)
-            ).states
-            if not states:
-                continue
-            now_ns = self._now_ns()
-            t_ns = np.array([state.t_ns for state in states], np.int64)
-            position = np.array([(state.x, state.y) for state in states])
-            heading = np.array([state.heading for state in states])
-            self._sink.odometry(
-                t_ns,
-                now_ns,
-                position,
-                heading,
-                [state.speed for state in states],
-                [state.yaw_rate for state in states],
-                pose_covariance=[state.covariance for state in states],
-                twist_covariance=[state.twist_covariance for state in states],
+            block = item.block
+            self._publish(
+                self.odometer.handle(
+                    Block(item.node, item.t_ns, block.gyro, block.accel, block.temperature, item.power_on_ns)
+                ),
+                arrived_ns,
             )
-            self._sink.transform(t_ns, now_ns, position, heading)
-            self.poses += len(states)
+
+    def _publish(self, motions: Iterable[Motion], arrived_ns: int) -> None:
+        for motion in motions:
+            motion.write(self._sink, self._now_ns())
             self.latency.add(self._now_ns() - arrived_ns)
 
+    def _warn(self, now_ns: int, *, end: bool = False) -> None:
+        """What the odometer has to say, to the user and into the log."""
+        if self.odometer is None:
+            return
+        for line in self.odometer.warnings(end=end):
+            self.notices.append(f"odometry: {line}")
+            self._sink.event(Event(now_ns, "warning", "odometry", line))
 
-def _odometry(vehicle: Vehicle, rate_hz: float) -> DifferentialOdometry:
-    sides: dict[Side, WheelSpec] = {}
-    for side in _SIDES:
-        name = vehicle.on(side)
-        facing = vehicle.nodes[name].facing if name is not None else None
-        if facing is None:
-            raise InputError(
-                f"odometry needs a node on each wheel: [nodes] has none with side = {side!r}; add it"
-            )
-        sides[side] = WheelSpec(vehicle.wheel_radius, facing)
-    return DifferentialOdometry(
-        OdometryConfig(sides["left"], sides["right"], vehicle.track_width, round(S / rate_hz))
-    )
+    def _fits(self, item: Published, now_ns: int) -> bool:
+        """Whether the calibration is that of the node; one that is of another keeps it from the odometry."""
+        calibrated = self._calibration.nodes.get(item.node)
+        node = next((node for node in self.nodes.values() if node.name == item.node), None)
+        if calibrated is None or node is None or node.decoder.hello is None:
+            return True
+        serial = node.decoder.hello.serial.hex()
+        known = self._fitting.get((item.node, serial))
+        if known is None:
+            try:
+                check_serial(item.node, calibrated, serial)
+                known = True
+            except CalibrationError as error:
+                known = False
+                if self.odometer is not None and not self.odometer.poses:
+                    self._misfit = error
+                self.notices.append(f"{error}; its samples are recorded, the odometry goes without them")
+                data = {"node": item.node, "serial": serial, "calibrated": calibrated.serial}
+                self._sink.event(Event(now_ns, "mismatch", item.node, str(error), data))
+            self._fitting[item.node, serial] = known
+        return known

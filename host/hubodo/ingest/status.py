@@ -76,10 +76,18 @@ class RecordResult:
                 highlight=False,
             )
         if self.odometry is not None:
-            console.print(
-                f"odometry: {self.odometry['poses']} poses, {self.odometry['distance']:.2f} m",
-                highlight=False,
-            )
+            console.print(_odometry_words(self.odometry), highlight=False)
+
+
+def _odometry_words(odometry: dict[str, Any]) -> str:
+    if not odometry["poses"]:
+        return "odometry: no pose; it takes a second of samples of a wheel of the vehicle file"
+    median, p99, worst = (odometry[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
+    return (
+        f"odometry from {' and '.join(odometry['nodes'])}: {odometry['poses']} poses, "
+        f"{odometry['distance']:.2f} m; latency {median:.2f} ms median, {p99:.2f} ms p99, "
+        f"{worst:.2f} ms worst"
+    )
 
 
 def make_result(station: Station, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
@@ -128,17 +136,19 @@ def make_result(station: Station, *, file: str, duration: float, messages: int, 
 
 
 def _odometry(station: Station) -> dict[str, Any] | None:
-    if station.odometry is None:
+    odometer = station.odometer
+    if odometer is None:
         return None
-    state = station.odometry.state()
+    state = odometer.state
     return {
-        "poses": station.poses,
-        "distance": state.distance if state else 0.0,
+        "method": "wheel filter",
+        "nodes": list(odometer.nodes),
+        "poses": odometer.poses,
+        "distance": odometer.distance,
         "x": state.x if state else 0.0,
         "y": state.y if state else 0.0,
         "heading": state.heading if state else 0.0,
-        "latency_mean": station.latency.mean,
-        "latency_worst": station.latency.worst_ns / S if station.latency.count else None,
+        **station.latency.as_json(),
     }
 
 
@@ -220,10 +230,10 @@ def _table(station: Station, seconds: float, size: int, now_ns: int) -> Table:
                 f"{clock.drift * 1e6:+.1f}" if clock.drift_used else "",
                 f"{(now_ns - node.last_frame_ns) / S:.1f} s",
             )
-    state = station.odometry.state() if station.odometry is not None else None
-    if state is not None:
+    state = station.odometer.state if station.odometer is not None else None
+    if station.odometer is not None and state is not None:
         table.caption = (
             f"x {state.x:.2f} m  y {state.y:.2f} m  heading {state.heading:+.3f} rad  "
-            f"speed {state.speed:.2f} m/s  {state.distance:.1f} m"
+            f"speed {state.speed:.2f} m/s  {station.odometer.distance:.1f} m"
         )
     return table

@@ -81,6 +81,11 @@ class Log:
         return {record.name: dict(record.metadata) for record in self.found.metadata}
 
     @property
+    def attachments(self) -> dict[str, bytes]:
+        """Files kept in the log, by name."""
+        return {file.name: bytes(file.data) for file in self.found.attachments}
+
+    @property
     def metadata(self) -> dict[str, str]:
         """The record `hubodo`, and the others with their name and a dot before each key."""
         flat: dict[str, str] = {}

@@ -49,7 +49,7 @@ class AllanReport:
     notes: tuple[str, ...] = field(default=())
 
     def as_json(self) -> dict[str, Any]:
-        """The form of interfaces.md, with additions beside it."""
+        """The fixed form that programs read, with additions beside it."""
         names = units(self.channel)
         coefficients = {}
         for name, term in self.fit.terms.items():

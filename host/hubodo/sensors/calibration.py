@@ -119,11 +119,19 @@ def read_calibration(path: Path) -> Calibration:
     """Read a calibration file. Raises ConfigError: not TOML, unknown or missing key, a value that is no
     number."""
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return parse_calibration(path.read_text(encoding="utf-8"), path)
+    except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: is no TOML: {error}; write it with hubodo calibrate") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; give an existing calibration file") from None
+
+
+def parse_calibration(text: str, path: Path) -> Calibration:
+    """The calibration in the text of a file; path: where it stood. Errors as of `read_calibration`."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: is no TOML: {error}; write it with hubodo calibrate") from None
     _check(path, "the file", document, ("nodes", "vehicle"))
     nodes = {}
     for name, body in _table(path, "nodes", document.get("nodes", {})).items():
@@ -162,6 +170,14 @@ def calibration_toml(calibration: Calibration) -> str:
             lines.append(f"serial = {_text(node.serial)}")
         lines += _effect_lines(f"nodes.{_key(name)}.effects", node.effects)
     return "\n".join([*lines, *_effect_lines("vehicle.effects", calibration.vehicle)]) + "\n"
+
+
+def node_serial(metadata: Mapping[str, str], node: str) -> str:
+    """The serial of a node as a log's metadata tell it, "" when they do not.
+
+    A recorded log has it in the record of the node, other logs may state it as `serial.<node>`.
+    """
+    return metadata.get(f"node.{node}.serial") or metadata.get(f"serial.{node}", "")
 
 
 def source_hash(path: Path) -> str:

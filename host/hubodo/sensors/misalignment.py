@@ -20,7 +20,7 @@ from hubodo.sensors.triad import Triad
 Array = NDArray[np.float64]
 
 EARTH_RATE = 7.2921159e-5
-"""rad/s (model.md)."""
+"""rad/s, of the model."""
 CONDITION_LIMIT = 300.0
 """Errors of 1e-3 in the direction of Earth rate would then spoil an angle by a third of a radian."""
 

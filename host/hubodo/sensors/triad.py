@@ -4,8 +4,8 @@
     true = (I + diag(e) + N)^-1 (raw - b)
 
 in this order: the bias comes off first, then the inverse matrix is applied from the left. N after Avrutov,
-eq. 1 (model.md, sensor chain 3 and 4): row x [0, d_xz, -d_xy], row y [-d_yz, 0, d_yx], row z [d_zy, -d_zx,
-0]; d_xz is the angle, rad, by which the sensor on x is turned about z.
+eq. 1 (stages 3 and 4 of the sensor chain): row x [0, d_xz, -d_xy], row y [-d_yz, 0, d_yx], row z [d_zy,
+-d_zx, 0]; d_xz is the angle, rad, by which the sensor on x is turned about z.
 """
 
 from __future__ import annotations

@@ -72,7 +72,7 @@ class WarmupReport:
         return made
 
     def as_json(self) -> dict[str, Any]:
-        """The form of interfaces.md, with additions beside it."""
+        """The fixed form that programs read, with additions beside it."""
         fit = self.first.fit
         made: dict[str, Any] = {}
         for name in PARAMETERS["exponential"]:

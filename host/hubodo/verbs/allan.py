@@ -31,7 +31,7 @@ class Characterised:
     report: AllanReport
 
     def as_json(self) -> dict[str, Any]:
-        """The form of interfaces.md, with the log and the node."""
+        """The fixed form that programs read, with the log and the node."""
         return {"log": self.log, "node": self.node, **self.report.as_json()}
 
     def render(self, console: Console) -> None:

@@ -20,7 +20,14 @@ from hubodo.log.mcap import read_recording
 from hubodo.log.recording import Recording, Table
 from hubodo.progress import progress_line
 from hubodo.report.page import page
-from hubodo.sensors.calibration import Calibration, Effect, read_calibration, source_hash, write_calibration
+from hubodo.sensors.calibration import (
+    Calibration,
+    Effect,
+    node_serial,
+    read_calibration,
+    source_hash,
+    write_calibration,
+)
 from hubodo.sensors.imu_calibration import ImuCalibration, calibrate_imu
 from hubodo.sensors.imu_report import held_out_words, imu_sections
 
@@ -139,7 +146,7 @@ def run(args: argparse.Namespace) -> CalibratedImu:
             min_rest=args.min_rest,
         )
     effects = imu_effects(result, table, source_hash(args.log))
-    serial = recording.metadata.get(f"serial.{args.node}", "")
+    serial = node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."

@@ -20,7 +20,14 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
 from hubodo.log.recording import Recording, Table
 from hubodo.model.frames import Array
-from hubodo.sensors.calibration import Calibration, Quantity, read_calibration, source_hash, write_calibration
+from hubodo.sensors.calibration import (
+    Calibration,
+    Quantity,
+    node_serial,
+    read_calibration,
+    source_hash,
+    write_calibration,
+)
 from hubodo.sensors.wheel_calibration import WheelCalibration, calibrate_wheels
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
@@ -99,7 +106,7 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     made = before
     for name in found.nodes:
         effects = found.effects(name, **provenance, temperature=_span(recording.nodes[name]))
-        made = made.with_node(name, effects, recording.metadata.get(f"serial.{name}", ""))
+        made = made.with_node(name, effects, node_serial(recording.metadata, name))
     made = made.with_vehicle(found.vehicle_effects(**provenance))
     write_calibration(made, args.output)
     return CalibratedWheels(str(args.output), kind, found)

@@ -13,6 +13,7 @@ from rich.table import Table as TextTable
 
 from hubodo.config import load_vehicle
 from hubodo.errors import InputError
+from hubodo.fuse.absolute import absolute_track
 from hubodo.fuse.track import Score, Track, score
 from hubodo.fuse.wheels import METHODS, wheel_odometry
 from hubodo.log.csv_table import write_table
@@ -88,6 +89,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--smooth", action="store_true", help="use the whole log for each pose; without it, the past alone"
     )
+    parser.add_argument("--no-graph", action="store_true", help="leave GNSS and headings of the log out")
+    parser.add_argument(
+        "--antenna",
+        nargs=2,
+        type=float,
+        default=(0.0, 0.0),
+        metavar=("X", "Y"),
+        help="m of the GNSS antenna forward and left of midway between the wheels",
+    )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the result"
     )
@@ -113,19 +123,22 @@ def run(args: argparse.Namespace) -> Fused:
         calibration=calibration,
         smooth=args.smooth,
     )
+    absolute = (
+        None if args.no_graph else absolute_track(recording, odometry, (args.antenna[0], args.antenna[1]))
+    )
     known = None
     if args.calibration:
         known = {"file": str(args.calibration), "sha256": source_hash(args.calibration)}
     result = Fused(
         str(args.log),
         str(args.output),
-        odometry.track,
-        (odometry.method,),
+        absolute.track if absolute else odometry.track,
+        (odometry.method, absolute.method) if absolute else (odometry.method,),
         odometry.nodes,
-        odometry.learnt,
+        {**odometry.learnt, **absolute.learnt} if absolute else odometry.learnt,
         known,
-        score_against_truth(odometry.track, recording),
-        recording.warnings + odometry.warnings,
+        score_against_truth(absolute.track if absolute else odometry.track, recording),
+        recording.warnings + odometry.warnings + (absolute.warnings if absolute else ()),
     )
     args.output.mkdir(parents=True, exist_ok=True)
     write_table(files[0], Table({name: getattr(result.track, name) for name in TRACK_COLUMNS}))

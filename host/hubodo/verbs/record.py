@@ -12,6 +12,7 @@ from hubodo.config import RecordConfig, load_record_config, load_vehicle
 from hubodo.errors import InputError
 from hubodo.ingest.daemon import record
 from hubodo.ingest.status import RecordResult
+from hubodo.sensors.calibration import read_calibration
 from hubowire import FINGERPRINT
 
 HELP = "record nodes into a log until ctrl-C, with live odometry"
@@ -31,6 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--config", type=Path, metavar="TOML", help="hubodo.toml, for whatever is not given here"
     )
     parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry: switches live odometry on")
+    parser.add_argument(
+        "--calibration", type=Path, metavar="TOML", help="applied to what the odometry gets; raw is recorded"
+    )
     parser.add_argument("--gnss", metavar="PORT", help="a GNSS receiver that speaks NMEA")
     parser.add_argument(
         "--baud", type=int, help="of the nodes' serial ports (default 115200; USB does not care)"
@@ -68,6 +72,13 @@ def run(args: argparse.Namespace) -> RecordResult:
     if vehicle_path is not None:
         vehicle = load_vehicle(vehicle_path)
         attachments["vehicle.toml"] = vehicle_path.read_bytes()
+    calibration_path = args.calibration
+    if calibration_path is None and config.calibration is not None:
+        calibration_path = folder / config.calibration
+    calibration = None
+    if calibration_path is not None:
+        calibration = read_calibration(calibration_path)
+        attachments["calibration.toml"] = calibration_path.read_bytes()
     metadata = {
         "hubodo": __version__,
         "fingerprint": f"{FINGERPRINT:08x}",
@@ -76,4 +87,13 @@ def run(args: argparse.Namespace) -> RecordResult:
         "ports": " ".join(config.ports),
         "verb": "record",
     }
-    return record(config, output, vehicle=vehicle, metadata=metadata, attachments=attachments)
+    if config.odometry_rate_hz is not None:
+        metadata["odometry_rate_hz"] = repr(config.odometry_rate_hz)
+    return record(
+        config,
+        output,
+        vehicle=vehicle,
+        calibration=calibration,
+        metadata=metadata,
+        attachments=attachments,
+    )

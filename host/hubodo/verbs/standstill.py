@@ -15,6 +15,7 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
 from hubodo.progress import progress_line
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, temperature_step
+from hubodo.sensors.calibration import node_serial
 
 FloatArray = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ def read_standstill(args: argparse.Namespace) -> Standstill:
     temperature = _temperature(table["temperature"][span][finite]) if "temperature" in table else None
     step = None if temperature is None else temperature_step(t, temperature)
     values = columns[:, CHANNELS.index(args.channel)].copy()
-    serial = recording.metadata.get(f"serial.{node}", "")
+    serial = node_serial(recording.metadata, node)
     return Standstill(node, args.channel, t, values, temperature, step, serial, recording.warnings)
 
 

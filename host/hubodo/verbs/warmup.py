@@ -41,7 +41,7 @@ class WarmedUp:
     report: WarmupReport
 
     def as_json(self) -> dict[str, Any]:
-        """The form of interfaces.md, with the log and the node."""
+        """The fixed form that programs read, with the log and the node."""
         return {"log": self.log, "node": self.node, "output": self.output, **self.report.as_json()}
 
     def render(self, console: Console) -> None:

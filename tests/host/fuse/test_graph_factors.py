@@ -24,6 +24,8 @@ from hubodo.fuse.graph import Fixes, GraphConfig, Headings, build
 from hubodo.fuse.solver import Graph, Losses, solve, solve_from_afar
 from hubodo.fuse.steps import OdometryPath, StepNoise, cut_path
 
+pytest.importorskip("pyproj")
+
 QUIET = Losses(QUADRATIC, QUADRATIC, QUADRATIC)
 
 

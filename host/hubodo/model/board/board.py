@@ -26,7 +26,7 @@ from hubodo.model.board.hypercall import (
 from hubodo.model.board.link import LineNoise, Link, MemoryLink, PtyLink
 from hubodo.model.board.port import Port
 from hubodo.model.board.settings import BoardSettings
-from hubodo.model.chips.faults import BrownOut, Fault, Reset, Unplug
+from hubodo.model.chips.faults import BrownOut, Fault, Reset, Stall, Unplug
 from hubodo.model.chips.registers import RegisterChip
 
 CTRL_C = 3
@@ -93,6 +93,7 @@ class VirtualBoard:
             ((f.t * _NS, f) for f in faults if isinstance(f, Reset | Unplug) or _restarts(f)),
             key=lambda x: x[0],
         )
+        self._stalls = sorted((f for f in faults if isinstance(f, Stall)), key=lambda f: f.t)
         if settings.run_for is not None:
             self._end = settings.run_for * _NS
         else:
@@ -428,6 +429,9 @@ class VirtualBoard:
 
     def answer(self, status: int, t: float, payload: bytes = b"") -> None:
         assert self._interpreter is not None
+        while self._stalls and self._stalls[0].t * _NS <= t:
+            t += self._stalls.pop(0).seconds * _NS
+            self.counts["stalls"] += 1
         flags = 0
         port = self.ports[0]
         if port.received:

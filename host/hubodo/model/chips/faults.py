@@ -72,6 +72,13 @@ class Reset(Fault):
 
 
 @dataclass(frozen=True)
+class Stall(Fault):
+    """The processor is busy elsewhere for `seconds`: the firmware's next call to the board ends so much later."""
+
+    seconds: float = 0.1
+
+
+@dataclass(frozen=True)
 class Unplug(Fault):
     """The USB cable is out for `seconds`; the board has its own supply and runs on."""
 

@@ -1,0 +1,74 @@
+"""Odometry made absolute: the factor graph over a recording's GNSS fixes and headings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from hubodo.fuse.factors.constants import ConstantSigmas, of_wheel_speeds
+from hubodo.fuse.fixes import Fixes, Headings
+from hubodo.fuse.graph import fuse_graph
+from hubodo.fuse.graph_config import GraphConfig
+from hubodo.fuse.outages import outages
+from hubodo.fuse.steps import path_of
+from hubodo.fuse.track import Track
+from hubodo.fuse.wheels import WheelOdometry, start_heading
+from hubodo.log.recording import Recording
+
+_FIX_COUNTS = 0.4
+# A constant whose sigma has not shrunk by a tenth is the prior's, not this drive's.
+_SEEN = 0.9
+
+
+@dataclass(frozen=True)
+class AbsoluteTrack:
+    """The graph's track from its start, what it learnt for fuse.json, and warnings."""
+
+    track: Track
+    method: str
+    learnt: Mapping[str, Any]
+    warnings: tuple[str, ...]
+
+
+def absolute_track(
+    recording: Recording, odometry: WheelOdometry, antenna: tuple[float, float] = (0.0, 0.0)
+) -> AbsoluteTrack | None:
+    """The most probable track of odometry, fixes and headings; None for a log that has neither.
+
+    antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
+    InputError when there are fixes and none is usable, ConfigError when pyproj is missing.
+    """
+    gnss, compass = recording.gnss, recording.heading
+    if gnss is None and compass is None:
+        return None
+    fixes = headings = None
+    if gnss is not None:
+        fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))
+    if compass is not None:
+        headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
+    constants = of_wheel_speeds() if odometry.heading_from_speeds else ConstantSigmas()
+    config = GraphConfig(antenna=antenna, constants=constants)
+    heading = start_heading(recording, odometry.track.t[0])
+    if heading is not None:
+        config = replace(config, start_heading=heading)
+    found = fuse_graph(path_of(odometry.track), fixes, headings, config)
+    prior = asdict(config.constants)
+    seen = {
+        name: {"value": q.value, "sigma": q.sigma}
+        for name, q in found.constants.items()
+        if q.sigma < _SEEN * prior.get(name, float("inf"))
+    }
+    truth = None
+    if recording.truth is not None:
+        truth = (recording.truth.t, recording.truth["x"], recording.truth["y"])
+    used = found.fix_t[found.fix_weight > _FIX_COUNTS]
+    gaps = outages(found.from_start, used, truth) if len(used) else ()
+    learnt = {
+        "fixes": len(found.fix_t),
+        "constants": seen,
+        "outages": [{key: value for key, value in asdict(gap).items() if value is not None} for gap in gaps],
+    }
+    parts = [f"{len(found.fix_t)} fixes"] if fixes is not None else []
+    what = " and ".join([*parts, "headings"] if headings is not None else parts)
+    return AbsoluteTrack(found.from_start, f"factor graph with {what}", {"graph": learnt}, found.warnings)

@@ -1,0 +1,200 @@
+"""Gyro bias from the known magnitude of the true rate: the scalar filter of Shah et al., eq. 1-3.
+
+With G = omega + b + e, e ~ N(0, S), the length of G - b is that of omega but for noise:
+    z = |G|^2 - |omega|^2 - tr S = 2 G.b - |b|^2 + v,   v = 2 omega.e + |e|^2 - tr S,
+    E v = 0,   var v = 4 omega' S omega + 2 tr S^2.
+So h(b) = 2 G.b - |b|^2, H = dh/db = +2 (G - b)' (eq. 2), and eq. 3 puts G - b for omega in var v.
+
+Eq. 3 fails near rest, in two ways. (G - b)' S (G - b) has the noise in it that it is the variance for, and
+H has it too: H is correlated with v. And the quadratic is taken for a line: from a start wrong by d >> noise
+every update halves the error but is believed in full. At rest the printed filter so ends far from the bias
+and sure of it. Unless `as_printed`, this filter
+- takes |omega|^2 as known in R and only its direction from the data, and puts E[|H|^2 v^2] / E[|H|^2] for the
+  constant term: R = 4 |omega|^2 u' S u + 2 tr S^2 + 8 tr S^3 / tr S, u = (G - b) / |G - b|;
+- takes the second order of h, which is exact as h'' = -2 I: innovation + tr P, its variance + 2 tr P^2.
+
+What converges. One sample sees b along G - b only.
+- omega turning through three directions in the node: all of b, from any start it is brought near by prior.
+- at rest: all of b, each axis with 2/7 of the information of a mean (isotropic S), since the signs of the
+  three components are thrown away. Where rest is known, the mean is better by sqrt(7/2) = 1.9.
+- omega about one axis (a wheel): b along it. The other two stay at their start; what is wrong with them, d,
+  appears along the axis as |d|^2 / (2 |omega|) and is not in the covariance (0.02 rad/s at 5 rad/s: 4e-5).
+- |omega| held, one axis, start wrong by more than |omega| in its direction: the mirror solution
+  b + 2 omega, with equal residuals. A second speed, or the other direction, tells them apart.
+The covariance counts noise as white; a rate reference that is wrong for long (`rate_sigma` is white, too)
+moves the bias by its error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BiasTrack:
+    """After each sample: bias (N, 3) rad/s and the variances (N, 3) of its components."""
+
+    bias: FloatArray
+    variance: FloatArray
+
+
+class PseudoMeasurementFilter:
+    """The bias of three gyro axes, sample by sample.
+
+    noise: (3, 3) covariance S of a gyro sample, (rad/s)^2. bias: (3,) rad/s at the start, sigma: (3,) or one,
+    its 1 sigma. walk: rad/s, 1 sigma by which each bias walks between samples. as_printed: eq. 3 and a plain
+    extended Kalman filter. ValueError where S or sigma is not positive.
+    """
+
+    __slots__ = ("_bias", "_constant", "_mean", "_noise", "_p", "_printed", "_walk")
+
+    def __init__(
+        self,
+        noise: ArrayLike,
+        bias: ArrayLike = (0.0, 0.0, 0.0),
+        sigma: ArrayLike = 0.05,
+        *,
+        walk: float = 0.0,
+        as_printed: bool = False,
+    ) -> None:
+        s = np.asarray(noise, dtype=np.float64)
+        spread = np.broadcast_to(np.asarray(sigma, dtype=np.float64), 3)
+        if (
+            s.shape != (3, 3)
+            or not np.allclose(s, s.T, rtol=1e-12, atol=0.0)
+            or np.linalg.eigvalsh(s)[0] <= 0.0
+        ):
+            raise ValueError("noise must be a (3, 3) positive definite covariance in (rad/s)^2")
+        if not (spread > 0.0).all():
+            raise ValueError(f"sigma {spread}: must be above 0 rad/s")
+        first, second, third = np.asarray(bias, dtype=np.float64).tolist()
+        self._bias: tuple[float, float, float] = (first, second, third)
+        self._p: tuple[float, ...] = (*(spread**2).tolist(), 0.0, 0.0, 0.0)
+        self._noise: tuple[float, ...] = tuple(s[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
+        self._mean = float(np.trace(s))
+        self._constant = 2.0 * float(np.trace(s @ s))
+        if not as_printed:
+            self._constant += 8.0 * float(np.trace(s @ s @ s)) / self._mean
+        self._walk = walk * walk
+        self._printed = as_printed
+
+    @property
+    def bias(self) -> tuple[float, float, float]:
+        """rad/s. Across the axis of a wheel that only spins it is still the start: see the covariance."""
+        return self._bias
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(3, 3) of the bias, (rad/s)^2."""
+        xx, yy, zz, xy, xz, yz = self._p
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def update(
+        self, gyro: Sequence[float], rate: float = 0.0, rate_sigma: float = 0.0
+    ) -> tuple[float, float, float]:
+        """Takes a sample, (3,) rad/s, and the magnitude of the true rate with its 1 sigma; returns the bias."""
+        bx, by, bz = self._bias
+        xx, yy, zz, xy, xz, yz = self._p
+        sxx, syy, szz, sxy, sxz, syz = self._noise
+        if self._walk:
+            xx, yy, zz = xx + self._walk, yy + self._walk, zz + self._walk
+        dx, dy, dz = gyro[0] - bx, gyro[1] - by, gyro[2] - bz
+        square = dx * dx + dy * dy + dz * dz
+        # P H' / 2 and (G - b)' S (G - b).
+        hx = xx * dx + xy * dy + xz * dz
+        hy = xy * dx + yy * dy + yz * dz
+        hz = xz * dx + yz * dy + zz * dz
+        felt = sxx * dx * dx + syy * dy * dy + szz * dz * dz
+        felt += 2.0 * (sxy * dx * dy + sxz * dx * dz + syz * dy * dz)
+        known = rate * rate
+        innovation = square - known - self._mean
+        variance = 4.0 * (dx * hx + dy * hy + dz * hz) + self._constant
+        if self._printed:
+            variance += 4.0 * felt
+        else:
+            innovation += xx + yy + zz
+            variance += 2.0 * (xx * xx + yy * yy + zz * zz) + 4.0 * (xy * xy + xz * xz + yz * yz)
+            if square > 0.0:
+                variance += 4.0 * known * felt / square
+        if rate_sigma:
+            doubt = rate_sigma * rate_sigma
+            innovation += doubt
+            variance += doubt * (4.0 * known + 2.0 * doubt)
+        step = 2.0 * innovation / variance
+        self._bias = bias = (bx + step * hx, by + step * hy, bz + step * hz)
+        shrink = 4.0 / variance
+        gx, gy, gz = shrink * hx, shrink * hy, shrink * hz
+        self._p = (xx - gx * hx, yy - gy * hy, zz - gz * hz, xy - gx * hy, xz - gx * hz, yz - gy * hz)
+        return bias
+
+    def run(self, gyro: FloatArray, rate: ArrayLike = 0.0, rate_sigma: ArrayLike = 0.0) -> BiasTrack:
+        """Takes (N, 3) samples and (N,) or one magnitude: N calls of `update`, bit for bit, and as slow.
+
+        The filter is not linear and its gain is in the data: there is nothing to be done for all samples at
+        once. ValueError for samples that are not (N, 3) and finite.
+        """
+        samples = np.asarray(gyro, dtype=np.float64)
+        if samples.ndim != 2 or samples.shape[1] != 3 or not np.isfinite(samples).all():
+            raise ValueError(f"samples of shape {samples.shape}: must be (N, 3) and finite")
+        rates = np.broadcast_to(np.asarray(rate, dtype=np.float64), len(samples)).tolist()
+        sigmas = np.broadcast_to(np.asarray(rate_sigma, dtype=np.float64), len(samples)).tolist()
+        bias, variance = [], []
+        update = self.update
+        for sample, magnitude, sigma in zip(samples.tolist(), rates, sigmas, strict=True):
+            bias.append(update(sample, magnitude, sigma))
+            variance.append(self._p[:3])
+        return BiasTrack(np.array(bias).reshape(-1, 3), np.array(variance).reshape(-1, 3))
+
+
+@dataclass(frozen=True)
+class KnownRate:
+    """What a rolling wheel knows of its rate, M stretches: for `PseudoMeasurementFilter.run`.
+
+    gyro: (M, 3) rad/s, weighted means. rate, sigma: (M,) rad/s, the mean magnitude with the same weights, and
+    its 1 sigma. share: the covariance of such a mean is `share` times that of a sample.
+    """
+
+    gyro: FloatArray
+    rate: FloatArray
+    sigma: FloatArray
+    share: float
+
+
+def rate_from_gravity(
+    gyro: FloatArray, accel: FloatArray, dt: float, *, stretch: int, phase_sigma: float
+) -> KnownRate:
+    """The wheel's own rate from gravity turning in (accel x, accel y), over stretches of `stretch` samples.
+
+    gyro, accel: (N, 3) rad/s and m/s^2, node axes, z along the axle; dt: s; phase_sigma: rad, 1 sigma of the
+    direction of one sample (vibration and accelerometer noise over g).
+    The slope of a line fitted to the unwrapped direction is the mean of the true rate with parabolic weights,
+    at any course of the speed; the gyro is averaged with the same. Across the axle the mean goes to zero with
+    whole turns. A stretch that turns less than once is left out: there the centripetal force of the lever
+    arm, or a tilted accelerometer, has no turn to average over. Lever arm and accelerometer bias move the
+    direction by their share of g, once per turn. ValueError: stretch < 8, or fewer samples than that.
+    """
+    if stretch < 8 or len(gyro) < stretch or len(gyro) != len(accel):
+        raise ValueError(f"stretches of {stretch} samples in {len(gyro)} gyro and {len(accel)} accel samples")
+    count = len(gyro) // stretch
+    force = (accel[:, 0] + 1j * accel[:, 1])[: count * stretch].reshape(count, stretch)
+    turns = np.angle(force[:, 1:] * force[:, :-1].conj())
+    phase = np.concatenate([np.zeros((count, 1)), np.cumsum(turns, axis=1)], axis=1)
+    line = np.arange(stretch) - 0.5 * (stretch - 1)
+    line /= (line @ line) * dt
+    slope = phase @ line
+    # Sum of line_k phase_k = sum of weights_k (phase_k+1 - phase_k): summed by parts.
+    weights = -np.cumsum(line)[:-1] * dt
+    # A step of the phase is the mean of the rates at its two ends.
+    at_samples = 0.5 * (np.append(weights, 0.0) + np.append(0.0, weights))
+    means = np.einsum("msa,s->ma", gyro[: count * stretch].reshape(count, stretch, 3), at_samples)
+    turned = np.abs(phase[:, -1]) > 2.0 * math.pi
+    sigma = phase_sigma * float(np.sqrt(line @ line))
+    rate = np.abs(slope[turned])
+    return KnownRate(means[turned], rate, np.full(len(rate), sigma), float(at_samples @ at_samples))

@@ -1,0 +1,97 @@
+"""`hubodo flash` for real: mpremote speaks to the REPL of a virtual board through its pseudo terminal."""
+
+import json
+import os
+
+import pytest
+
+from hubodo.cli import main
+from hubodo.flash.image import build, firmware_folder
+from hubodo.model.motion import StillMotion
+from hubodo.model.virtual_node import VirtualNode
+
+
+@pytest.fixture(scope="module")
+def board():
+    """A board with nothing but MicroPython on it."""
+    with VirtualNode(StillMotion(), firmware=None, seed=1) as node:
+        yield node
+
+
+@pytest.fixture(scope="module")
+def image():
+    return build(firmware_folder(), None)
+
+
+def flash(capfd, *words):
+    code = main(["flash", *map(str, words), "--json"])
+    out, err = capfd.readouterr()
+    return code, json.loads(out) if out else None, err
+
+
+def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
+    code, found, err = flash(capfd, board.port, "--node", "right", "--rate-hz", 416)
+    assert code == 0, err
+    assert found["node"] == 2
+    assert set(found["copied"]) == {*image, "config.json"}
+    for name, content in image.items():
+        assert (board.flash / name).read_bytes() == content
+    assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 2, "rate_hz": 416}
+
+
+def test_a_node_that_streams_is_flashed_again_and_only_what_differs_is_copied(board, capfd):
+    code, found, err = flash(capfd, board.port, "--node", "left")
+    assert code == 0, err
+    assert found["node"] == 1
+    assert found["copied"] == ["config.json"]
+    assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 1, "rate_hz": 416}
+
+
+def test_damaged_files_and_old_sources_that_hide_new_files_are_put_right(image, tmp_path, capfd):
+    for name, content in {**image, "wire.mpy": b"damaged", "node.py": b"raise ValueError\n"}.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path, seed=2) as node:
+        code, found, err = flash(capfd, node.port)
+    assert code == 0, err
+    assert found["copied"] == ["wire.mpy"]
+    assert (tmp_path / "wire.mpy").read_bytes() == image["wire.mpy"]
+    assert not (tmp_path / "node.py").exists()
+
+
+def test_a_port_that_is_read_by_somebody_else_is_said_to_be_busy(board, capfd):
+    import serial
+
+    with serial.Serial(str(board.port), exclusive=True):
+        code, _, err = flash(capfd, board.port)
+    assert code == 1
+    assert "busy" in err
+    assert err.count("\n") == 1
+
+
+def test_a_port_that_is_not_there_is_one_clear_line(tmp_path, capfd):
+    code, _, err = flash(capfd, tmp_path / "ttyNONE")
+    assert code == 1
+    assert "ttyNONE: cannot be opened" in err
+
+
+def test_a_port_where_nobody_answers_is_one_clear_line(capfd, monkeypatch):
+    import hubodo.flash.board as module
+
+    monkeypatch.setattr(module, "_COMMAND_TIMEOUT", 4.0)
+    monkeypatch.setattr(module, "_COMES_BACK", 0.5)
+    master, slave = os.openpty()
+    try:
+        code, _, err = flash(capfd, os.ttyname(slave))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert code == 1
+    assert err.count("\n") == 1
+    assert "mpremote" in err
+
+
+def test_an_unknown_node_name_is_refused_before_the_port_is_touched(tmp_path, capfd):
+    code, _, err = flash(capfd, tmp_path / "ttyNONE", "--node", "front")
+    assert code == 2
+    assert "--node front" in err
