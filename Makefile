@@ -2,8 +2,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
+# The matrices here are small: threads of a matrix library cost more than they bring.
+export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench setup clean
+.PHONY: demo test check bench papers accuracy setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -18,6 +20,20 @@ check: setup         ## format, lint, types, generated files, firmware for both 
 bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_decoder.py
 	$(BIN)/python tests/bench/bench_recording.py
+	$(BIN)/python tests/bench/bench_filters.py
+	$(BIN)/python tests/bench/bench_fuse.py
+	$(BIN)/python tests/bench/bench_allan.py
+
+papers: setup        ## four papers, their figures beside ours
+	$(BIN)/python tests/papers/shah.py
+	$(BIN)/python tests/papers/barshan.py
+	$(BIN)/python tests/papers/avrutov.py
+	$(BIN)/python tests/papers/robert.py
+
+accuracy: setup      ## accuracy over many seeded drives and records; some ten minutes
+	$(BIN)/python tests/accuracy/odometry.py
+	$(BIN)/python tests/accuracy/gnss.py
+	$(BIN)/python tests/accuracy/allan_truth.py
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

@@ -204,6 +204,9 @@ class Odometer:
             age: Array = (block.t_ns - since_ns) / S
             gyro, accel = correction.apply(gyro, accel, age=age, temperature=block.temperature)
         times = to_seconds(block.t_ns, self._t_zero_ns).tolist()
+        # Between samples of the two wheels that fall close together one pose is enough.
+        period_ns = int(block.t_ns[-1] - block.t_ns[0]) // max(len(times) - 1, 1)
+        apart_ns = max(self._step_ns, period_ns // 2, 1)
         published: list[tuple[int, WheelState]] = []
         for t_ns, t, rate, force in zip(
             block.t_ns.tolist(), times, gyro.tolist(), accel.tolist(), strict=True
@@ -211,7 +214,7 @@ class Odometer:
             handled = wheels.handle(WheelSample(block.node, t, tuple(rate), tuple(force)))
             if handled.poses:
                 self._account(handled.poses)
-            if self._last_ns is not None and t_ns - self._last_ns < max(self._step_ns, 1):
+            if self._last_ns is not None and t_ns - self._last_ns < apart_ns:
                 continue
             state = wheels.state()
             # A newer state is that of the other wheel's sample: it has been published.
@@ -219,7 +222,7 @@ class Odometer:
                 continue
             # While no wheel angle is known the state stays at the end of the last window.
             state_ns = t_ns - round((t - state.t) * S)
-            if self._last_ns is not None and state_ns - self._last_ns < max(self._step_ns, 1):
+            if self._last_ns is not None and state_ns - self._last_ns < apart_ns:
                 continue
             self._last_ns = state_ns
             published.append((state_ns, state))
