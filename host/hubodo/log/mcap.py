@@ -140,9 +140,7 @@ class _Collected:
             if not parts:
                 tables[name] = Table({column: np.empty(0) for column in columns})
                 continue
-            sequences = [rows.sequence for rows, _ in parts]
-            common = reduce(np.intersect1d, sequences)
-            lost = max(len(np.union1d(common, sequence)) for sequence in sequences) - len(common)
+            common, lost = _common([rows.sequence for rows, _ in parts])
             if lost:
                 self._note(f"{name}: {lost} rows have lost a part to damage; left out")
             since = parts[0][0].stamp_ns[_places(parts[0][0].sequence, common)] - self.t_zero_ns
@@ -154,7 +152,7 @@ class _Collected:
             beyond = len(since) > 0 and int(np.abs(since).max()) >= EXACT_S * NS and not between
             if absent := [column for column in columns if column not in found]:
                 self._note(f"{name}: nothing is left of column {', '.join(absent)}")
-            rising = np.unique(found["t"], return_index=True)[1]
+            rising = _rising(found["t"])
             if len(rising) < len(since):
                 self._note(f"{name}: {len(since) - len(rising)} rows repeat the time of another; left out")
             tables[name] = Table(
@@ -265,6 +263,22 @@ def _column_names(text: str) -> list[str]:
     except ValueError:
         return []
     return [str(name) for name in names] if isinstance(names, list) else []
+
+
+def _common(sequences: list[NDArray[Any]]) -> tuple[NDArray[Any], int]:
+    """Row numbers that every part of a file has, rising, and how many rows have lost a part."""
+    first = sequences[0]
+    if bool((np.diff(first) > 0).all()) and all(np.array_equal(first, other) for other in sequences[1:]):
+        return first, 0
+    common = reduce(np.intersect1d, sequences)
+    return common, max(len(np.union1d(common, sequence)) for sequence in sequences) - len(common)
+
+
+def _rising(t: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Places of the first row at each time, in order of time."""
+    if bool((np.diff(t) > 0).all()):
+        return np.arange(len(t))
+    return np.unique(t, return_index=True)[1]
 
 
 def _places(sequence: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp]:

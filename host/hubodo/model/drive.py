@@ -112,7 +112,7 @@ def loop_drive(rng: np.random.Generator, rest: float = 8.0, moving: float = 60.0
     turn = 2.0 * np.pi / moving
     while left > 0.0:
         duration = min(left, float(rng.uniform(4.0, 8.0)))
-        yaw_rate = turn + float(rng.uniform(-0.25, 0.25))
+        yaw_rate = turn + float(rng.uniform(-0.1, 0.1))
         legs.append(Leg(duration, float(rng.uniform(0.8, 1.8)), yaw_rate))
         left -= duration
     legs.append(Leg(4.0, 0.0))

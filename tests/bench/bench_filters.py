@@ -1,0 +1,127 @@
+"""Time of the filters beside filterpy, in the same run: live updates, and batches per sample.
+
+python tests/bench/bench_filters.py [SAMPLES]
+
+Peers: filterpy's KalmanFilter with the two states of eq. 4-8; the same with a fading memory, which is eq.
+13-14; its ExtendedKalmanFilter with H and R of eq. 2-3. A live update is one of plain Python floats.
+"""
+
+import math
+import os
+import statistics
+import sys
+import time
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
+
+from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter
+from hubodo.fuse.filters.rate_bias_kalman import RateBiasKalman, steady_gain
+from hubodo.fuse.filters.recursive_least_squares import RecursiveLeastSquares
+
+ROUNDS = 9
+SHARE = 1 / 30
+BATCH_NS = 50.0
+SIGMA = 1e-3
+FACTOR = 0.98
+
+
+def peer_kalman():
+    theirs = KalmanFilter(2, 1)
+    theirs.H, theirs.R = np.array([[1.0, 1.0]]), np.array([[SIGMA**2]])
+    theirs.Q = np.diag([1e-4, 1e-12])
+
+    def update(z):
+        theirs.predict()
+        theirs.update(z)
+
+    return update
+
+
+def peer_rls():
+    theirs = KalmanFilter(2, 1)
+    theirs.alpha, theirs.Q, theirs.P = 1 / math.sqrt(FACTOR), np.zeros((2, 2)), 1e6 * np.eye(2)
+    row, n, estimate = np.zeros((1, 2)), 0, 0.0
+
+    def update(z):
+        nonlocal n, estimate
+        n += 1
+        row[0, 0], row[0, 1] = n, estimate - z
+        theirs.predict()
+        theirs.update(z, H=row)
+        estimate = row[0, 0] * theirs.x[0, 0] + row[0, 1] * theirs.x[1, 0]
+
+    return update
+
+
+def peer_pseudo():
+    theirs = ExtendedKalmanFilter(3, 1)
+    theirs.P, noise = 2.5e-3 * np.eye(3), SIGMA**2 * np.eye(3)
+    constant = 2 * np.trace(noise @ noise)
+
+    def update(gyro):
+        d = gyro - theirs.x[:, 0]
+        theirs.update(
+            np.array([[gyro @ gyro - 3 * SIGMA**2]]),
+            lambda x: 2 * (gyro - x[:, 0])[None, :],
+            lambda x: np.array([[2 * gyro @ x[:, 0] - x[:, 0] @ x[:, 0]]]),
+            R=4 * d @ noise @ d + constant,
+        )
+
+    return update
+
+
+def live_ns(update, values):
+    began = time.perf_counter()
+    for value in values:
+        update(value)
+    return (time.perf_counter() - began) / len(values) * 1e9
+
+
+def batch_ns(run, values):
+    began = time.perf_counter()
+    run(values)
+    return (time.perf_counter() - began) / len(values) * 1e9
+
+
+def main(argv=None):
+    arguments = sys.argv[1:] if argv is None else argv
+    count = int(arguments[0]) if arguments else 360_000
+    rng = np.random.default_rng(0)
+    z = 6.0 + np.sin(1e-3 * np.arange(count)) + rng.normal(0.0, SIGMA, count)
+    still = rng.normal(0.01, SIGMA, (count // 10, 3))
+    gain = steady_gain(1e-2, 1e-6, SIGMA, 0.01)
+    ours = {
+        "Kalman": lambda: RateBiasKalman(gain, 0.01),
+        "RLS": lambda: RecursiveLeastSquares(FACTOR),
+        "pseudo-measurement": lambda: PseudoMeasurementFilter(SIGMA**2 * np.eye(3)),
+    }
+    peers = {"Kalman": peer_kalman, "RLS": peer_rls, "pseudo-measurement": peer_pseudo}
+    print(f"filters, medians of {ROUNDS} rounds in turn; batches of {count} samples (seed 0)")
+    print(f"  {'':20}{'filterpy':>10} {'ours, live':>11} {'ratio':>7} {'ours, batch':>12}")
+    passed = True
+    for name, make in ours.items():
+        samples = still if name == "pseudo-measurement" else z
+        short = samples[:2000].tolist()
+        theirs_in = list(samples[:500]) if samples.ndim == 2 else short[:500]
+        times = {"peer": [], "live": [], "batch": []}
+        for _ in range(ROUNDS):
+            times["peer"].append(live_ns(peers[name](), theirs_in))
+            times["live"].append(live_ns(make().update, short))
+            times["batch"].append(batch_ns(make().run, samples))
+        peer, live, batch = (statistics.median(times[key]) for key in ("peer", "live", "batch"))
+        print(f"  {name:20}{peer:7.0f} ns {live:8.0f} ns   1/{peer / live:<5.0f}{batch:9.1f} ns")
+        passed &= live <= SHARE * peer
+        if name == "Kalman":
+            passed &= batch <= BATCH_NS
+    print(
+        f"  live at most 1/{1 / SHARE:.0f} of filterpy; batch of the linear filter at most {BATCH_NS:.0f} ns"
+    )
+    print("  RLS and the pseudo-measurement are not linear: their batch is the live filter, sample by sample")
+    return not passed
+
+
+if __name__ == "__main__":
+    sys.exit(main())

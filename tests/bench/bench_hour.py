@@ -1,0 +1,101 @@
+"""One hour of two wheels at 100 Hz with GNSS at 5 Hz, from the MCAP file to track.csv, with the real command.
+
+    python tests/bench/bench_hour.py [SECONDS]
+
+Five runs of `hubodo fuse` on the same log, start of the interpreter included. The plain GTSAM graph beside it
+(a pose per odometry sample, nothing read, nothing filtered) is bench_fuse.py, in the same `make bench`.
+"""
+
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators import gnss_drives, wheel_drives
+from hubodo.log.convert import write_recording
+from hubodo.log.recording import Recording, Table
+
+SEED, SIGMA, LIMIT, RUNS = 71, 5.0, 6.0, 5
+VEHICLE = """
+[vehicle]
+wheel_radius = {radius}
+track_width = {track}
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+"""
+
+
+def recording(seconds):
+    rng = np.random.default_rng(SEED)
+    drive = wheel_drives.drive(wheel_drives.loop(rng, length=1.3 * seconds), rng, rate_hz=100.0)
+    names = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+    nodes = {
+        name: Table(dict(zip(names, (node.t, *node.gyro.T, *node.accel.T), strict=True)))
+        for name, node in drive.nodes.items()
+    }
+    t = np.arange(drive.t[0], drive.t[-1], 0.2)
+    east, north = (np.interp(t, drive.t, way) + rng.normal(0, SIGMA, len(t)) for way in (drive.x, drive.y))
+    latitude, longitude = gnss_drives.geodetic(east, north, 47.0, 8.0)[:2]
+    gnss = {
+        "t": t,
+        "latitude_deg": latitude,
+        "longitude_deg": longitude,
+        "altitude": 0 * t,
+        "sigma": SIGMA + 0 * t,
+    }
+    truth = {"t": drive.t[::10], "x": drive.x[::10], "y": drive.y[::10], "heading": drive.heading[::10]}
+    return Recording(nodes, gnss=Table(gnss), truth=Table(truth)), drive
+
+
+def main():
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 3600.0
+    with tempfile.TemporaryDirectory() as folder:
+        made, drive = recording(seconds)
+        log, vehicle, out = (str(Path(folder) / name) for name in ("hour.mcap", "vehicle.toml", "out"))
+        write_recording(made, Path(log))
+        Path(vehicle).write_text(VEHICLE.format(radius=drive.radius, track=drive.track))
+        rows = sum(len(node) for node in made.nodes.values())
+        del made
+        walls = []
+        words = [
+            sys.executable,
+            "-m",
+            "hubodo.cli",
+            "fuse",
+            log,
+            "--vehicle",
+            vehicle,
+            "-o",
+            out,
+            "--force",
+            "--json",
+        ]
+        for _ in range(RUNS):
+            started = time.perf_counter()
+            done = subprocess.run(words, capture_output=True, text=True, check=True)
+            walls.append(time.perf_counter() - started)
+        result = json.loads(done.stdout)
+    wall = statistics.median(walls)
+    print(f"{seconds:g} s, {rows} samples of two nodes, {result['graph']['fixes']} fixes (seed {SEED}): "
+          f"log to track.csv in {wall:.2f} s, median of {RUNS} ({min(walls):.2f} to {max(walls):.2f}); "
+          f"aim {LIMIT:g} s for an hour")  # fmt: skip
+    print(f"  rms error {result['truth']['rms_error']:.2f} m over {drive.length:.0f} m")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
