@@ -28,6 +28,7 @@ from micropython import const
 from wire import (
     FILTER_KIND_KALMAN,
     FILTER_KIND_OFF,
+    FILTER_KIND_RLS,
     FILTER_STATE_INITIALISING,
     FILTER_STATE_TRACKING,
     FILTER_STATE_WAITING,
@@ -135,10 +136,61 @@ class KalmanFilter:
         return self._axes[axis][_BIAS] >> 2
 
 
+class RlsFilter(KalmanFilter):
+    """Recursive least squares with a forgetting factor, Shah et al. eq. 13-14, for a rate constant over its memory.
+
+    With the regressor 1, eq. 14 is P' = P / (lambda + P), and P' is also the gain of eq. 13: it falls from 1 to
+    1 - lambda by itself. The bias stays where `begin` put it: this filter has no state for it.
+
+    gain_rate_q20 is (1 - lambda) 2^20: 20972 for 0.98, 83886 for 0.92. P is Q20 like it and rounded, so it
+    stops falling up to 2^-20 (2 + 1 / (2 (1 - lambda))) above its end, and is set there: 27 / 2^20 for 0.98.
+    """
+
+    def __init__(self, gain_rate_q20, gain_bias_q30):
+        self._final = gain_rate_q20
+        self._gain = GAIN_LIMIT - 1
+        super().__init__(gain_rate_q20, 0)
+
+    def begin(self, axis, bias_q14):
+        """Sets an axis at rest with a bias, |bias| <= 2^28; all axes forget what they have seen."""
+        super().begin(axis, bias_q14)
+        self._gain = GAIN_LIMIT - 1
+
+    def update(self, values, first, count):
+        """Takes `count` <= 255 samples, rows of six int16 from values[first], gyro in front."""
+        while count and self._gain != self._final:
+            self._set_gain(self._gain)
+            super().update(values, first, 1)
+            first += _ROW
+            count -= 1
+            self._gain = next_gain(self._gain, self._final)
+            if self._gain == self._final:
+                self._set_gain(self._gain)
+        if count:
+            super().update(values, first, count)
+
+    def _set_gain(self, gain):
+        for axis in range(_AXES):
+            self._axes[axis][_GAIN_RATE] = gain
+
+
+def next_gain(gain, final):
+    """P / (lambda + P) in Q20, P = gain, lambda = 2^20 - final; `final` once it falls no more."""
+    divisor = GAIN_LIMIT - final + gain
+    # 21 bits of quotient, the last to round by, as many at a time as keep the rest small.
+    rest = gain << 9
+    quotient = rest // divisor
+    rest = rest % divisor << 9
+    quotient = (quotient << 9) + rest // divisor
+    rest = rest % divisor << 3
+    quotient = (quotient << 3) + rest // divisor + 1 >> 1
+    return quotient if final < quotient < gain else final
+
+
 LEAST_SAMPLES = const(2000)
 """Behind a static initialisation."""
 
-ESTIMATORS = ((FILTER_KIND_KALMAN, KalmanFilter),)
+ESTIMATORS = ((FILTER_KIND_KALMAN, KalmanFilter), (FILTER_KIND_RLS, RlsFilter))
 """(FilterKind, class with `begin`, `update`, `rate_q8`, `bias_q12`, `saturations`)."""
 
 

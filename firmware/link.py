@@ -26,6 +26,8 @@ class Link:
 
     MOST = _WHOLE
     """Bytes offered to the stream at once."""
+    ON_CONSOLE = False
+    """Whether frames travel where the REPL is, so that ctrl-C must be an ordinary byte."""
 
     def __init__(self):
         self.reader = FrameReader()
@@ -72,6 +74,8 @@ class UsbLink(Link):
     The driver waits when more is written than fits, and drops after half a second: hence small chunks, and
     single bytes while the host does not keep up.
     """
+
+    ON_CONSOLE = True
 
     def __init__(self):
         super().__init__()

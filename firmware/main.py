@@ -1,5 +1,18 @@
-"""Runs the node after power-on."""
+"""Runs the node after power-on. A host may send any byte meanwhile, so ctrl-C is an ordinary one from here on."""
 
-from node import main
+try:
+    import micropython
 
-main()
+    micropython.kbd_intr(-1)
+except KeyboardInterrupt:
+    # It came before that was said.
+    import micropython
+
+    micropython.kbd_intr(-1)
+
+try:
+    from node import main
+
+    main()
+finally:
+    micropython.kbd_intr(3)

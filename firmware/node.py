@@ -8,6 +8,7 @@ from time import sleep_ms, sleep_us, ticks_add, ticks_diff, ticks_ms, ticks_us
 
 import bias_filter
 import machine
+import micropython
 import reports
 import settings as configuration
 from board import Board
@@ -49,6 +50,7 @@ _SILENT_LEAST_US = const(100000)
 _SILENT_PERIODS = const(10)
 _RECONFIGURE_US = const(1000000)
 _FAILURES_BEFORE_RECOVERY = const(3)
+_AGAIN_US = const(2000)
 _PAUSE_US = const(250000)
 _SENDS_PER_TURN = const(4)
 _IDLE_US = const(1000)
@@ -57,6 +59,7 @@ _MAG_RETRY_MS = const(5)
 _MAG_SILENT_MS = const(1000)
 _TIMED_OUT = (110, 116)
 """ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
+_CTRL_C = const(3)
 _FAREWELL_MS = const(300)
 _RESCUE_MS = const(3000)
 
@@ -226,7 +229,10 @@ class Node:
     def _bus_failed(self, error, now):
         self.i2c_errors += 1
         self._failures += 1
-        if self._failures < _FAILURES_BEFORE_RECOVERY and error.args[0] not in _TIMED_OUT:
+        self.sampler.due_us = ticks_add(now, _AGAIN_US)
+        # An error that no memory was left for has no arguments.
+        timed_out = error.args and error.args[0] in _TIMED_OUT
+        if self._failures < _FAILURES_BEFORE_RECOVERY and not timed_out:
             return
         self._failures = 0
         self.recoveries += 1
@@ -252,6 +258,9 @@ class Node:
                     self.sampler.end()
                     self._search()
                 else:
+                    if not always:
+                        # What was written there did not stay.
+                        self.i2c_errors += 1
                     chip.configure()
                     self._begin(True)
         except OSError:
@@ -369,14 +378,19 @@ def main():
         pass
     board = Board(configuration.load())
     link = board.open_link()
+    if not link.ON_CONSOLE:
+        # Frames do not come this way: whoever sends ctrl-C means it.
+        micropython.kbd_intr(_CTRL_C)
     try:
         mode = _run(board, link)
     except Exception as error:
         link.close()
+        micropython.kbd_intr(_CTRL_C)
         sys.print_exception(error)
         _wait(board, _RESCUE_MS)
         machine.reset()
     link.close()
+    micropython.kbd_intr(_CTRL_C)
     if mode == REBOOT_MODE_REPL:
         if not board.has_watchdog():
             return

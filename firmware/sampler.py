@@ -198,10 +198,9 @@ class Sampler:
             self._realigned = chip.realigned
             lost = 1
         if new < 0:
-            # The chip emptied its FIFO by itself: it was reset.
-            self.missed += self._left
-            self._resume = True
-            new = level
+            # The chip was reset, or a misread took samples away: what still waits has no number.
+            self._empty_fifo(now, BATCH_FLAG_GAP_BEFORE)
+            return
         if self._resume:
             if level:
                 self._resume = False
@@ -216,8 +215,8 @@ class Sampler:
             self.missed += lost
             self._flags |= BATCH_FLAG_GAP_BEFORE
         enough = level >= batch
+        clock.seen(at_us, new + lost, self._first_look and enough)
         if new:
-            clock.seen(at_us, new + lost, self._first_look and enough)
             self.last_us = now
         self._first_look = enough
         if enough:
@@ -243,7 +242,11 @@ class Sampler:
                 self._temperature_us = ticks_add(now, _TEMPERATURE_US)
                 chip.read_temperature()
         self._left = level
-        self.due_us = ticks_add(clock.ahead_us(batch - level), -_STATUS_US)
+        if clock.locked:
+            self.due_us = ticks_add(clock.ahead_us(batch - level), -_STATUS_US)
+        else:
+            # While the period is being measured, each sample is seen soon after it came.
+            self.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
 
     def _chip_skipped(self, at_us, samples):
         """Whether the chip took at least two samples fewer than its beat: `samples` come too late at one stroke.

@@ -12,6 +12,7 @@ from wire import (
     CONFIG_KEY_NODE_ID,
     CONFIG_KEY_RATE_HZ,
     FILTER_KIND_KALMAN,
+    FILTER_KIND_RLS,
 )
 
 PATH = "/config.json"
@@ -47,7 +48,7 @@ REMOTE = (
     (CONFIG_KEY_GYRO_RANGE_DPS, "gyro_range_dps", 125, 2000),
     (CONFIG_KEY_ACCEL_RANGE_G, "accel_range_g", 2, 16),
     (CONFIG_KEY_BATCH, "batch", 0, 19),
-    (CONFIG_KEY_FILTER_KIND, "filter_kind", 0, FILTER_KIND_KALMAN),
+    (CONFIG_KEY_FILTER_KIND, "filter_kind", 0, FILTER_KIND_RLS),
     (CONFIG_KEY_GAIN_RATE_Q20, "gain_rate_q20", 0, 1048575),
     (CONFIG_KEY_GAIN_BIAS_Q30, "gain_bias_q30", 0, 1048575),
 )

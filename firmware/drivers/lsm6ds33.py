@@ -102,7 +102,7 @@ class LSM6DS33:
         )
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
-        self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode), *self._settings)
+        self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         stray = memoryview(bytearray(2 * _PATTERN))

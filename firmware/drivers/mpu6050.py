@@ -110,7 +110,7 @@ class MPU6050:
             (_INT_ENABLE, _DATA_READY),
         )
         user_control = _FIFO_ON if self.uses_fifo else 0
-        self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control), *self._settings)
+        self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control)) + self._settings
         self._burst = bytearray(15)
         self._count = bytearray(2)
         self._ready = 0

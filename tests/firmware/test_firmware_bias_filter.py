@@ -229,5 +229,65 @@ def test_the_sums_of_the_initialisation_stay_small(limits, n):
 
 def test_an_estimator_is_chosen_by_its_kind():
     assert bias_filter.estimator(wire.FILTER_KIND_OFF, 1, 1) is None
-    assert isinstance(bias_filter.estimator(wire.FILTER_KIND_KALMAN, 1, 1), bias_filter.KalmanFilter)
+    assert type(bias_filter.estimator(wire.FILTER_KIND_KALMAN, 1, 1)) is bias_filter.KalmanFilter
+    assert type(bias_filter.estimator(wire.FILTER_KIND_RLS, 1, 1)) is bias_filter.RlsFilter
     assert set(bias_filter.KINDS) == {wire.FILTER_KIND_OFF, *(row[0] for row in bias_filter.ESTIMATORS)}
+
+
+FORGETTING = [20_972, 83_886, 500, bias_filter.GAIN_LIMIT - 2]
+
+
+@pytest.mark.parametrize("final", FORGETTING)
+def test_the_gain_of_rls_falls_as_equation_14_says(final):
+    """Against eq. 14 in float64 with x = 1 from a P that begins unbounded, for 5000 samples."""
+    forgetting = 1 - final / 2**20
+    exact, gain, worst = 1.0, bias_filter.GAIN_LIMIT - 1, 0.0
+    for _ in range(5000):
+        worst = max(worst, abs(gain / 2**20 - exact))
+        exact = (exact - exact * exact / (forgetting + exact)) / forgetting
+        following = int(bias_filter.next_gain(SmallInt(gain), SmallInt(final)))
+        assert final <= following <= gain
+        gain = following
+    print(f"1 - lambda = {final / 2**20:.6f}: gain off by at most {worst * 2**20:.2f} / 2^20")
+    assert worst * 2**20 <= 2 + 2**20 / (2 * final)
+    assert gain == final
+
+
+@pytest.mark.parametrize("final", FORGETTING[:2])
+def test_rls_in_integers_stays_within_a_thirty_second_of_a_step_of_float64(final):
+    """The twin has the same gains; a quarter of an hour of each signal, in batches of 15."""
+    table = hour_of_signals(7)[0][: HOUR // 4]
+    bias_q14 = [12 << 14, -(40 << 14), 3 << 14]
+    estimator = bias_filter.RlsFilter(final, 0)
+    for axis in range(3):
+        estimator.begin(axis, bias_q14[axis])
+    rate, gain, worst = np.zeros(3), bias_filter.GAIN_LIMIT - 1, 0.0
+    for start in range(0, len(table), 15):
+        part = table[start : start + 15]
+        estimator.update(part.reshape(-1).tolist(), 0, len(part))
+        for row in part[:, :3]:
+            rate += gain / 2**20 * (row - rate - np.array(bias_q14) / 2**14)
+            gain = bias_filter.next_gain(gain, final) if gain != final else final
+        found = [state(estimator, axis)[0] for axis in range(3)]
+        worst = max(worst, np.abs(found - rate).max())
+    print(f"1 - lambda = {final / 2**20:.4f}: worst difference {worst:.4f} steps")
+    assert worst <= 1 / 32 + 2**-13
+    assert estimator.saturations == 0
+    assert [estimator.bias_q12(axis) for axis in range(3)] == [b >> 2 for b in bias_q14]
+
+
+@settings(max_examples=40)
+@given(
+    st.lists(st.tuples(SAMPLES, SAMPLES, SAMPLES), min_size=1, max_size=120),
+    GAINS,
+    st.integers(-(1 << 28), 1 << 28),
+)
+def test_no_intermediate_of_rls_needs_more_than_31_bits(samples, final, bias_q14):
+    estimator = bias_filter.RlsFilter(SmallInt(final), SmallInt(0))
+    estimator._axes = [[SmallInt(value) for value in axis] for axis in estimator._axes]
+    for axis in range(3):
+        estimator.begin(axis, SmallInt(bias_q14))
+    estimator._gain = SmallInt(estimator._gain)
+    estimator.update([SmallInt(value) for row in samples for value in (*row, 0, 0, 0)], 0, len(samples))
+    for axis in range(3):
+        estimator.rate_q8(axis)

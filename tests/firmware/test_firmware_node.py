@@ -1,72 +1,16 @@
 """The whole node in real MicroPython on the virtual board: requests, faults, times, nothing invented."""
 
-from pathlib import Path
+import shutil
 
 import numpy as np
 import pytest
-import real_micropython
 
 import hubowire
 from hubodo.model.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
-from hubodo.model.motion import RecordedMotion, StillMotion
+from hubodo.model.motion import StillMotion
 from hubodo.model.virtual_node import VirtualNode
 from hubowire import messages as m
-
-FIRMWARE = Path(__file__).parents[2] / "firmware"
-PERIOD = 1 << 30
-
-
-def unique_motion(seconds):
-    """No two samples within seconds of each other are alike, so that each can be found again."""
-    t = np.arange(0, seconds + 1, 0.002)
-    gyro = np.stack([3 * np.sin(7 * t), 2 * np.cos(3.1 * t), 9 * np.sin(0.9 * t)], axis=1)
-    accel = np.stack([5 * np.sin(2.3 * t), 5 * np.cos(4.7 * t), 9 + np.sin(t)], axis=1)
-    return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
-
-
-def run(seconds, *, motion=None, **settings):
-    """([(frame, message)] the node sent, truth of its chip, the board's statistics)."""
-    real_micropython.node_or_skip()
-    node = VirtualNode(
-        motion or unique_motion(seconds),
-        firmware=FIRMWARE,
-        run_for=seconds,
-        clock="stepped",
-        link="memory",
-        own_process=False,
-        **settings,
-    )
-    with node:
-        node.wait(100)
-        sent = hubowire.FrameDecoder().feed(node.output)
-        return [(f, hubowire.decode(f.type_id, f.payload)) for f in sent], node.chip.truth(), node.stats
-
-
-def of(sent, kind):
-    return [message for _, message in sent if isinstance(message, kind)]
-
-
-def matched(sent, truth, ticks_start_us=0):
-    """(index in the truth, time error in us, number on the wire) of every sample sent; all must be real."""
-    known: dict[tuple[int, ...], list[int]] = {}
-    for k, row in enumerate(truth.raw.tolist()):
-        known.setdefault(tuple(row), []).append(k)
-    rows = []
-    for batch in of(sent, m.ImuBatch):
-        for i, row in enumerate(batch.samples):
-            after = rows[-1][0] if rows else -1
-            later = [k for k in known.get(tuple(row), ()) if k > after]
-            assert later, f"sample {row} was not on the chip after sample {after}"
-            k = later[0]
-            t_us = batch.t_us + i * batch.period_ns / 1000
-            error = (t_us - ticks_start_us - truth.t[k] * 1e6 + PERIOD / 2) % PERIOD - PERIOD / 2
-            rows.append((k, error, batch.index + i))
-    return np.array(rows)
-
-
-def request(seq, message, node=1):
-    return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))
-
+from virtual_runs import FIRMWARE, PERIOD, matched, micropython_or_skip, of, request, run, unique_motion
 
 RATES = [
     ("lsm6ds33", 208, 0.0),
@@ -185,7 +129,7 @@ def test_every_request_is_answered():
         m.TimeRequest(token),
         m.SetConfig(m.ConfigKey.BATCH, 4),
         m.SetConfig(m.ConfigKey.RATE_HZ, 209),
-        m.SetConfig(m.ConfigKey.FILTER_KIND, m.FilterKind.RLS),
+        m.SetConfig(m.ConfigKey.FILTER_KIND, 3),
         m.SetConfig(99, 0),
         m.BiasInit(1999),
         m.Stop(),
@@ -207,7 +151,7 @@ def test_every_request_is_answered():
     nacks = {(n.request, n.request_seq, n.reason, n.detail) for n in of(sent, m.Nack)}
     assert nacks == {
         (m.SetConfig.type_id, 104, m.Reason.BAD_VALUE, 209),
-        (m.SetConfig.type_id, 105, m.Reason.BAD_VALUE, m.FilterKind.RLS),
+        (m.SetConfig.type_id, 105, m.Reason.BAD_VALUE, 3),
         (m.SetConfig.type_id, 106, m.Reason.BAD_VALUE, 99),
         (m.BiasInit.type_id, 107, m.Reason.BAD_VALUE, 1999),
         (m.BiasInit.type_id, 109, m.Reason.NO_IMU, 0),
@@ -264,3 +208,71 @@ def test_a_settings_file_that_makes_no_sense_gives_the_defaults():
     hello = of(sent, m.Hello)[-1]
     assert (hello.rate_mhz, hello.batch) == (208_000, 8)
     assert {frame.node for frame, _ in sent} == {2}
+
+
+@pytest.mark.parametrize("at", [0.0001, 0.0005, 0.002, 0.01])
+def test_a_ctrl_c_while_the_node_boots_does_not_strand_it_at_the_prompt(at):
+    """Hosts may send any byte; two, as some do to be sure."""
+    script = [(at, b"\x03"), (at + 0.001, b"\x03"), (0.5, b"\0" + request(1, m.Ping()))]
+    sent, truth, stats = run(1, scripted_input=script)
+    assert stats["counts"].get("at_prompt", 0) == 0 and stats["resets"] == []
+    assert [ack.request_seq for ack in of(sent, m.Ack)] == [1]
+    assert truth.t[int(matched(sent, truth)[-1, 0])] > 0.9
+
+
+@pytest.mark.parametrize("link", ["usb", "uart"])
+def test_a_firmware_that_fails_leaves_ctrl_c_for_the_prompt(tmp_path, link):
+    firmware = tmp_path / "firmware"
+    shutil.copytree(FIRMWARE, firmware)
+    (firmware / "reports.py").write_text(
+        (FIRMWARE / "reports.py").read_text() + "\n\ndef health(node):\n    1 // 0\n"
+    )
+    micropython_or_skip()
+    node = VirtualNode(
+        unique_motion(4),
+        firmware=firmware,
+        run_for=4.0,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        config={"link": link},
+        scripted_input=[(2.0, b"\x03")],
+        flash=tmp_path / "flash",
+    )
+    with node:
+        node.wait(100)
+        assert node.stats["counts"]["at_prompt"] == 1 and node.stats["resets"] == []
+
+
+def test_on_the_console_of_a_node_that_sends_by_uart_ctrl_c_is_ctrl_c():
+    node = VirtualNode(
+        unique_motion(3),
+        firmware=FIRMWARE,
+        run_for=3.0,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        config={"link": "uart", "watchdog": False},
+        scripted_input=[(1.5, b"\x03")],
+    )
+    with node:
+        node.wait(100)
+        assert b"KeyboardInterrupt" in node.output and node.stats["counts"]["at_prompt"] == 1
+
+
+@pytest.mark.parametrize(("gain", "deviation"), [(20972, 0.1), (83886, 0.2)])
+def test_recursive_least_squares_is_chosen_by_configuration(gain, deviation):
+    """Forgetting factors 0.98 and 0.92, set while running; the node reports the rate behind the bias."""
+    script = [
+        (0.3, request(1, m.SetConfig(m.ConfigKey.GAIN_RATE_Q20, gain))),
+        (0.4, request(2, m.SetConfig(m.ConfigKey.FILTER_KIND, m.FilterKind.RLS))),
+        (0.5, request(3, m.BiasInit(2000))),
+        (0.6, request(4, m.GetHello())),
+    ]
+    motion = StillMotion(rate=(0.02, -0.05, 0.1))
+    sent, _, _ = run(7, motion=motion, scripted_input=script, config={"rate_hz": 416})
+    assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
+    assert of(sent, m.Hello)[-1].filter_kind == m.FilterKind.RLS
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.saturations == 0
+    np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=deviation)

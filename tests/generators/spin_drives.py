@@ -48,18 +48,16 @@ def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, rest=20.0):
     return np.convolve(speed, kernel / kernel.sum(), mode="same") / RADIUS
 
 
-def spin_drive(rng, *, duration=250.0, dt=0.01, noise=9e-4, bias=0.02, walk=1e-5, rest=20.0):
-    """noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per sqrt(s)."""
-    rate = wheel_rate(rng, duration, dt, rest=rest)
+def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, rest=20.0):
+    """The gyro on that wheel. noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per
+    sqrt(s); rest: s at the start in which the wheel stands, a tenth of it held back for the first corner."""
     count = len(rate)
     drift = bias * rng.standard_normal() + np.cumsum(walk * np.sqrt(dt) * rng.standard_normal(count))
     z = rate + drift + noise * rng.standard_normal(count)
     return SpinDrive(np.arange(count) * dt, rate, z, drift, int(0.9 * rest / dt), dt)
 
 
-def rolling_node(
-    rng, rate, dt, *, bias, noise=9e-4, vibration=0.2, arm=(0.01, 0.0), tilt=(0.0, 0.0)
-):
+def rolling_node(rng, rate, dt, *, bias, noise=9e-4, vibration=0.2, arm=(0.01, 0.0), tilt=(0.0, 0.0)):
     """(N, 3) gyro and accel in node axes for a wheel that faces left: gravity turns as (cos, -sin).
 
     arm: m, lever arm of the sensing point; tilt: rad, of the axle in the node; vibration: m/s^2 a sample.
@@ -72,5 +70,6 @@ def rolling_node(
     fy = -GRAVITY * s + forward * c - rate**2 * arm[1] + change * arm[0]
     accel = np.column_stack([fx, fy, np.zeros_like(fx)])
     accel += vibration * rng.standard_normal(accel.shape)
-    gyro = rate[:, None] * np.array([tilt[1], -tilt[0], 1.0]) + bias
+    axle = np.array([tilt[1], -tilt[0], 1.0])
+    gyro = rate[:, None] * axle / np.linalg.norm(axle) + bias
     return gyro + noise * rng.standard_normal(gyro.shape), accel

@@ -10,7 +10,8 @@ import numpy as np
 
 from hubodo.config import Vehicle
 from hubodo.errors import InputError
-from hubodo.fuse.odometry import OdometryConfig, WheelSamples, WheelSpec, integrate
+from hubodo.fuse.odometry import OdometryConfig, integrate
+from hubodo.fuse.rolling import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel_config import wheel_config
 from hubodo.fuse.wheel_track import WheelTrack, run

@@ -119,6 +119,7 @@ class Odometer:
         self._looked = 0
         self._late: set[str] = set()
         self._first_ns: dict[str, int] = {}
+        self._newest_ns: dict[str, int] = {}
         self.poses = 0
         """Rows published."""
         self.distance = 0.0
@@ -205,7 +206,10 @@ class Odometer:
             gyro, accel = correction.apply(gyro, accel, age=age, temperature=block.temperature)
         times = to_seconds(block.t_ns, self._t_zero_ns).tolist()
         # Between samples of the two wheels that fall close together one pose is enough.
-        period_ns = int(block.t_ns[-1] - block.t_ns[0]) // max(len(times) - 1, 1)
+        newest_ns = int(block.t_ns[-1])
+        before_ns = int(block.t_ns[0]) if len(times) > 1 else self._newest_ns.get(block.node, newest_ns)
+        self._newest_ns[block.node] = newest_ns
+        period_ns = (newest_ns - before_ns) // max(len(times) - 1, 1)
         apart_ns = max(self._step_ns, period_ns // 2, 1)
         published: list[tuple[int, WheelState]] = []
         for t_ns, t, rate, force in zip(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import tempfile
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from hubodo.log import ros2, topics
 from hubodo.log.decode import Decoder, Rows, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.writer import McapLog
 from hubodo.sensors.apply import check_serial, power_on_times
 from hubodo.sensors.calibration import Calibration, node_serial, parse_calibration
 
@@ -95,6 +97,27 @@ class Playback:
         for block in self.blocks():
             yield from self.odometer.handle(block)
         yield from self.odometer.finish()
+
+
+def recorded_messages(path: Path) -> dict[str, list[tuple[int, bytes]]]:
+    """The messages of /odom and /tf in a log: (publish time ns, bytes), by publish time."""
+    found: dict[str, list[tuple[int, bytes]]] = {topics.ODOM: [], topics.TF: []}
+    with open_log(path) as log:
+        for message in log.messages(list(found)):
+            found[message.topic].append((message.publish_time, message.data))
+    for rows in found.values():
+        rows.sort(key=lambda row: row[0])
+    return found
+
+
+def as_messages(motions: Iterable[Motion], t_zero_ns: int) -> dict[str, list[tuple[int, bytes]]]:
+    """Motions as the messages that a recording would hold, in the form of `recorded_messages`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "again.mcap")
+        with McapLog(path, t_zero_ns=t_zero_ns, compression="none", clock=None) as log:
+            for motion in motions:
+                motion.write(log, int(motion.t_ns[-1]))
+        return recorded_messages(path)
 
 
 class _Blocks:

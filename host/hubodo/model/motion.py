@@ -6,12 +6,9 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-
-STANDARD_GRAVITY = 9.80665
-"""m/s^2, of `specific_force` at rest and of the unit g on data sheets."""
+from hubodo.model.frames import STANDARD_GRAVITY, Array
 
 
 @runtime_checkable

@@ -19,6 +19,7 @@ VERBS: tuple[str, ...] = (
     "warmup",
     "calibrate",
     "north",
+    "report",
 )
 
 

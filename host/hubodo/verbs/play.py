@@ -6,32 +6,22 @@ import argparse
 import math
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
-from rich.live import Live
-from rich.table import Table
 
 from hubodo.errors import InputError
 from hubodo.ingest.pty_player import PtyPlayer
 from hubodo.ingest.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.recording import Recording
+from hubodo.verbs.play_view import Replayed, show
 
 HELP = "play a log: a live view, or frames on a pseudo serial port that `hubodo record` can read"
 EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --link /tmp/ttyRIDE"
-
-_REFRESH_S = 0.25
-_LINE_S = 10.0
-_RATE_WINDOW_S = 2.0
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,6 +44,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only", metavar="LINK", help="with --to pty: the frames of this link of the log alone"
     )
+    parser.add_argument(
+        "--vehicle", type=Path, metavar="TOML", help="with the view: geometry instead of that in the log"
+    )
+    parser.add_argument(
+        "--calibration", type=Path, metavar="TOML", help="with the view: instead of that in the log"
+    )
 
 
 @dataclass(frozen=True)
@@ -61,6 +57,7 @@ class PlayResult:
     """What was played.
 
     start, end: s of the log. frames: how many, None for the view; unheard: those played to nobody.
+    odometry: None where the log has no vehicle, and in frames.
     """
 
     file: str
@@ -70,6 +67,7 @@ class PlayResult:
     frames: int | None = None
     unheard: int = 0
     quantisation: tuple[Quantisation, ...] = ()
+    odometry: Replayed | None = None
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -84,6 +82,7 @@ class PlayResult:
                 | {"time_error": q.time_error, "temperature": q.temperature}
                 for q in self.quantisation
             ],
+            "odometry": None if self.odometry is None else self.odometry.as_json(),
         }
 
     def render(self, console: Console) -> None:
@@ -91,6 +90,13 @@ class PlayResult:
             "" if self.frames is None else f", {self.frames} frames, {self.unheard} while nobody listened"
         )
         console.print(f"{self.file}: played {self.start:.2f} s to {self.end:.2f} s{frames}", highlight=False)
+        made = self.odometry
+        if made is not None:
+            words = {True: ", every bit as recorded", False: ", NOT as recorded", None: ""}[made.equal]
+            console.print(
+                f"odometry from {' and '.join(made.nodes) or 'no node'}: {made.poses} poses{words}",
+                highlight=False,
+            )
 
 
 def run(args: argparse.Namespace) -> PlayResult:
@@ -104,6 +110,8 @@ def run(args: argparse.Namespace) -> PlayResult:
         raise InputError(f"--end {args.end} is not after --start {args.start}")
     if args.to == "view" and (args.link is not None or args.only is not None):
         raise InputError("--link and --only belong to --to pty; add it")
+    if args.to == "pty" and (args.vehicle is not None or args.calibration is not None):
+        raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
     with stop_on_signals(threading.Event()) as stopping:
         return _to_pty(args, stopping.is_set) if args.to == "pty" else _to_view(args, stopping.is_set)
 
@@ -165,78 +173,9 @@ class _Span:
 
 
 def _to_view(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:
-    recording = read_recording(args.log)
-    tables = [table.t for table in recording.nodes.values() if len(table)]
-    if not tables:
-        raise InputError(f"{args.log}: holds no node; there is nothing to show")
-    first = min(float(t[0]) for t in tables) if args.start is None else args.start
-    last = max(float(t[-1]) for t in tables) if args.end is None else args.end
-    if last < first:
-        raise InputError(f"{args.log}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
-    console = Console(file=sys.stderr)
-    began, now, next_line = time.monotonic(), first, first
-    with Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live:
-        while not stopped() and now < last:
-            elapsed = time.monotonic() - began
-            now = last if not args.speed else min(last, first + elapsed * args.speed)
-            if live is not None:
-                live.update(_view(recording, now, last), refresh=True)
-            elif now >= next_line:
-                next_line = now + _LINE_S * max(args.speed, 1.0)
-                _say(_line(recording, now))
-            if now < last:
-                time.sleep(min(_REFRESH_S, (last - now) / args.speed))
-    return PlayResult(str(args.log), first, now)
-
-
-def _view(recording: Recording, now: float, last: float) -> Table:
-    table = Table(title=f"{now:.1f} of {last:.1f} s")
-    for column in ("node", "Hz", "samples", "gx rad/s", "gy rad/s", "gz rad/s"):
-        table.add_column(column, justify="left" if column == "node" else "right")
-    for name, node in recording.nodes.items():
-        seen = _before(node.t, now)
-        rates = [f"{node[axis][seen - 1]:+.3f}" if seen else "-" for axis in ("gx", "gy", "gz")]
-        table.add_row(name, f"{_rate(node.t, now):.1f}", str(seen), *rates)
-    table.caption = _motion(recording, now)
-    return table
-
-
-def _line(recording: Recording, now: float) -> str:
-    rates = ", ".join(f"{name} {_rate(node.t, now):.1f} Hz" for name, node in recording.nodes.items())
-    return f"{now:.1f} s: {rates}; {_motion(recording, now)}"
-
-
-def _motion(recording: Recording, now: float) -> str:
-    odometry = recording.odometry
-    if odometry is None:
-        return "no odometry in this log; `hubodo fuse` makes one"
-    seen = _before(odometry.t, now)
-    if not seen:
-        return "odometry has not begun"
-    k = seen - 1
-    return (
-        f"speed {odometry['speed'][k]:+.2f} m/s, heading {math.degrees(odometry['heading'][k]):+.1f} deg, "
-        f"x {odometry['x'][k]:.2f} m, y {odometry['y'][k]:.2f} m"
-    )
-
-
-def _before(t: NDArray[np.float64], now: float) -> int:
-    return int(np.searchsorted(t, now, side="right"))
-
-
-def _rate(t: NDArray[np.float64], now: float) -> float:
-    """Samples a second over the last two seconds, or since the first sample."""
-    seen = _before(t, now)
-    if seen < 2:
-        return 0.0
-    window = min(_RATE_WINDOW_S, now - float(t[0])) or _RATE_WINDOW_S
-    return (seen - _before(t, now - window)) / window
+    first, last, odometry = show(args, _say, stopped)
+    return PlayResult(str(args.log), first, last, odometry=odometry)
 
 
 def _say(text: str) -> None:
     print(f"hubodo play: {text}", file=sys.stderr, flush=True)
-
-
-@contextmanager
-def _no_live() -> Iterator[None]:
-    yield None

@@ -1,4 +1,6 @@
-"""The filters of Shah et al. ("Ground vehicle odometry using a non-intrusive inertial speed sensor") in float.
+"""The filters of Shah et al., in float.
+
+The paper is "Ground vehicle odometry using a non-intrusive inertial speed sensor".
 
 `pseudo_measurement`: bias of three axes from the known magnitude of the rate (eq. 1-3).
 `rate_bias_kalman`: rate and bias of one axis with constant gains (eq. 4-12); firmware/bias_filter.py is the

@@ -14,13 +14,15 @@ and sure of it. Unless `as_printed`, this filter
 - takes the second order of h, which is exact as h'' = -2 I: innovation + tr P, its variance + 2 tr P^2.
 
 What converges. One sample sees b along G - b only.
-- omega turning through three directions in the node: all of b, from any start it is brought near by prior.
-- at rest: all of b, each axis with 2/7 of the information of a mean (isotropic S), since the signs of the
-  three components are thrown away. Where rest is known, the mean is better by sqrt(7/2) = 1.9.
+- at rest: all of b, from any start, each axis with 2/7 of the information of a mean (isotropic S), since the
+  signs of the three components are thrown away. Where rest is known the mean is better by sqrt(7/2) = 1.9.
+- omega turning through three directions in the node: all of b, if the start is wrong by less than about
+  |omega| / 50. From further off it mostly arrives, but the covariance can be far too small.
 - omega about one axis (a wheel): b along it. The other two stay at their start; what is wrong with them, d,
   appears along the axis as |d|^2 / (2 |omega|) and is not in the covariance (0.02 rad/s at 5 rad/s: 4e-5).
 - |omega| held, one axis, start wrong by more than |omega| in its direction: the mirror solution
-  b + 2 omega, with equal residuals. A second speed, or the other direction, tells them apart.
+  b + 2 omega, with equal residuals. The other direction of turning, or another speed, takes it back, given
+  some `walk`; without, the filter may already be too sure to move.
 The covariance counts noise as white; a rate reference that is wrong for long (`rate_sigma` is white, too)
 moves the bias by its error.
 """
@@ -33,6 +35,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from hubodo.model.frames import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 
@@ -53,7 +57,7 @@ class PseudoMeasurementFilter:
     extended Kalman filter. ValueError where S or sigma is not positive.
     """
 
-    __slots__ = ("_bias", "_constant", "_mean", "_noise", "_p", "_printed", "_walk")
+    __slots__ = ("_bias", "_constant", "_correlated", "_mean", "_noise", "_p", "_printed", "_walk")
 
     def __init__(
         self,
@@ -78,6 +82,7 @@ class PseudoMeasurementFilter:
         self._bias: tuple[float, float, float] = (first, second, third)
         self._p: tuple[float, ...] = (*(spread**2).tolist(), 0.0, 0.0, 0.0)
         self._noise: tuple[float, ...] = tuple(s[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
+        self._correlated = any(self._noise[3:])
         self._mean = float(np.trace(s))
         self._constant = 2.0 * float(np.trace(s @ s))
         if not as_printed:
@@ -99,30 +104,33 @@ class PseudoMeasurementFilter:
     def update(
         self, gyro: Sequence[float], rate: float = 0.0, rate_sigma: float = 0.0
     ) -> tuple[float, float, float]:
-        """Takes a sample, (3,) rad/s, and the magnitude of the true rate with its 1 sigma; returns the bias."""
+        """Takes a sample, (3,) rad/s, and the true rate's magnitude with its 1 sigma; returns the bias."""
         bx, by, bz = self._bias
         xx, yy, zz, xy, xz, yz = self._p
-        sxx, syy, szz, sxy, sxz, syz = self._noise
         if self._walk:
             xx, yy, zz = xx + self._walk, yy + self._walk, zz + self._walk
         dx, dy, dz = gyro[0] - bx, gyro[1] - by, gyro[2] - bz
-        square = dx * dx + dy * dy + dz * dz
-        # P H' / 2 and (G - b)' S (G - b).
+        ax, ay, az = dx * dx, dy * dy, dz * dz
+        square = ax + ay + az
+        # P H' / 2.
         hx = xx * dx + xy * dy + xz * dz
         hy = xy * dx + yy * dy + yz * dz
         hz = xz * dx + yz * dy + zz * dz
-        felt = sxx * dx * dx + syy * dy * dy + szz * dz * dz
-        felt += 2.0 * (sxy * dx * dy + sxz * dx * dz + syz * dy * dz)
         known = rate * rate
         innovation = square - known - self._mean
         variance = 4.0 * (dx * hx + dy * hy + dz * hz) + self._constant
         if self._printed:
-            variance += 4.0 * felt
+            weight = 4.0
         else:
             innovation += xx + yy + zz
             variance += 2.0 * (xx * xx + yy * yy + zz * zz) + 4.0 * (xy * xy + xz * xz + yz * yz)
-            if square > 0.0:
-                variance += 4.0 * known * felt / square
+            weight = 4.0 * known / square if square > 0.0 else 0.0
+        if weight:
+            sxx, syy, szz, sxy, sxz, syz = self._noise
+            felt = sxx * ax + syy * ay + szz * az
+            if self._correlated:
+                felt += 2.0 * (sxy * dx * dy + sxz * dx * dz + syz * dy * dz)
+            variance += weight * felt
         if rate_sigma:
             doubt = rate_sigma * rate_sigma
             innovation += doubt
@@ -145,12 +153,12 @@ class PseudoMeasurementFilter:
             raise ValueError(f"samples of shape {samples.shape}: must be (N, 3) and finite")
         rates = np.broadcast_to(np.asarray(rate, dtype=np.float64), len(samples)).tolist()
         sigmas = np.broadcast_to(np.asarray(rate_sigma, dtype=np.float64), len(samples)).tolist()
-        bias, variance = [], []
-        update = self.update
-        for sample, magnitude, sigma in zip(samples.tolist(), rates, sigmas, strict=True):
-            bias.append(update(sample, magnitude, sigma))
-            variance.append(self._p[:3])
-        return BiasTrack(np.array(bias).reshape(-1, 3), np.array(variance).reshape(-1, 3))
+        rows = (
+            (*self.update(sample, magnitude, sigma), *self._p[:3])
+            for sample, magnitude, sigma in zip(samples.tolist(), rates, sigmas, strict=True)
+        )
+        made: FloatArray = np.fromiter(rows, np.dtype((np.float64, 6)), len(samples))
+        return BiasTrack(made[:, :3], made[:, 3:])
 
 
 @dataclass(frozen=True)
@@ -168,22 +176,37 @@ class KnownRate:
 
 
 def rate_from_gravity(
-    gyro: FloatArray, accel: FloatArray, dt: float, *, stretch: int, phase_sigma: float
+    gyro: FloatArray,
+    accel: FloatArray,
+    dt: float,
+    *,
+    stretch: int,
+    phase_sigma: float,
+    radius: float = 0.0,
+    arm: complex = 0j,
 ) -> KnownRate:
     """The wheel's own rate from gravity turning in (accel x, accel y), over stretches of `stretch` samples.
 
     gyro, accel: (N, 3) rad/s and m/s^2, node axes, z along the axle; dt: s; phase_sigma: rad, 1 sigma of the
-    direction of one sample (vibration and accelerometer noise over g).
+    direction of one sample (vibration and accelerometer noise over g). radius: m, of the wheel; arm: m,
+    x + iy of the lever arm.
+    With phi the angle about z and w its rate, x + iy of the force is (model.md, either facing)
+        e^(-i phi) (g + i radius w') + (i w' - w^2) arm;
+    arm and radius are taken out with w of the gyro, for which a bias is nothing. Left at zero they stay in
+    the direction: radius w' / g for as long as the wheel accelerates, w^2 |arm| / g once per turn.
     The slope of a line fitted to the unwrapped direction is the mean of the true rate with parabolic weights,
     at any course of the speed; the gyro is averaged with the same. Across the axle the mean goes to zero with
-    whole turns. A stretch that turns less than once is left out: there the centripetal force of the lever
-    arm, or a tilted accelerometer, has no turn to average over. Lever arm and accelerometer bias move the
-    direction by their share of g, once per turn. ValueError: stretch < 8, or fewer samples than that.
+    whole turns. A stretch that turns less than once is left out. ValueError: stretch < 8, fewer samples than
+    that, or numbers of gyro and accel samples that differ.
     """
     if stretch < 8 or len(gyro) < stretch or len(gyro) != len(accel):
         raise ValueError(f"stretches of {stretch} samples in {len(gyro)} gyro and {len(accel)} accel samples")
     count = len(gyro) // stretch
-    force = (accel[:, 0] + 1j * accel[:, 1])[: count * stretch].reshape(count, stretch)
+    w = gyro[:, 2]
+    change = np.gradient(w, dt)
+    force = accel[:, 0] + 1j * accel[:, 1] - (1j * change - w * w) * arm
+    force *= STANDARD_GRAVITY - 1j * radius * change
+    force = force[: count * stretch].reshape(count, stretch)
     turns = np.angle(force[:, 1:] * force[:, :-1].conj())
     phase = np.concatenate([np.zeros((count, 1)), np.cumsum(turns, axis=1)], axis=1)
     line = np.arange(stretch) - 0.5 * (stretch - 1)

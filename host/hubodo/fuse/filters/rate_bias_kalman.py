@@ -63,8 +63,8 @@ class RateBias:
 def steady_gain(rate_step: float, bias_step: float, noise: float, dt: float) -> Gain:
     """The gain that eq. 6-8 settle at, turned into that of eq. 9.
 
-    rate_step, bias_step: rad/s, 1 sigma by which rate and bias walk in one sample (the roots of q_w and q_b of
-    eq. 5); noise: rad/s, 1 sigma of a sample. Eq. 6-8 are discrete, K is what one sample adds; eq. 9 is
+    rate_step, bias_step: rad/s, 1 sigma by which rate and bias walk in one sample (the roots of q_w and q_b
+    of eq. 5); noise: rad/s, 1 sigma of a sample. Eq. 6-8 are discrete, K is what one sample adds; eq. 9 is
     continuous. Here lambda = -ln(1 - K1 - K2) / dt, with which the closed form repeats the discrete filter
     exactly. (K itself taken for a rate in 1/s would make the filter slower by 1 / dt.)
     ValueError unless rate_step > 0, bias_step >= 0, noise > 0, or where the recursion does not settle.
@@ -78,7 +78,7 @@ def steady_gain(rate_step: float, bias_step: float, noise: float, dt: float) -> 
 
 
 def riccati_gain(q_w: float, q_b: float, q_n: float) -> tuple[float, float]:
-    """K of eq. 6-8 with F = I, repeated until it changes by less than 1e-12 of itself. ValueError: it does not.
+    """K of eq. 6-8 with F = I, repeated until it changes by less than 1e-12 of itself. ValueError: never.
 
     P starts at Q. What P holds along [1, -1] grows for ever and never enters the gain.
     """
@@ -139,8 +139,8 @@ class RateBiasKalman:
 
     @property
     def bias(self) -> float:
-        """rad/s. Not observable by itself: the observability matrix has rank 1. It is the bias at the start plus
-        k2 / (k1 + k2) of all that rate + bias has moved since, a true turn included."""
+        """rad/s. Not observable by itself: the observability matrix has rank 1. It is the bias at the start
+        plus k2 / (k1 + k2) of all that rate + bias has moved since, a true turn included."""
         return self._bias_at_zero + self._bias_share * self._sum
 
     def run(self, z: FloatArray) -> RateBias:

@@ -5,16 +5,18 @@ estimate is yhat_n = x_n b_n with the b that has already seen y_n ("in the same 
 leaves open: n counts samples from 1; yhat_0 = 0; the static bias is taken off each sample, as the second
 element of b has no unit and cannot hold it.
 
-What it does: over the 1 / (1 - lambda) samples that it remembers, b_1 n is close to a constant, the mean
-level; b_2 puts back a part of what the sample differs from the last estimate. At a constant rate in white
-noise the best b_2 is the root of a^2 + a = 1, -0.618, and yhat keeps 0.618 of the noise's variance however
-long the memory: the regressor holds y_n itself, so part of the noise is always fitted. Shorter memory fits
-more of it.
+What that does: over the 1 / (1 - lambda) samples that it remembers, b_1 n is close to a constant, the mean
+level (being a line through n = 0, it leads one by 1 / ((1 - lambda) n) of it); b_2 puts back a part of what
+the sample differs from the last estimate. At a constant rate in white noise the best -b_2 is the root of
+a^2 + a = 1, 0.618, and yhat keeps 0.618 of the noise's variance however long the memory: the regressor holds
+y_n itself, so part of the noise is always fitted. While the rate changes, the level lags by the memory.
+`lagged` is the other reading, x_n = [n, yhat_(n-1) - y_(n-1)]: what is known before y_n; the noise then
+falls with the memory.
 
 Numerical safeguards. Where yhat - y stays zero (constant, quantised samples) nothing excites b_2 and its
-variance grows as lambda^-n, to overflow in ten minutes at 100 Hz: it is held at `_WINDUP` by shrinking that
+variance grows as lambda^-n, to overflow in six minutes at 100 Hz: it is held at `_WINDUP` by shrinking that
 row and column of P, which leaves P positive and b_1 free. P is kept as three numbers, symmetric by
-construction; n is a float, so 2^53 samples.
+construction. n is a float: exact to 2^53 samples.
 """
 
 from __future__ import annotations
@@ -30,22 +32,25 @@ _SPREAD = 1e6
 """Variances in P at the start: no wish about b."""
 
 _WINDUP = 1e9
-"""At this variance of b_2 the differences in memory are below 1e-5 rad/s: less than a gyro's step."""
+"""Where the differences in memory are below 3e-5 rad/s, 1 / sqrt(_WINDUP): less than a gyro's step."""
 
 
 class RecursiveLeastSquares:
     """Eq. 13-14 for one axis, sample by sample.
 
-    forgetting: lambda in (0, 1]. bias: rad/s, static, taken off each sample. ValueError for another lambda.
+    forgetting: lambda in (0, 1]. bias: rad/s, static, taken off each sample. lagged: the other reading of x.
+    ValueError for another lambda.
     """
 
-    __slots__ = ("_bias", "_forgetting", "_state")
+    __slots__ = ("_bias", "_forgetting", "_lagged", "_last", "_state")
 
-    def __init__(self, forgetting: float, *, bias: float = 0.0) -> None:
+    def __init__(self, forgetting: float, *, bias: float = 0.0, lagged: bool = False) -> None:
         if not 0.0 < forgetting <= 1.0:
             raise ValueError(f"forgetting factor {forgetting}: must be in (0, 1]")
         self._forgetting = forgetting
         self._bias = bias
+        self._lagged = lagged
+        self._last = 0.0
         # n, yhat, b_1, b_2, P_11, P_12, P_22.
         self._state = (0.0, 0.0, 0.0, 0.0, _SPREAD, 0.0, _SPREAD)
 
@@ -71,7 +76,11 @@ class RecursiveLeastSquares:
         n, before, b1, b2, p11, p12, p22 = self._state
         y = z - self._bias
         n += 1.0
-        e = before - y
+        if self._lagged:
+            e = before - self._last
+            self._last = y
+        else:
+            e = before - y
         g1 = p11 * n + p12 * e
         g2 = p12 * n + p22 * e
         # g times scale is P_(n+1) x, the gain of eq. 13.
@@ -85,7 +94,8 @@ class RecursiveLeastSquares:
         if p22 > _WINDUP:
             p12 *= math.sqrt(_WINDUP / p22)
             p22 = _WINDUP
-        rate = n * b1 + e * b2
+        # n b_1 + e b_2, as what eq. 13 leaves of the residual is lambda times scale of it.
+        rate = y - forgetting * scale * step
         self._state = (n, rate, b1, b2, (p11 - k1 * g1) / forgetting, p12, p22)
         return rate
 

@@ -73,7 +73,7 @@ class Reset(Fault):
 
 @dataclass(frozen=True)
 class Stall(Fault):
-    """The processor is busy elsewhere for `seconds`: the firmware's next call to the board ends so much later."""
+    """The processor is busy for `seconds`: the firmware's next call to the board ends so much later."""
 
     seconds: float = 0.1
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from hubodo.model.chips.faults import Fault
 from hubodo.model.chips.registers import Register, RegisterChip
 from hubodo.model.chips.sampling import Raw, SampleClock, Truth, quantise
-from hubodo.model.motion import STANDARD_GRAVITY, Motion
+from hubodo.model.frames import STANDARD_GRAVITY
+from hubodo.model.motion import Motion
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,330 @@
+"""A log as one page for a colleague: what it holds, what was lost, its sensors, its drive, what it cannot
+show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+
+from hubodo.config import Vehicle
+from hubodo.errors import InputError
+from hubodo.fuse.track import score
+from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
+from hubodo.log.recording import Recording
+from hubodo.log.summary import Summary
+from hubodo.report.log_sensors import sensor_report
+from hubodo.report.page import COLOURS, Grid, Section, figure, page
+from hubodo.sensors.apply import Applied, apply_calibration
+from hubodo.sensors.calibration import Calibration, node_serial
+
+_MOST_ROWS = 40
+_MOST_POINTS = 4000
+
+
+@dataclass(frozen=True)
+class LogPage:
+    """html: the page. facts: what was found; missing: what the log cannot show, and why; one line each."""
+
+    html: str
+    facts: tuple[str, ...]
+    missing: tuple[str, ...]
+
+
+def log_page(
+    name: str,
+    recording: Recording,
+    summary: Summary | None,
+    *,
+    vehicle: Vehicle | None = None,
+    calibration: Calibration | None = None,
+    calibration_from: str = "",
+    gravity: float = 9.80665,
+) -> LogPage:
+    """The page of a log. summary: None for a CSV folder, which has no messages.
+
+    calibration_from: where the calibration stood, in words. gravity: m/s² at the place. Raises
+    CalibrationError when the calibration is of other nodes.
+    """
+    facts: list[str] = []
+    missing: list[str] = []
+    sections = [_content(recording, summary, missing), *_losses(summary, facts, missing)]
+    sections += _events(recording, summary)
+    applied = _applied(recording, calibration)
+    sections.append(_calibration(recording, calibration, calibration_from, applied, missing))
+    for node, table in recording.nodes.items():
+        found = sensor_report(node, table, recording.events, recording.t_zero_ns, gravity)
+        sections += found.sections
+        facts += found.facts
+        missing += found.missing
+    sections += _drive(name, recording, vehicle, calibration, applied, facts, missing)
+    missing.append(
+        "north: a turntable record is there, hubodo north evaluates it"
+        if recording.table is not None
+        else "north: no turntable record (table.csv); see hubodo north"
+    )
+    findings = Section("What was found", tables=[Grid(("",), [(line,) for line in facts])])
+    absent = Section(
+        "What this log cannot show",
+        "Each with the reason; nothing else was left out.",
+        [Grid(("",), [(line,) for line in missing])],
+    )
+    return LogPage(
+        page(f"Log {name}", _lead(recording, summary), [findings, *sections, absent]),
+        tuple(facts),
+        tuple(missing),
+    )
+
+
+def _lead(recording: Recording, summary: Summary | None) -> str:
+    tables = [table.t for table in recording.nodes.values() if len(table)]
+    duration = max((t[-1] for t in tables), default=0.0) - min((t[0] for t in tables), default=0.0)
+    names = ", ".join(recording.nodes) or "no node"
+    gaps = 0 if summary is None else len(summary.gaps)
+    lost = 0 if summary is None else sum(gap.missing for gap in summary.gaps)
+    text = f"{duration:.1f} s of {names}"
+    if summary is not None:
+        text += f"; {gaps} gaps with {lost} samples missing" if gaps else "; no gap"
+        text += "" if summary.complete else "; the file was not closed"
+    return text + "."
+
+
+def _content(recording: Recording, summary: Summary | None, missing: list[str]) -> Section:
+    tables, text = [], ""
+    if summary is None:
+        missing.append("arrival times, links and events: a CSV folder does not hold them")
+        rows = [
+            (name, str(len(table)), f"{table.t[0]:.3f}", f"{table.t[-1]:.3f}")
+            if len(table)
+            else (name, "0", "", "")
+            for name, table in recording.files().items()
+        ]
+        tables.append(Grid(("file", "rows", "from, s", "to, s"), rows))
+    else:
+        when = (
+            datetime.fromtimestamp(summary.start_ns / 1e9, UTC).isoformat()
+            if summary.start_ns
+            else "not known"
+        )
+        text = f"{summary.size / 1e6:.2f} MB, {summary.duration:.2f} s; t = 0 is {when}. "
+        text += f"Written by {summary.library}."
+        tables.append(
+            Grid(
+                ("topic", "messages", "rate, Hz", "jitter, ms", "longest, ms", "gaps", "missing"),
+                [
+                    (
+                        stream.topic,
+                        str(stream.messages),
+                        "" if stream.rate is None else f"{stream.rate:.2f}",
+                        "" if stream.jitter is None else f"{1e3 * stream.jitter:.3f}",
+                        "" if stream.longest is None else f"{1e3 * stream.longest:.2f}",
+                        "" if stream.period is None else str(len(stream.gaps)),
+                        "" if stream.period is None else str(stream.missing),
+                    )
+                    for stream in summary.streams
+                ],
+            )
+        )
+    nodes: list[tuple[str, ...]] = []
+    for name, table in recording.nodes.items():
+        meta = {
+            key: recording.metadata.get(f"node.{name}.{key}", "") for key in ("firmware", "rate_hz", "parts")
+        }
+        span = "none"
+        if "temperature" in table and np.isfinite(table["temperature"]).any():
+            span = f"{np.nanmin(table['temperature']):.1f} to {np.nanmax(table['temperature']):.1f}"
+        serial = node_serial(recording.metadata, name) or "not known"
+        nodes.append((name, serial, meta["firmware"], meta["rate_hz"], meta["parts"], span))
+    heading = ("node", "serial", "firmware", "nominal Hz", "parts", "temperature, °C")
+    tables.append(Grid(heading, nodes))
+    for warning in recording.warnings:
+        text += f" Warning: {warning}."
+    return Section("What the log holds", text, tables)
+
+
+def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> list[Section]:
+    if summary is None:
+        return []
+    if not summary.gaps:
+        facts.append("no gap in any sampled stream")
+    longest = sorted(summary.gaps, key=lambda gap: -gap.duration)[:_MOST_ROWS]
+    rows = [
+        (f"{gap.t:.3f}", gap.topic, f"{gap.duration:.4f}", str(gap.missing), gap.cause)
+        for gap in sorted(longest, key=lambda gap: gap.t)
+    ]
+    unexplained = sum(gap.cause.startswith("not explained") for gap in summary.gaps)
+    text = f"{len(summary.gaps)} gaps, {sum(gap.missing for gap in summary.gaps)} samples missing"
+    text += f", {unexplained} not explained by any event." if summary.gaps else "."
+    if len(summary.gaps) > _MOST_ROWS:
+        text += f" The {_MOST_ROWS} longest are shown."
+    tables = [Grid(("t, s", "topic", "for, s", "samples", "cause"), rows)] if rows else []
+    if summary.losses:
+        lost = [
+            (loss.node, loss.stream, loss.cause, str(loss.gaps), str(loss.frames), str(loss.samples))
+            for loss in summary.losses
+        ]
+        tables.append(Grid(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), lost))
+    if summary.health:
+        rows_of = [
+            (node, ", ".join(f"{key} {value}" for key, value in values.items() if key != "node"))
+            for node, values in summary.health.items()
+        ]
+        tables.append(Grid(("node", "last health report"), rows_of))
+    else:
+        missing.append("health of the nodes: no report of a node is in the log")
+    return [Section("Gaps and losses", text, tables)]
+
+
+def _events(recording: Recording, summary: Summary | None) -> list[Section]:
+    shown = [event for event in recording.events if event.kind not in ("gap", "health")]
+    if summary is None or not shown:
+        return []
+    rows = [
+        (f"{summary.seconds(event.t_ns):.3f}", event.kind, event.source, event.text)
+        for event in shown[:_MOST_ROWS]
+    ]
+    text = f"{len(shown)} events" + (f", the first {_MOST_ROWS} shown." if len(shown) > _MOST_ROWS else ".")
+    return [Section("Events", text, [Grid(("t, s", "kind", "of", ""), rows)])]
+
+
+def _applied(recording: Recording, calibration: Calibration | None) -> Applied | None:
+    if calibration is None:
+        return None
+    return apply_calibration(
+        recording.nodes,
+        calibration,
+        metadata=recording.metadata,
+        events=recording.events,
+        t_zero_ns=recording.t_zero_ns,
+    )
+
+
+def _calibration(
+    recording: Recording,
+    calibration: Calibration | None,
+    source: str,
+    applied: Applied | None,
+    missing: list[str],
+) -> Section:
+    if calibration is None or applied is None:
+        missing.append("calibration: none in the log and none given; the raw numbers stand as they are")
+        return Section("Calibration in use", "None.")
+    parts = [
+        *((name, node.effects) for name, node in calibration.nodes.items()),
+        ("vehicle", calibration.vehicle),
+    ]
+    rows = [
+        (
+            name,
+            effect,
+            ", ".join(f"{key} {q.value:+.5g} ± {q.sigma:.1g}" for key, q in what.parameters.items()),
+            "" if what.temperature is None else f"{what.temperature[0]:.1f} to {what.temperature[1]:.1f}",
+            f"{what.date} {what.method}",
+        )
+        for name, effects in parts
+        for effect, what in effects.items()
+    ]
+    for name in recording.nodes:
+        if name not in calibration.nodes:
+            missing.append(f"{name}: calibration: the file does not know this node")
+    text = (
+        f"From {source}. It is applied to what the odometry gets; the noise below is that of the raw samples."
+    )
+    text += "".join(f" {line}." for line in applied.warnings)
+    return Section(
+        "Calibration in use", text, [Grid(("of", "effect", "values", "at °C", "how it was found"), rows)]
+    )
+
+
+def _drive(
+    name: str,
+    recording: Recording,
+    vehicle: Vehicle | None,
+    calibration: Calibration | None,
+    applied: Applied | None,
+    facts: list[str],
+    missing: list[str],
+) -> list[Section]:
+    if vehicle is None:
+        missing.append("drive: no vehicle file in the log and none given (--vehicle)")
+        return []
+    nodes = recording if applied is None else _with_nodes(recording, applied)
+    left = None if applied is None else applied.left
+    try:
+        made = wheel_odometry(nodes, vehicle, log=name, calibration=left)
+    except InputError as error:
+        missing.append(f"drive: {error}")
+        return []
+    learnt = made.learnt
+    facts.append(f"drive of {float(learnt['distance']):.2f} m by {made.method}")
+    if float(learnt["distance"]) < 1.0:
+        missing.append("drive: the wheels hardly turned; the path says nothing")
+    grid = Grid(("of", "quantity", "value", "1 sigma"), _learnt_rows(learnt))
+    text = " ".join(f"Note: {line}." for line in made.warnings)
+    found = None
+    truth = recording.truth
+    if truth is not None:
+        found = score(made.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
+    if found is None:
+        missing.append("drive: its error, because the log holds no truth")
+    else:
+        facts.append(f"error at the end {found.final_error:.3f} m, {found.final_percent:.2f} % of the path")
+    return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
+
+
+def _with_nodes(recording: Recording, applied: Applied) -> Recording:
+    named: dict[str, Any] = {
+        key: getattr(recording, key)
+        for key in ("reference", "wheels", "gnss", "heading", "table", "truth", "metadata", "t_zero_ns")
+    }
+    return Recording(applied.nodes, events=recording.events, warnings=recording.warnings, **named)
+
+
+def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    groups = {"vehicle": learnt.get("vehicle", {}), **learnt.get("nodes", {})}
+    for name, quantities in groups.items():
+        for quantity, entry in quantities.items():
+            rows.append((name, quantity, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
+    return rows
+
+
+def _path(made: WheelOdometry, recording: Recording) -> go.Figure:
+    drawn = figure("x, m", "y, m", height=460, equal=True)
+    if recording.truth is not None:
+        drawn.add_trace(_line(recording.truth["x"], recording.truth["y"], "truth", "truth", 6.0))
+    drawn.add_trace(_line(made.track.x, made.track.y, "odometry", "fused", 2.0))
+    return drawn
+
+
+def _speed(made: WheelOdometry) -> go.Figure:
+    drawn = figure("time, s", "speed, m/s")
+    drawn.add_trace(_line(made.track.t, made.track.speed, "speed", "fused", 1.5))
+    other = np.degrees(made.track.heading)
+    drawn.add_trace(
+        go.Scatter(
+            x=made.track.t[:: _step(other)],
+            y=np.round(other[:: _step(other)], 3),
+            name="heading, degrees",
+            yaxis="y2",
+            mode="lines",
+            line={"color": COLOURS["left"], "width": 1.5},
+        )
+    )
+    drawn.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "heading, degrees"})
+    return drawn
+
+
+def _step(values: Any) -> int:
+    return max(1, math.ceil(len(values) / _MOST_POINTS))
+
+
+def _line(x: Any, y: Any, name: str, colour: str, width: float) -> go.Scatter:
+    step = _step(x)
+    line = {"color": COLOURS[colour], "width": width}
+    return go.Scatter(x=np.round(x[::step], 4), y=np.round(y[::step], 4), name=name, mode="lines", line=line)

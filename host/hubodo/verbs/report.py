@@ -1,0 +1,92 @@
+"""`hubodo report`: all that a log shows, as one self-contained page."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from hubodo.config import load_vehicle
+from hubodo.errors import InputError
+from hubodo.ingest.playback import Setup, setup_of
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.logfile import open_log
+from hubodo.log.mcap import read_recording
+from hubodo.log.summary import summarise
+from hubodo.progress import progress_line
+from hubodo.report.log_page import log_page
+from hubodo.sensors.calibration import read_calibration
+
+HELP = "one self-contained HTML page of a log: content, losses, sensors, calibration, drive"
+EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
+
+
+@dataclass(frozen=True)
+class Reported:
+    """Where the page is, what it says, and what the log could not show."""
+
+    log: str
+    output: str
+    size: int
+    facts: tuple[str, ...]
+    missing: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "log": self.log,
+            "output": self.output,
+            "size": self.size,
+            "facts": list(self.facts),
+            "missing": list(self.missing),
+        }
+
+    def render(self, console: Console) -> None:
+        for line in self.facts:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        for line in self.missing:
+            console.print(f"not shown: {line}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"{self.output}: {self.size / 1e6:.1f} MB", highlight=False)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo report`."""
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="HTML")
+    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry instead of that in the log")
+    parser.add_argument("--calibration", type=Path, metavar="TOML", help="instead of that in the log")
+    parser.add_argument("--gravity", type=float, default=9.80665, help="m/s² at the place (default 9.80665)")
+    parser.add_argument("--force", action="store_true", help="replace a page that is there")
+
+
+def run(args: argparse.Namespace) -> Reported:
+    """Read, examine, write the page."""
+    if args.output.exists() and not args.force:
+        raise InputError(f"{args.output}: exists; name another file or say --force")
+    if not args.output.absolute().parent.is_dir():
+        raise InputError(f"{args.output}: its folder does not exist; create it first")
+    with progress_line() as show:
+        if args.log.is_dir():
+            recording, summary, kept = read_folder(args.log, progress=show), None, Setup(None, None, None)
+        else:
+            recording, summary = read_recording(args.log, progress=show), summarise(args.log)
+            with open_log(args.log) as log:
+                kept = setup_of(log)
+        vehicle = kept.vehicle if args.vehicle is None else load_vehicle(args.vehicle)
+        calibration, where = kept.calibration, "the log"
+        if args.calibration is not None:
+            calibration, where = read_calibration(args.calibration), str(args.calibration)
+        show("examining the sensors", 0.5)
+        made = log_page(
+            args.log.name,
+            recording,
+            summary,
+            vehicle=vehicle,
+            calibration=calibration,
+            calibration_from=where,
+            gravity=args.gravity,
+        )
+    args.output.write_text(made.html, "utf-8")
+    return Reported(str(args.log), str(args.output), args.output.stat().st_size, made.facts, made.missing)

@@ -1,0 +1,204 @@
+"""A calibration applied: the formula both ways with its order and signs, portions, serials, power-on."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from generators.fake_drive import RADIUS, TRACK, short_drive
+from hubodo.config import NodeMount, Vehicle
+from hubodo.errors import CalibrationError
+from hubodo.fuse.wheel_config import wheel_config
+from hubodo.fuse.wheel_track import run
+from hubodo.log.recording import Event, Table
+from hubodo.sensors.apply import APPLIED, Correction, apply_calibration, left_over
+from hubodo.sensors.calibration import PARAMETERS, Calibration, Effect, NodeCalibration, Quantity
+
+SIZES = {
+    "gyro_bias": 0.05,
+    "gyro_warmup": 0.02,
+    "gyro_temperature": 0.001,
+    "gyro_g_sensitivity": 1e-3,
+    "gyro_scale_factor": 0.03,
+    "gyro_nonorthogonality": 0.02,
+    "gyro_cubic": 2e-5,
+    "accel_bias": 0.4,
+    "accel_scale_factor": 0.03,
+    "accel_nonorthogonality": 0.02,
+    "node_misalignment": 0.05,
+}
+
+
+def drawn(seed):
+    """A calibration of every effect that is applied, drawn at plausible sizes."""
+    rng = np.random.default_rng(seed)
+    effects = {}
+    for name in APPLIED:
+        values = {p: Quantity(float(SIZES[name] * rng.normal()), 1e-3) for p in PARAMETERS[name]}
+        if name == "gyro_warmup":
+            values["time_constant"] = Quantity(600.0, 10.0)
+        effects[name] = Effect(values)
+    return NodeCalibration(effects, "aa01")
+
+
+def true_motion(seed, count=50):
+    rng = np.random.default_rng(seed)
+    gyro = rng.uniform(-25.0, 25.0, (count, 3))
+    return (
+        gyro,
+        rng.uniform(-60.0, 60.0, (count, 3)),
+        rng.uniform(0, 4000, count),
+        rng.uniform(-10, 60, count),
+    )
+
+
+def chain(node, gyro, accel, age, temperature):
+    """The sensor chain written down again sample by sample, in its own order and with scipy's rotations."""
+
+    def v(effect, name):
+        return node.effects[effect].parameters[name].value
+
+    def matrix(kind):
+        n = {p: v(f"{kind}_nonorthogonality", p) for p in PARAMETERS["gyro_nonorthogonality"]}
+        e = [v(f"{kind}_scale_factor", axis) for axis in "xyz"]
+        return np.array(
+            [
+                [1 + e[0], n["xz"], -n["xy"]],
+                [-n["yz"], 1 + e[1], n["yx"]],
+                [n["zy"], -n["zx"], 1 + e[2]],
+            ]
+        )
+
+    turn = Rotation.from_rotvec([v("node_misalignment", axis) for axis in "xyz"]).inv()
+    raw_gyro, raw_accel = [], []
+    for w, f, t, warm in zip(gyro, accel, age, temperature, strict=True):
+        w, f = turn.apply(w), turn.apply(f)
+        shown = matrix("gyro") @ w
+        shown[2] += v("gyro_cubic", "z") * w[2] ** 3
+        for i, axis in enumerate("xyz"):
+            names = ("x", "y", "z") if axis == "z" else (f"{axis}x", f"{axis}y", f"{axis}z")
+            shown[i] += v("gyro_bias", axis)
+            shown[i] += v("gyro_warmup", axis) * (1 - np.exp(-t / v("gyro_warmup", "time_constant")))
+            shown[i] += v("gyro_temperature", axis) * (warm - 25.0)
+            shown[i] += sum(v("gyro_g_sensitivity", name) * f[k] for k, name in enumerate(names))
+        raw_gyro.append(shown)
+        raw_accel.append(matrix("accel") @ f + [v("accel_bias", axis) for axis in "xyz"])
+    return np.array(raw_gyro), np.array(raw_accel)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000))
+def test_applying_to_what_the_chain_makes_of_the_truth_gives_the_truth(seed):
+    node = drawn(seed)
+    correction = Correction.from_calibration(node)
+    gyro, accel, age, temperature = true_motion(seed)
+    raw_gyro, raw_accel = chain(node, gyro, accel, age, temperature)
+    made = correction.unapply(gyro, accel, age=age, temperature=temperature)
+    np.testing.assert_allclose(made[0], raw_gyro, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(made[1], raw_accel, rtol=0, atol=1e-12)
+    back = correction.apply(raw_gyro, raw_accel, age=age, temperature=temperature)
+    np.testing.assert_allclose(back[0], gyro, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(back[1], accel, rtol=0, atol=1e-11)
+
+
+def test_the_portions_in_which_samples_come_do_not_change_a_bit():
+    correction = Correction.from_calibration(drawn(3))
+    gyro, accel, age, temperature = true_motion(4, 1000)
+    whole = correction.apply(gyro, accel, age=age, temperature=temperature)
+    for size in (1, 7, 8, 333):
+        parts = [slice(k, k + size) for k in range(0, 1000, size)]
+        made = [correction.apply(gyro[p], accel[p], age=age[p], temperature=temperature[p]) for p in parts]
+        for k in (0, 1):
+            np.testing.assert_array_equal(np.concatenate([m[k] for m in made]), whole[k])
+
+
+def test_a_channel_at_its_limit_is_still_seen_to_be_clipped():
+    node = NodeCalibration({"gyro_bias": Effect({"z": Quantity(0.5, 0.01)})})
+    raw = np.array([[0.0, 0.0, 35.0], [0.0, 0.0, -35.0], [0.0, 0.0, 30.0]])
+    made, _ = Correction.from_calibration(node).apply(raw, np.zeros((3, 3)))
+    np.testing.assert_allclose(made[:, 2], [35.0, -35.5, 29.5])
+
+
+def test_the_calibration_of_another_node_is_refused_by_both_serials():
+    calibration = Calibration({"left": drawn(1)})
+    table = Table({name: np.arange(3.0) for name in ("t", "gx", "gy", "gz", "ax", "ay", "az")})
+    for key in ("node.left.serial", "serial.left"):
+        with pytest.raises(CalibrationError, match=r"aa01.*bb02"):
+            apply_calibration({"left": table}, calibration, metadata={key: "bb02"})
+        apply_calibration({"left": table}, calibration, metadata={key: "AA01"})
+
+
+def test_warm_up_counts_from_power_on_where_the_log_tells_it_and_says_so_where_not():
+    effects = {"gyro_warmup": Effect({"z": Quantity(1.0, 0.1), "time_constant": Quantity(100.0, 1.0)})}
+    calibration = Calibration({"left": NodeCalibration(effects)})
+    t = 5.0 + np.arange(4.0)
+    table = Table({"t": t, **{name: np.zeros(4) for name in ("gx", "gy", "gz", "ax", "ay", "az")}})
+    unknown = apply_calibration({"left": table}, calibration)
+    np.testing.assert_allclose(unknown.nodes["left"]["gz"], np.expm1(-(t - 5.0) / 100.0), atol=1e-15)
+    assert "switched on" in unknown.warnings[0]
+    zero = 10**18
+    data = [{"power_on_ns": zero - 95 * 10**9}, {"power_on_ns": zero + 6 * 10**9}]
+    starts = [Event(zero + 5 * 10**9, "started", "left", "", data[0])]
+    starts.append(Event(zero + 7 * 10**9, "started", "left", "", data[1]))
+    known = apply_calibration({"left": table}, calibration, events=starts, t_zero_ns=zero)
+    expected = np.expm1(-np.array([100.0, 101.0, 1.0, 2.0]) / 100.0)
+    np.testing.assert_allclose(known.nodes["left"]["gz"], expected, atol=1e-8)
+    assert known.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "words"),
+    [
+        ("gyro_warmup", {"z": 0.1}, "time_constant"),
+        ("gyro_cubic", {"z": 1e-3}, "gyro_cubic"),
+        ("accel_scale_factor", {"x": -1.0}, "accel_scale_factor"),
+    ],
+)
+def test_numbers_that_no_sensor_has_are_refused(effect, values, words):
+    node = NodeCalibration({effect: Effect({name: Quantity(v, 0.1) for name, v in values.items()})})
+    with pytest.raises(CalibrationError, match=words):
+        Correction.from_calibration(node)
+
+
+def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter_is_told():
+    """And what was applied is not applied again by the filter's priors."""
+    made = short_drive(11)
+    effects = {}
+    for name, node in made.nodes.items():
+        k = node.truth
+        bias = {axis: Quantity(k[f"bias_{axis}"], 1e-3) for axis in "xyz"}
+        scale = {"z": Quantity(k["spin_scale"], 1e-3)}
+        effects[name] = NodeCalibration(
+            {
+                "gyro_bias": Effect(bias),
+                "gyro_scale_factor": Effect(scale),
+                "lever_arm": Effect({"x": Quantity(k["arm_x"], 1e-3)}),
+            }
+        )
+    calibration = Calibration(effects)
+    tables = {
+        name: Table(dict(zip(("t", "gx", "gy", "gz", "ax", "ay", "az"), np.column_stack(
+            [node.t, node.gyro, node.accel]).T, strict=True)))
+        for name, node in made.nodes.items()
+    }  # fmt: skip
+    vehicle = Vehicle(RADIUS, TRACK, {n: NodeMount(n, "left") for n in ("left", "right")})
+    applied = apply_calibration(tables, calibration)
+    assert applied.used["left"]["applied"] == ["gyro_bias", "gyro_scale_factor"]
+    corrected = run(wheel_config(vehicle, list(tables), applied.left), applied.nodes).track
+    told = run(wheel_config(vehicle, list(tables), calibration), tables).track
+    twice = run(wheel_config(vehicle, list(tables), calibration), applied.nodes).track
+    same = np.hypot(corrected.x - told.x, corrected.y - told.y).max()
+    wrong = np.hypot(corrected.x - twice.x, corrected.y - twice.y).max()
+    assert same < 0.01 < wrong, f"seed 11: {same} m, {wrong} m"
+
+
+def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
+    node = drawn(5)
+    arm = Effect({"x": Quantity(0.01, 0.001)})
+    node = replace(node, effects={**node.effects, "lever_arm": arm})
+    left = left_over(Calibration({"left": node})).nodes["left"].effects
+    assert left["lever_arm"] == arm
+    assert left["gyro_bias"].parameters["x"] == Quantity(0.0, 1e-3)

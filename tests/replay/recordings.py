@@ -1,0 +1,126 @@
+"""The recordings that are replayed, and what of their odometry is kept as the reference.
+
+Update after a change that is meant to alter the numbers:
+
+    python tests/replay/update.py
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators.fake_drive import RADIUS, TRACK, short_drive
+from hubodo.config import NodeMount, Vehicle
+from hubodo.ingest.playback import Playback, as_messages
+from hubodo.log.convert import write_recording
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.recording import Recording, Table
+from hubodo.sensors.calibration import Calibration, Effect, NodeCalibration, Quantity
+from shared_data import shared_data
+
+REFERENCES = Path(__file__).with_name("references.json")
+UPDATE = "python tests/replay/update.py"
+TOLERANCE = 0.0
+"""On the arithmetic that the references were made with: same processor features, Python and numpy."""
+ELSEWHERE = 1e-6
+"""m, rad: another processor's fused operations and LAPACK kernels round each of some hundred filter steps
+anew, 1e-16 each, and gains of a badly known state magnify that by up to 1e8."""
+IGNORED = ("log time", "sequence number")
+"""Of a message: they say when it was written, not what was found."""
+
+BOTH = Vehicle(RADIUS, TRACK, {name: NodeMount(name, "left") for name in ("left", "right")})
+CHAIR = Vehicle(0.31, 0.92, {name: NodeMount(name, "left") for name in ("left", "right")})
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One row: how the recording comes about, and what it is played with. outputs: topics compared."""
+
+    name: str
+    recording: Callable[[], Recording]
+    vehicle: Vehicle
+    calibration: Calibration | None = None
+    outputs: tuple[str, ...] = ("/odom", "/tf")
+
+
+def _generated(seed: int, *names: str, rate_hz: float = 104.0) -> Callable[[], Recording]:
+    def made() -> Recording:
+        columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+        nodes = {}
+        for name, node in short_drive(seed, rate_hz).nodes.items():
+            if name in names:
+                # A log holds whole nanoseconds.
+                t = np.round(node.t + 1.0, 9)
+                rows = np.column_stack([t, node.gyro, node.accel])
+                nodes[name] = Table(dict(zip(columns, rows.T, strict=True)))
+        return Recording(nodes)
+
+    return made
+
+
+def _wheelchair() -> Recording:
+    return read_folder(shared_data("wheelchair"))
+
+
+_CALIBRATION = Calibration(
+    {
+        "left": NodeCalibration(
+            {
+                "gyro_bias": Effect({"x": Quantity(0.01, 1e-3), "z": Quantity(-0.005, 1e-3)}),
+                "gyro_warmup": Effect({"z": Quantity(0.002, 1e-3), "time_constant": Quantity(90.0, 9.0)}),
+                "gyro_scale_factor": Effect({"z": Quantity(0.004, 1e-3)}),
+                "node_misalignment": Effect({"x": Quantity(0.01, 1e-3), "y": Quantity(-0.02, 1e-3)}),
+            }
+        )
+    }
+)
+
+TABLE = (
+    Replay("two wheels", _generated(1, "left", "right"), BOTH),
+    Replay("one wheel of a vehicle with two", _generated(2, "right"), BOTH),
+    Replay("416 Hz", _generated(3, "left", "right", rate_hz=416.0), BOTH),
+    Replay("calibrated", _generated(4, "left", "right"), BOTH, _CALIBRATION),
+    Replay("wheelchair", _wheelchair, CHAIR),
+)
+
+
+def arithmetic() -> str:
+    """What the last bits of a result depend on besides the code."""
+    found = np.show_config(mode="dicts")["SIMD Extensions"]  # type: ignore[call-overload,index]
+    features = " ".join([*found["baseline"], *found.get("found", [])])
+    return f"{platform.machine()} python {platform.python_version()} numpy {np.__version__} {features}"
+
+
+def play(replay: Replay, folder: Path) -> dict[str, list[tuple[int, bytes]]]:
+    """The recording written to a log, and what playing the log gives: topic -> (publish time, bytes)."""
+    log = folder / "replay.mcap"
+    write_recording(replay.recording(), log)
+    playback = Playback(log, vehicle=replay.vehicle, calibration=replay.calibration)
+    messages = as_messages(playback.motions(), playback.t_zero_ns)
+    state = playback.odometer.state
+    messages["end"] = [
+        (0, json.dumps([state.x, state.y, state.heading, playback.odometer.distance]).encode())
+    ]
+    return messages
+
+
+def reference(replay: Replay, messages: dict[str, list[tuple[int, bytes]]]) -> dict[str, object]:
+    """What is stored: per topic the count and a hash over times and bytes; where the drive ended."""
+    stored: dict[str, object] = {}
+    for topic in replay.outputs:
+        digest = hashlib.sha256()
+        for t_ns, data in messages[topic]:
+            digest.update(t_ns.to_bytes(8, "little") + data)
+        stored[topic] = {"messages": len(messages[topic]), "sha256": digest.hexdigest()}
+    stored["x, y, heading, distance"] = json.loads(messages["end"][0][1])
+    return stored

@@ -1,0 +1,83 @@
+"""The links beside USB: the real firmware on its UART and over Wi-Fi, recorded by the real daemon."""
+
+import json
+import socket
+import subprocess
+import sys
+
+from hubodo.log.mcap import open_log
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import FrameDecoder, decode
+from hubowire import messages as m
+from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, unique_motion
+
+SECONDS = 4
+
+
+def recorder(port, log):
+    """A daemon that listens to `port` for a few seconds."""
+    words = ("record", str(port), "-o", str(log), "--duration", str(SECONDS), "--json")
+    return subprocess.Popen(
+        [sys.executable, "-m", "hubodo.cli", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def logged(log):
+    """[(frame, message)] of everything that the daemon kept."""
+    decoder = FrameDecoder()
+    with open_log(log) as records:
+        raw = [r.data for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+    return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
+
+
+def judge(done, log, truth):
+    """Nothing lost or damaged, every sample the chip's own, and the node has heard the host."""
+    out, errors = done
+    result = json.loads(out) if out else errors
+    (node,) = result["nodes"].values()
+    assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
+    (link,) = result["links"].values()
+    assert link["frames_damaged"] == 0
+    assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 2
+    found = matched(logged(log), truth)
+    assert len(found) > 0.8 * (SECONDS - 1) * 416
+    first = found[0]
+    assert (found[:, 0] - first[0] == range(len(found))).all()
+    assert (found[:, 2] - first[2] == range(len(found))).all()
+
+
+def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
+    micropython_or_skip()
+    port, log = tmp_path / "ttyS0", tmp_path / "uart.mcap"
+    config = {"link": "uart", "rate_hz": 416}
+    node = VirtualNode(
+        unique_motion(30), firmware=FIRMWARE, config=config, clock="paced", link="uart", link_path=port,
+        wait_for_host=True,
+    )  # fmt: skip
+    with node:
+        done = recorder(port, log).communicate(timeout=60)
+        truth = node.chip.truth()
+        assert node.stats["calls"]["UART_INIT"] == 1
+    judge(done, log, truth)
+
+
+def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tmp_path):
+    micropython_or_skip()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        number = free.getsockname()[1]
+    log = tmp_path / "udp.mcap"
+    config = {"link": "udp", "rate_hz": 416, "ssid": "net", "host": "127.0.0.1", "port": number}
+    daemon = recorder(f"udp://127.0.0.1:{number}", log)
+    with VirtualNode(unique_motion(30), firmware=FIRMWARE, config=config, clock="paced", link="udp") as node:
+        done = daemon.communicate(timeout=60)
+        truth, stats = node.chip.truth(), node.stats
+    judge(done, log, truth)
+    with open_log(log) as records:
+        raw = [r.data for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+    assert {data.count(0) for data in raw} == {1}
+    assert stats["calls"]["UDP_SEND"] >= len(raw)
+    assert of(logged(log), m.Hello)[0].serial == bytes.fromhex("e6614103e7452d2f")

@@ -1,0 +1,78 @@
+"""The real firmware on the virtual board, run to its end; what it sent beside what its chip made."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hubowire
+from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
+from hubodo.model.motion import RecordedMotion
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import messages as m
+
+FIRMWARE = Path(__file__).parents[1] / "firmware"
+PERIOD = 1 << 30
+
+
+def micropython_or_skip():
+    """Without node or its MicroPython the test skips, or fails where CI is set."""
+    try:
+        find_node(), find_micropython()
+    except InterpreterMissing as missing:
+        if os.environ.get("CI"):
+            pytest.fail(str(missing))
+        pytest.skip(str(missing))
+
+
+def unique_motion(seconds):
+    """No two samples within seconds of each other are alike, so that each can be found again."""
+    t = np.arange(0, seconds + 1, 0.002)
+    gyro = np.stack([3 * np.sin(7 * t), 2 * np.cos(3.1 * t), 9 * np.sin(0.9 * t)], axis=1)
+    accel = np.stack([5 * np.sin(2.3 * t), 5 * np.cos(4.7 * t), 9 + np.sin(t)], axis=1)
+    return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
+
+
+def run(seconds, *, motion=None, **settings):
+    """([(frame, message)] the node sent, truth of its chip, the board's statistics)."""
+    micropython_or_skip()
+    node = VirtualNode(
+        motion or unique_motion(seconds),
+        firmware=FIRMWARE,
+        run_for=seconds,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        **settings,
+    )
+    with node:
+        node.wait(100)
+        sent = hubowire.FrameDecoder().feed(node.output)
+        return [(f, hubowire.decode(f.type_id, f.payload)) for f in sent], node.chip.truth(), node.stats
+
+
+def of(sent, kind):
+    return [message for _, message in sent if isinstance(message, kind)]
+
+
+def matched(sent, truth, ticks_start_us=0):
+    """(index in the truth, time error in us, number on the wire) of every sample sent; all must be real."""
+    known: dict[tuple[int, ...], list[int]] = {}
+    for k, row in enumerate(truth.raw.tolist()):
+        known.setdefault(tuple(row), []).append(k)
+    rows = []
+    for batch in of(sent, m.ImuBatch):
+        for i, row in enumerate(batch.samples):
+            after = rows[-1][0] if rows else -1
+            later = [k for k in known.get(tuple(row), ()) if k > after]
+            assert later, f"sample {row} was not on the chip after sample {after}"
+            k = later[0]
+            t_us = batch.t_us + i * batch.period_ns / 1000
+            error = (t_us - ticks_start_us - truth.t[k] * 1e6 + PERIOD / 2) % PERIOD - PERIOD / 2
+            rows.append((k, error, batch.index + i))
+    return np.array(rows)
+
+
+def request(seq, message, node=1):
+    return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))
