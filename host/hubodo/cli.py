@@ -13,11 +13,11 @@ from typing import Any, NoReturn, Protocol
 from rich.console import Console
 
 from hubodo import __version__
-from hubodo.errors import ConfigError, HubodoError, InputError, LogError, WireMismatch
+from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.verbs import VERBS, load
 
 EXIT_OK, EXIT_FAILED, EXIT_REFUSED = 0, 1, 2
-_REFUSALS = (InputError, ConfigError, LogError, WireMismatch)
+_REFUSALS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
 
 
 class Result(Protocol):

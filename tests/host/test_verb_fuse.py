@@ -187,3 +187,25 @@ def test_fixes_that_are_no_place_on_earth_are_one_clear_line(tmp_path, capsys, l
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
     assert call(tmp_path) == 2
     assert "no place on Earth" in capsys.readouterr().err
+
+
+def test_a_calibration_is_applied_and_named(tmp_path, capsys):
+    """A known bias is taken out before the filter starts, and fuse.json says whose calibration it was."""
+    recording = circle()
+    write_recording(replace(recording, metadata={"serial.left": "aa01"}), tmp_path / "log.mcap")
+    (tmp_path / "vehicle.toml").write_text(VEHICLE)
+    calibration = tmp_path / "calibration.toml"
+    calibration.write_text(
+        '[nodes.left]\nserial = "aa01"\n[nodes.left.effects.gyro_bias]\nmethod = "by hand"\n'
+        f'source_sha256 = "{"0" * 64}"\ndate = "2026-01-01"\nz = {{ value = 0.013, sigma = 1e-5 }}\n'
+    )
+    assert call(tmp_path, "--json", "--calibration", str(calibration)) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["calibration"]["file"] == str(calibration)
+    assert result["calibrated"]["left"]["applied"] == ["gyro_bias"]
+    assert abs(result["nodes"]["left"]["gyro_bias_z"]["value"]) < 1e-3
+    assert result["nodes"]["right"]["gyro_bias_z"]["value"] == pytest.approx(0.013, abs=1e-3)
+
+    calibration.write_text(calibration.read_text().replace("aa01", "bb02"))
+    assert call(tmp_path, "--force", "--calibration", str(calibration)) == 2
+    assert "bb02" in capsys.readouterr().err

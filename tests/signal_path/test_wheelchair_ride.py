@@ -24,7 +24,7 @@ START = 2.0  # s of chip time at which the ride begins: by then the daemon liste
 VEHICLE = """
 [vehicle]
 wheel_radius = 0.31
-track_width = 0.60
+track_width = 0.92
 [nodes.left]
 side = "left"
 facing = "left"

@@ -18,6 +18,7 @@ from hubodo.fuse.wheel_track import WheelTrack, run
 from hubodo.fuse.windows import WINDOW
 from hubodo.log.recording import Recording, Table
 from hubodo.model.frames import Side
+from hubodo.sensors.apply import apply_calibration
 from hubodo.sensors.calibration import Calibration
 
 Method = Literal["filter", "differential"]
@@ -87,7 +88,9 @@ def wheel_odometry(
 
     A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
 
-    Raises InputError for nodes that are missing, for two on one wheel, and for a log too short.
+    calibration: applied to the samples; what only the filter can use becomes its prior. Raises InputError for
+    nodes that are missing, for two on one wheel, and for a log too short, CalibrationError for a calibration
+    of another node.
     """
     if (
         recording.wheels is not None
@@ -96,6 +99,18 @@ def wheel_odometry(
     ):
         return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
+    used: dict[str, Any] = {}
+    told: tuple[str, ...] = ()
+    if calibration is not None:
+        applied = apply_calibration(
+            recording.nodes,
+            calibration,
+            metadata=recording.metadata,
+            events=recording.events,
+            t_zero_ns=recording.t_zero_ns,
+        )
+        recording = replace(recording, nodes=applied.nodes)
+        calibration, used, told = applied.left, dict(applied.used), applied.warnings
     if method == "differential":
         return _differential(recording, vehicle, names, log)
     first = min(recording.nodes[name].t[0] for name in names if len(recording.nodes[name]))
@@ -106,7 +121,9 @@ def wheel_odometry(
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
-    warnings = tuple(report.pop("warnings")) + _missing(vehicle, names, nodes)
+    warnings = told + tuple(report.pop("warnings")) + _missing(vehicle, names, nodes)
+    if used:
+        report["calibrated"] = used
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
     return WheelOdometry(track, names, report.pop("method"), report, warnings, full=result.track)
 

@@ -24,7 +24,8 @@ def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None
     """Read a CSV folder. t_zero_ns is 0, or the whole seconds that lift a negative t to zero.
 
     Raises InputError (file, row, remedy) for each fault that README.md beside this file names; with `repair`
-    faulty rows are dropped instead, and the account stands in `metadata["repaired"]` and in one event per file.
+    faulty rows are dropped instead, and the account stands in `metadata["repaired"]` and in one event per
+    file.
     """
     files = _files(folder)
     tables: dict[str, Table] = {}

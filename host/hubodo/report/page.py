@@ -25,7 +25,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 0.25rem 0.9rem 0.25rem 0; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 th { color: var(--dim); font-weight: 600; }
-.figure { margin-top: 0.8rem; background: #ffffff; border: 1px solid var(--line); border-radius: 6px; padding: 4px; }
+.figure { margin-top: 0.8rem; background: #ffffff; border: 1px solid var(--line);
+  border-radius: 6px; padding: 4px; }
 """
 
 

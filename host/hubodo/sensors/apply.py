@@ -277,7 +277,14 @@ def age_of(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
 
 
 def _zeroed(effect: Effect) -> Effect:
-    return replace(effect, parameters={k: Quantity(0.0, q.sigma) for k, q in effect.parameters.items()})
+    """The effect without its size; a time constant is none, and stays."""
+    return replace(
+        effect,
+        parameters={
+            name: q if name == "time_constant" else Quantity(0.0, q.sigma)
+            for name, q in effect.parameters.items()
+        },
+    )
 
 
 def _xyz(effect: Effect) -> Array:

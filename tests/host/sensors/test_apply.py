@@ -202,3 +202,11 @@ def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
     left = left_over(Calibration({"left": node})).nodes["left"].effects
     assert left["lever_arm"] == arm
     assert left["gyro_bias"].parameters["x"] == Quantity(0.0, 1e-3)
+
+
+def test_applying_what_is_left_over_changes_nothing():
+    node = left_over(Calibration({"left": drawn(6)})).nodes["left"]
+    gyro, accel, age, temperature = true_motion(6)
+    made = Correction.from_calibration(node).apply(gyro, accel, age=age, temperature=temperature)
+    np.testing.assert_array_equal(made[0], gyro)
+    np.testing.assert_array_equal(made[1], accel)

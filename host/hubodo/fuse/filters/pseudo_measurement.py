@@ -190,7 +190,7 @@ def rate_from_gravity(
     gyro, accel: (N, 3) rad/s and m/s^2, node axes, z along the axle; dt: s; phase_sigma: rad, 1 sigma of the
     direction of one sample (vibration and accelerometer noise over g). radius: m, of the wheel; arm: m,
     x + iy of the lever arm.
-    With phi the angle about z and w its rate, x + iy of the force is (model.md, either facing)
+    With phi the angle about z and w its rate, x + iy of the force is (the model's README, either facing)
         e^(-i phi) (g + i radius w') + (i w' - w^2) arm;
     arm and radius are taken out with w of the gyro, for which a bias is nothing. Left at zero they stay in
     the direction: radius w' / g for as long as the wheel accelerates, w^2 |arm| / g once per turn.
