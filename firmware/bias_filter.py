@@ -137,10 +137,10 @@ class KalmanFilter:
 
 
 class RlsFilter(KalmanFilter):
-    """Recursive least squares with a forgetting factor, Shah et al. eq. 13-14, for a rate constant over its memory.
+    """Recursive least squares with a forgetting factor, Shah et al. eq. 13-14, for a rate that stands still.
 
-    With the regressor 1, eq. 14 is P' = P / (lambda + P), and P' is also the gain of eq. 13: it falls from 1 to
-    1 - lambda by itself. The bias stays where `begin` put it: this filter has no state for it.
+    With the regressor 1, eq. 14 is P' = P / (lambda + P), and P' is also the gain of eq. 13: it falls from 1
+    to 1 - lambda by itself. The bias stays where `begin` put it: this filter has no state for it.
 
     gain_rate_q20 is (1 - lambda) 2^20: 20972 for 0.98, 83886 for 0.92. P is Q20 like it and rounded, so it
     stops falling up to 2^-20 (2 + 1 / (2 (1 - lambda))) above its end, and is set there: 27 / 2^20 for 0.98.

@@ -1,4 +1,4 @@
-"""Runs the node after power-on. A host may send any byte meanwhile, so ctrl-C is an ordinary one from here on."""
+"""Runs the node after power-on. A host may send any byte meanwhile: ctrl-C is an ordinary one here."""
 
 try:
     import micropython

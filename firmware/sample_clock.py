@@ -75,7 +75,7 @@ class SampleClock:
         return late // self.period_us
 
     def interrupted(self):
-        """Samples were lost that only the clock can count: a period that is being measured is measured anew."""
+        """Samples were lost that only the clock can count: a measurement of the period begins anew."""
         if not self.locked:
             self._count = -1
 

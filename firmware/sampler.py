@@ -249,7 +249,7 @@ class Sampler:
             self.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
 
     def _chip_skipped(self, at_us, samples):
-        """Whether the chip took at least two samples fewer than its beat: `samples` come too late at one stroke.
+        """Whether the chip took at least two samples fewer than its beat: they come too late at one stroke.
 
         A beat that becomes slower makes them late little by little, and is followed by the clock.
         """

@@ -31,6 +31,7 @@ _BYPASS = const(0)
 _CONTINUOUS = const(6)
 _OVERRUN = const(0x40)
 _PATTERN = const(6)
+_NEAR_CARRY = const(250)
 
 # (public value, what it truly is, code)
 _RATES_HZ = (
@@ -157,6 +158,11 @@ class LSM6DS33:
         """Whole samples that wait in the FIFO; -1 when it has overflowed."""
         status = self._status
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
+        seen = -1
+        while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != seen:
+            # A sample between the two bytes of the count would make it 256 words too large: look again.
+            seen = status[1] << 8 | status[0]
+            self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         if status[1] & _OVERRUN:
             return -1
         words = status[0] | (status[1] & 0x0F) << 8

@@ -3,15 +3,14 @@
 import random
 import time
 
-from hubodo.model.board.bus import I2cBus
-
 from fakes.fake_port import PORT_TICKS
+from hubodo.model.board.bus import I2cBus
 
 
 class EmulatedBus:
     """machine.I2C over an I2cBus, on the ticks of the fake port.
 
-    stalls: (mean seconds between, longest seconds) of a processor that is held up at any call of bus or clock.
+    stalls: (mean seconds between, longest seconds) of a processor held up at any call of bus or clock.
     """
 
     def __init__(self, *chips, faults=(), call_us=40, stalls=None, seed=1):

@@ -98,7 +98,8 @@ def test_the_fifo_serves_low_rates_when_asked_to(chip):
     assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
     # One look at the chip in eight samples: the estimate needs longer to find the edge.
     assert np.abs(found[len(found) * 3 // 4 :, 1]).max() < 1000
-    assert stats["bus"]["transactions"] < 1.2 * len(found)
+    # Polled, each sample takes more than two; here only the 0.4 s in which the period is measured do.
+    assert stats["bus"]["transactions"] < 1.5 * len(found)
 
 
 def test_a_chip_that_becomes_faster_is_followed_without_losing_a_sample():

@@ -1,4 +1,4 @@
-"""Sampler, clock and queue against the emulated chips, on CPython: every hole is numbered, nothing is invented."""
+"""Sampler, clock and queue against the emulated chips, on CPython: holes are numbered, nothing invented."""
 
 import random
 import time

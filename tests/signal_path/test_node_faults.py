@@ -1,4 +1,4 @@
-"""What goes wrong on a wheel, done to the real firmware: it is told, sampling goes on, nothing is invented."""
+"""What goes wrong on a wheel, done to the real firmware: it is told, sampling goes on, nothing invented."""
 
 import numpy as np
 import pytest

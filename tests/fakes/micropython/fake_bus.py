@@ -34,8 +34,10 @@ class FakeBus:
             raise OSError(5)
         value = buffer[0]
         if address == self.address:
-            if (self.imu == "lsm6ds33" and register == 0x12) or (self.imu == "mpu6050" and register == 0x6B):
+            if self.imu == "lsm6ds33" and register == 0x12:
                 value &= ~0x81
+            elif self.imu == "mpu6050" and register == 0x6B:
+                value &= ~0x80
             if (self.imu == "lsm6ds33" and register == 0x0A) or (self.imu == "mpu6050" and register == 0x6A):
                 self.read = self.samples()
         self.registers[address << 8 | register] = value
@@ -83,7 +85,7 @@ class FakeBus:
                 self._sample(buffer, at, 0)
                 self.read += 1
         else:
-            buffer[0] = self.registers[address_of(self.address, register)]
+            buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
     def _mpu6050(self, register, buffer):
         if register == 0x75:
@@ -105,7 +107,7 @@ class FakeBus:
                 self._sample(buffer, at, 6)
                 self.read += 1
         else:
-            buffer[0] = self.registers[address_of(self.address, register)]
+            buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
     def _sample(self, buffer, at, gyro_after):
         """Writes a sample as the chip does: gyro first, little-endian; or accelerometer first, big-endian."""
