@@ -224,7 +224,7 @@ class Health(Message):
     t_us: int = wire("I", _DEVICE_TIME, unit="us")
     battery_mv: int = wire("H", "supply voltage, 0 = not measured", unit="mV")
     faults: int = wire("H", "Fault bits: what is wrong now")
-    i2c_errors: int = wire("H", "transfers that failed")
+    i2c_errors: int = wire("H", "transfers that failed, and settings found changed on the chip")
     bus_recoveries: int = wire("H", "times the bus was freed with nine clocks")
     fifo_overruns: int = wire("H", "times the chip's FIFO overflowed")
     samples_missed: int = wire("H", "samples known to be missed on the chip")
