@@ -86,8 +86,8 @@ def encode_frame(frame: Frame) -> bytes:
     return stuff(body + _CRC.pack(crc16(body))) + b"\0"
 
 
-class FrameDecoder:
-    """Bytes in any portions to frames. Holds at most one frame's bytes.
+class StreamAccount:
+    """What becomes of the bytes of a stream that is cut into frames, and the frame that has not ended.
 
     Every byte is accounted for: bytes_in = bytes_framed + damage.bytes_lost + idle_delimiters + pending.
     An idle delimiter follows another: a sender may put one anywhere between frames.
@@ -105,6 +105,21 @@ class FrameDecoder:
     def pending(self) -> int:
         """Bytes kept of a frame that has not ended."""
         return len(self._pending)
+
+    def cut(self) -> None:
+        """The stream breaks here: the port closed, the file ended. The next byte begins a new frame.
+
+        Without it the rest of a torn frame would spoil the first whole one after a replug.
+        """
+        self._skipping = False
+        if self._pending:
+            self.damage.cut += 1
+            self.damage.bytes_lost += len(self._pending)
+            self._pending = b""
+
+
+class FrameDecoder(StreamAccount):
+    """Bytes in any portions to frames. Holds at most one frame's bytes."""
 
     def feed(self, data: bytes) -> list[Frame]:
         """Every undamaged frame that ends within `data`."""
@@ -157,14 +172,3 @@ class FrameDecoder:
             return Frame(type_id, node, seq, body[HEADER_SIZE:-CRC_SIZE])
         self.damage.bytes_lost += len(stuffed) + 1
         return None
-
-    def cut(self) -> None:
-        """The stream breaks here: the port closed, the file ended. The next byte begins a new frame.
-
-        Without it the rest of a torn frame would spoil the first whole one after a replug.
-        """
-        self._skipping = False
-        if self._pending:
-            self.damage.cut += 1
-            self.damage.bytes_lost += len(self._pending)
-            self._pending = b""

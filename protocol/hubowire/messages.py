@@ -354,6 +354,7 @@ ENUMS: tuple[type[IntEnum], ...] = (
 # As the node id of a request: whoever hears it. No node has it.
 ANY_NODE = 0
 NODE_NAMES = {1: "left", 2: "right", 3: "frame"}
+NODE_IDS = {name: number for number, name in NODE_NAMES.items()}
 
 
 def node_name(node_id: int) -> str:

@@ -14,12 +14,11 @@ from hubodo.demo.scenario import SIDES, VEHICLE_TOML, Scenario
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
 from hubodo.model.virtual_node import VirtualNode
-from hubowire.messages import NODE_NAMES
+from hubowire.messages import NODE_IDS
 
 Interpreter = Literal["micropython", "cpython"]
 
 RATE_HZ = 416
-_NODE_IDS = {name: number for number, name in NODE_NAMES.items()}
 # Between power-on and the drive: a node needs about a second to boot, the daemon to open its ports.
 _SETTLE = 3.0
 _TAIL = 1.0
@@ -67,14 +66,14 @@ def ride(
             node = VirtualNode(
                 scenario.motion(side, _SETTLE),
                 firmware=firmware,
-                config={"node_id": _NODE_IDS[side], "rate_hz": RATE_HZ},
+                config={"node_id": NODE_IDS[side], "rate_hz": RATE_HZ},
                 odr_error=part.odr_error,
                 disturbance=part.errors,
-                seed=scenario.seed * 2 + _NODE_IDS[side],
+                seed=scenario.seed * 2 + NODE_IDS[side],
                 interpreter=interpreter,
                 link_path=out / f"tty-{side}",
                 clock_ppm=part.clock_ppm,
-                unique_id=f"e66141{scenario.seed % 256:02x}000000{_NODE_IDS[side]:02x}",
+                unique_id=f"e66141{scenario.seed % 256:02x}000000{NODE_IDS[side]:02x}",
                 clock="paced",
                 power_on_ns=power_on_ns,
             )

@@ -16,7 +16,7 @@ from hubowire.framing import (
     DELIMITER,
     HEADER_SIZE,
     MAX_FRAME,
-    Damage,
+    StreamAccount,
     crc16,
 )
 from hubowire.messages import ImuBatch, Message, wire_fields
@@ -68,24 +68,11 @@ class ImuSamples:
     end: npt.NDArray[np.int64]
 
 
-class BulkDecoder:
+class BulkDecoder(StreamAccount):
     """Bytes in any portions to groups of frames; frames and counters equal those of `FrameDecoder`.
 
     The raw frames of a log, kept without delimiters, are fed joined by zeros.
     """
-
-    def __init__(self) -> None:
-        self.damage = Damage()
-        self.bytes_in = 0
-        self.bytes_framed = 0
-        self.idle_delimiters = 0
-        self._pending = b""
-        self._skipping = False
-
-    @property
-    def pending(self) -> int:
-        """Bytes kept of a frame that has not ended."""
-        return len(self._pending)
 
     def feed(self, data: bytes) -> list[FrameGroup]:
         """The undamaged frames that end within `data`; several groups may be of one kind."""
@@ -94,14 +81,6 @@ class BulkDecoder:
         for at in range(0, len(view), _PIECE):
             groups += self._feed_piece(view[at : at + _PIECE])
         return groups
-
-    def cut(self) -> None:
-        """The stream breaks here, as in `FrameDecoder.cut`."""
-        self._skipping = False
-        if self._pending:
-            self.damage.cut += 1
-            self.damage.bytes_lost += len(self._pending)
-            self._pending = b""
 
     def _feed_piece(self, piece: memoryview) -> list[FrameGroup]:
         origin = self.bytes_in - len(self._pending)

@@ -19,7 +19,7 @@ from hubodo.log.recording import Recording, Table
 from hubodo.log.topics import RAW
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.framing import FrameDecoder
-from hubowire.messages import NODE_NAMES, Ack, Hello, ImuBatch, Nack, TimeReply
+from hubowire.messages import NODE_IDS, Ack, Hello, ImuBatch, Nack, TimeReply
 
 _STEPS = 32767
 _TEMPERATURE_LSB_UDEGC, _TEMPERATURE_OFFSET_UDEGC = 3_906, 25_000_000
@@ -108,9 +108,8 @@ def made_frames(
 
 def _ids(names: Iterable[str]) -> dict[str, int]:
     """left 1, right 2, frame 3, as everywhere; the others from 4 on, in order."""
-    known = {name: number for number, name in NODE_NAMES.items()}
-    others = itertools.count(max(known.values()) + 1)
-    return {name: known[name] if name in known else next(others) for name in names}
+    others = itertools.count(max(NODE_IDS.values()) + 1)
+    return {name: NODE_IDS[name] if name in NODE_IDS else next(others) for name in names}
 
 
 class _Maker:

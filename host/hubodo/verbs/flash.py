@@ -13,7 +13,7 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.flash.board import FlashBoard
 from hubodo.flash.image import build, firmware_folder
 from hubowire import FINGERPRINT
-from hubowire.messages import NODE_NAMES, Hello
+from hubowire.messages import NODE_IDS, Hello
 
 HELP = "put the firmware onto a board, compare every file and wait until it runs"
 EXAMPLE = "hubodo flash /dev/ttyACM0 --node left"
@@ -67,12 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def node_id(text: str) -> int:
     """The number behind a node's name. Raises InputError for a name that is none."""
-    for number, name in NODE_NAMES.items():
-        if text == name:
-            return number
+    if text in NODE_IDS:
+        return NODE_IDS[text]
     if text.isdigit() and 1 <= int(text) <= 255:
         return int(text)
-    raise InputError(f"--node {text}: use {', '.join(NODE_NAMES.values())} or a number from 1 to 255")
+    raise InputError(f"--node {text}: use {', '.join(NODE_IDS)} or a number from 1 to 255")
 
 
 def run(args: argparse.Namespace) -> Flashed:

@@ -1,7 +1,6 @@
 """The real firmware on its virtual board, unplugged, reset, on a noisy line: all that came is logged."""
 
 import itertools
-import os
 import threading
 import time
 from collections import Counter
@@ -13,25 +12,14 @@ from hubodo.config import RecordConfig
 from hubodo.flash.image import firmware_folder
 from hubodo.ingest.daemon import record
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.model.board.interpreter import InterpreterMissing, find_micropython
 from hubodo.model.motion import StillMotion
 from hubodo.model.virtual_node import VirtualNode
 from hubowire import decode
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, ImuBatch
+from virtual_runs import micropython_or_skip
 
 GYRO_STEP, ACCEL_STEP = np.radians(0.070), 0.488e-3 * 9.80665
-
-
-def interpreter():
-    """Real MicroPython; without it the test skips, under CI it fails."""
-    try:
-        find_micropython()
-    except InterpreterMissing as missing:
-        if os.environ.get("CI"):
-            pytest.fail(str(missing))
-        pytest.skip(str(missing))
-    return "micropython"
 
 
 def heard(node):
@@ -69,12 +57,12 @@ def until(condition, seconds=40.0):
 
 @pytest.mark.timeout(400)  # 12 s on an idle machine
 def test_ten_unplugs_one_percent_of_damage_and_a_reset_of_the_real_firmware_are_all_explained(tmp_path):
+    micropython_or_skip()
     out, seed = tmp_path / "ride.mcap", 5
     node = VirtualNode(
         StillMotion(),
         firmware=firmware_folder(),
         config={"node_id": 1, "rate_hz": 416, "batch": 8},
-        interpreter=interpreter(),
         corrupt=0.01,
         keep_link_log=True,
         seed=seed,
