@@ -17,9 +17,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 
+from hubodo.compiled import PAYS
 from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter
 from hubodo.fuse.filters.rate_bias_kalman import RateBiasKalman, steady_gain
-from hubodo.fuse.filters.recursive_least_squares import RecursiveLeastSquares
+from hubodo.fuse.filters.recursive_least_squares import LOOP, RecursiveLeastSquares
 
 ROUNDS = 9
 SHARE = 1 / 30
@@ -86,6 +87,16 @@ def batch_ns(run, values):
     return (time.perf_counter() - began) / len(values) * 1e9
 
 
+def compile_rls(z):
+    """Seconds of the call that turns the batch of RLS into machine code, beside that of the samples in it."""
+    began = time.perf_counter()
+    RecursiveLeastSquares(FACTOR).run(np.resize(z, PAYS))
+    first = time.perf_counter() - began
+    began = time.perf_counter()
+    RecursiveLeastSquares(FACTOR).run(np.resize(z, PAYS))
+    return first - (time.perf_counter() - began)
+
+
 def main(argv=None):
     arguments = sys.argv[1:] if argv is None else argv
     count = int(arguments[0]) if arguments else 360_000
@@ -98,6 +109,7 @@ def main(argv=None):
         "RLS": lambda: RecursiveLeastSquares(FACTOR),
         "pseudo-measurement": lambda: PseudoMeasurementFilter(SIGMA**2 * np.eye(3)),
     }
+    wait = compile_rls(z)
     peers = {"Kalman": peer_kalman, "RLS": peer_rls, "pseudo-measurement": peer_pseudo}
     print(f"filters, medians of {ROUNDS} rounds in turn; batches of {count} samples (seed 0)")
     print(f"  {'':20}{'filterpy':>10} {'ours, live':>11} {'ratio':>7} {'ours, batch':>12}")
@@ -114,12 +126,15 @@ def main(argv=None):
         peer, live, batch = (statistics.median(times[key]) for key in ("peer", "live", "batch"))
         print(f"  {name:20}{peer:7.0f} ns {live:8.0f} ns   1/{peer / live:<5.0f}{batch:9.1f} ns")
         passed &= live <= SHARE * peer
-        if name == "Kalman":
+        if name == "Kalman" or (name == "RLS" and LOOP.compiled):
             passed &= batch <= BATCH_NS
-    print(
-        f"  live at most 1/{1 / SHARE:.0f} of filterpy; batch of the linear filter at most {BATCH_NS:.0f} ns"
-    )
+    print(f"  live at most 1/{1 / SHARE:.0f} of filterpy; batches of Kalman, RLS at most {BATCH_NS:.0f} ns")
     print("  RLS and the pseudo-measurement are not linear: their batch is the live filter, sample by sample")
+    if LOOP.compiled:
+        print(f"  RLS in machine code (after {PAYS:,} samples); compiling, or fetching what an earlier run")
+        print(f"  compiled, took {wait:.2f} s, which is not in its figure")
+    else:
+        print("  numba is not installed: the batch of RLS stays Python")
     return not passed
 
 

@@ -61,6 +61,12 @@ def recording(seconds):
     return Recording(nodes, gnss=Table(gnss), truth=Table(truth)), drive
 
 
+def of_children():
+    """s of processor time of all processes that have ended."""
+    used = os.times()
+    return used.children_user + used.children_system
+
+
 def main():
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 3600.0
     with tempfile.TemporaryDirectory() as folder:
@@ -70,7 +76,7 @@ def main():
         Path(vehicle).write_text(VEHICLE.format(radius=drive.radius, track=drive.track))
         rows = sum(len(node) for node in made.nodes.values())
         del made
-        walls = []
+        walls, busy = [], []
         words = [
             sys.executable,
             "-m",
@@ -85,14 +91,16 @@ def main():
             "--json",
         ]
         for _ in range(RUNS):
-            started = time.perf_counter()
+            started, before = time.perf_counter(), of_children()
             done = subprocess.run(words, capture_output=True, text=True, check=True)
             walls.append(time.perf_counter() - started)
+            busy.append(of_children() - before)
         result = json.loads(done.stdout)
     wall = statistics.median(walls)
     print(f"{seconds:g} s, {rows} samples of two nodes, {result['graph']['fixes']} fixes (seed {SEED}): "
           f"log to track.csv in {wall:.2f} s, median of {RUNS} ({min(walls):.2f} to {max(walls):.2f}); "
           f"aim {LIMIT:g} s for an hour")  # fmt: skip
+    print(f"  {statistics.median(busy):.2f} s of processor time ({min(busy):.2f} to {max(busy):.2f})")
     print(f"  rms error {result['truth']['rms_error']:.2f} m over {drive.length:.0f} m")
     return 0
 

@@ -76,7 +76,10 @@ def call(folder, *words):
     return main(["fuse", log, "--vehicle", vehicle, "-o", str(folder / "out"), *words])
 
 
-@pytest.mark.parametrize("words", [(), ("--smooth",), ("--method", "differential"), ("--nodes", "right")])
+@pytest.mark.parametrize(
+    "words",
+    [(), ("--smooth",), ("--smooth", "2"), ("--method", "differential"), ("--nodes", "right")],
+)
 def test_a_circle_is_measured_and_scored_against_the_truth(folder, capsys, words):
     assert call(folder, "--json", *words) == 0
     result = json.loads(capsys.readouterr().out)
@@ -90,9 +93,42 @@ def test_a_circle_is_measured_and_scored_against_the_truth(folder, capsys, words
             assert bias["value"] == pytest.approx(0.013, abs=max(1e-3, 3 * bias["sigma"]))
 
 
-def test_one_node_claims_no_track_width(folder, capsys):
-    assert call(folder, "--json", "--nodes", "left") == 0
-    assert "track_width" not in json.loads(capsys.readouterr().out)["vehicle"]
+@pytest.mark.parametrize(
+    ("words", "smoothing", "causal"),
+    [
+        ((), {"kind": "none"}, True),
+        (("--smooth", "0"), {"kind": "none"}, True),
+        (("--smooth",), {"kind": "full"}, False),
+        (("--smooth", "full"), {"kind": "full"}, False),
+        (("--smooth", "1.5"), {"kind": "fixed lag", "lag": 1.5}, False),
+    ],
+)
+def test_fuse_json_says_how_far_ahead_of_a_pose_was_looked(folder, capsys, words, smoothing, causal):
+    assert call(folder, "--json", *words) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["smoothing"] == smoothing
+    assert result["causal"] is causal
+    assert ("not causal" in result["methods"][0]) is not causal
+
+
+@pytest.mark.parametrize("word", ["-1", "nan", "soon"])
+def test_a_lag_that_is_no_time_is_refused_in_one_line(folder, capsys, word):
+    assert call(folder, "--smooth=" + word) == 2
+    complaint = capsys.readouterr().err
+    assert "--smooth" in complaint
+    assert complaint.count("\n") == 1
+
+
+@pytest.mark.parametrize("node", ["left", "right"])
+@pytest.mark.parametrize("words", [(), ("--smooth", "1"), ("--smooth",)])
+def test_one_node_claims_neither_track_width_nor_clock_offset(folder, capsys, node, words):
+    assert call(folder, "--json", "--nodes", node, *words) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["vehicle"] == {}
+    assert list(result["nodes"]) == [node]
+    # Without a map a wheel's radius is as sure as the tape measure, and no surer.
+    radius = result["nodes"][node]["wheel_radius"]
+    assert radius["sigma"] == pytest.approx(0.004 * 0.25, rel=0.01)
 
 
 def test_the_track_begins_at_the_origin_with_the_heading_of_the_truth(folder):
@@ -109,7 +145,9 @@ def test_a_log_without_truth_claims_no_error(tmp_path, capsys):
     write_recording(Recording(recording.nodes), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
     assert call(tmp_path, "--json") == 0
-    assert "truth" not in json.loads(capsys.readouterr().out)
+    result = json.loads(capsys.readouterr().out)
+    assert "truth" not in result
+    assert "error" not in json.dumps(result)
 
 
 def test_results_are_not_overwritten_without_force(folder, capsys):
@@ -159,7 +197,10 @@ def test_fixes_make_the_track_absolute_through_the_graph(tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert len(result["methods"]) == 2
     assert "factor graph with" in result["methods"][1]
+    assert result["causal"] is False
     assert result["truth"]["rms_error"] < 0.5
+    # What these few fixes did not show of the odometry's constants is not claimed.
+    assert "turn" not in result["graph"]["constants"]
     assert call(tmp_path, "--json", "--force", "--no-graph") == 0
     assert len(json.loads(capsys.readouterr().out)["methods"]) == 1
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from hubodo.fuse.factors.constants import ConstantSigmas, of_wheel_speeds
 from hubodo.fuse.fixes import Fixes, Headings
 from hubodo.fuse.graph import fuse_graph
 from hubodo.fuse.graph_config import GraphConfig
@@ -47,8 +46,7 @@ def absolute_track(
         fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))
     if compass is not None:
         headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
-    constants = of_wheel_speeds() if odometry.heading_from_speeds else ConstantSigmas()
-    config = GraphConfig(antenna=antenna, constants=constants)
+    config = GraphConfig(antenna=antenna, constants=odometry.constants)
     heading = start_heading(recording, odometry.track.t[0])
     if heading is not None:
         config = replace(config, start_heading=heading)

@@ -114,53 +114,47 @@ def wheel_rows(
 
     vehicle, wheel: the states named above. The derivatives stand in the order of `jacobian_places`.
     """
-    r, track, clock = vehicle[YAW_RATE], vehicle[TRACK], vehicle[CLOCK]
-    k, radius, side = wheel[SPIN_SCALE], geometry.radius, geometry.side
-    camber, scale = wheel[CAMBER], 1.0 + wheel[YAW_SCALE]
+    _, _, _, speed, r, track, clock, slope = vehicle
+    angle, k, b, bias_x, bias_y, tilt_x, tilt_y, arm_x, arm_y, force_x, force_y, *rest = wheel
+    force_z, camber, yaw_scale, yaw_bias, radius_error, leak_along, leak_across, excess = rest
+    side, radius, spin = geometry.side, geometry.radius, window.spin
+    scale, stretch = 1.0 + yaw_scale, 1.0 + k
     sin, cos = math.sin(camber), math.cos(camber)
-    t = WINDOW
+    t, half = WINDOW, 0.5 * WINDOW
 
-    seen = (window.spin / t - wheel[SPIN_BIAS]) / (1.0 + k)
-    about_axle = seen + wheel[EXCESS]
+    seen = (spin / t - b) / stretch
+    about_axle = seen + excess
     p = about_axle - side * r * sin
-    p_k, p_b, p_camber, p_r = -seen / (1.0 + k), -1.0 / (1.0 + k), -side * r * cos, -side * sin
-    turn = cmath.exp(1j * (wheel[ANGLE] + 0.5 * p * t))
-    half = 0.5 * t
+    p_k, p_b, p_camber, p_r = -seen / stretch, -1.0 / stretch, -side * r * cos, -side * sin
+    turn = cmath.exp(1j * (angle + p * half))
 
-    tilt_carrier = 2.0 * math.sin(0.5 * window.spin)
-    carrier = window.carrier * turn
-    across = window.across * turn - complex(wheel[BIAS_X], wheel[BIAS_Y]) * carrier
-    across -= complex(wheel[TILT_X], wheel[TILT_Y]) * tilt_carrier * turn
-    yaw = across.real - (scale * cos * r + wheel[YAW_BIAS]) * t
+    carrier, tilt, lever = window.carrier * turn, window.swing * turn, window.lever * turn
+    across = window.across * turn - complex(bias_x, bias_y) * carrier - complex(tilt_x, tilt_y) * tilt
+    yaw = across.real - (scale * cos * r + yaw_bias) * t
     roll = across.imag
-    tilt = tilt_carrier * turn
 
-    edge = cmath.exp(0.5j * window.spin)
-    lever = 1j * (window.rate_end * edge - window.rate_start * edge.conjugate()) * turn
-    force = window.force * turn - complex(wheel[FORCE_X], wheel[FORCE_Y]) * carrier
-    force -= complex(wheel[ARM_X], wheel[ARM_Y]) * lever
+    force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
     gain = window.rate_end - window.rate_start
-    forward = force.imag - radius * gain - vehicle[SLOPE] * t
+    forward = force.imag - radius * gain - slope * t
 
-    leak_x, leak_y = window.raw_force.real, window.raw_force.imag
-    sideways = window.axial - wheel[LEAK_X] * leak_x - wheel[LEAK_Y] * leak_y
-    swing = 2.0 * window.spin / t
-    swing_x, swing_y = swing * window.raw_across.real, swing * window.raw_across.imag
-    sideways -= wheel[ARM_X] * swing_x + wheel[ARM_Y] * swing_y
-    sideways -= (side * STANDARD_GRAVITY * sin + cos * r * radius * about_axle + wheel[FORCE_Z]) * t
+    leak, sway = window.raw_force, 2.0 * spin / t * window.raw_across
+    leak_x, leak_y, swing_x, swing_y = leak.real, leak.imag, sway.real, sway.imag
+    lateral = cos * r * radius
+    level = side * STANDARD_GRAVITY
+    sideways = window.axial - leak_along * leak_x - leak_across * leak_y - arm_x * swing_x - arm_y * swing_y
+    sideways -= (level * sin + lateral * about_axle + force_z) * t
 
-    size = radius * (1.0 + wheel[RADIUS])
+    size = radius * (1.0 + radius_error)
     contact = geometry.contact * (1.0 + track)
     late = geometry.clocked * radius * gain
-    rolling = (size * p - vehicle[SPEED] + r * contact) * t + clock * late
+    rolling = (size * p - speed + r * contact) * t + clock * late
 
-    a_real, a_imag = -across.imag * half, across.real * half
+    a_real, a_imag = -roll * half, across.real * half
     f_imag = force.real * half
-    lateral = cos * r * radius
     derivatives = [
         # yaw
         scale * cos * t - a_real * p_r,
-        across.imag,
+        roll,
         -a_real * p_k,
         -a_real * p_b,
         -a_real,
@@ -200,7 +194,7 @@ def wheel_rows(
         lateral * p_b * t,
         lateral * t,
         t,
-        (side * STANDARD_GRAVITY * cos - sin * r * radius * about_axle) * t,
+        (level * cos - sin * r * radius * about_axle) * t,
         leak_x,
         leak_y,
         swing_x,

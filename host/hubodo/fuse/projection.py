@@ -50,7 +50,7 @@ class LocalFrame:
 
 
 def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
-    """The frame at a point, in the UTM zone in which the point lies (field notes: the drive keeps it).
+    """The frame at a point, in the UTM zone in which the point lies; a drive keeps to one.
 
     Raises InputError when the point is not on Earth, ConfigError when pyproj is not installed.
     """

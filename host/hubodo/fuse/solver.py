@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.fuse.chain import solve_chain
@@ -20,6 +21,8 @@ from hubodo.model.frames import Array
 _MOST = 60
 _NEAR = np.array([1e-4, 1e-4, 1e-6])
 _STEEP = 1e9
+_PORTION = 1024
+"""Factors multiplied at a time: what is made of them stays in the processor's cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,22 +156,38 @@ def _normal(linear: list[tuple[Linear, Loss]], n: int) -> _Normal:
         parts = [item.by_state, item.by_constants, item.residual[:, :, None]]
         if item.by_next is not None:
             parts.append(item.by_next)
-        # One product for all blocks: pose 0..2, constants 3..8, residual 9, next pose 10..12.
-        rows = np.concatenate(parts, axis=2) * root
-        square = rows.transpose(0, 2, 1) @ rows
-        k = item.state
-        made.diagonal[k] += square[:, :3, :3]
-        made.border[k] += square[:, :3, 3:9]
-        made.slope[k] += square[:, :3, 9]
-        corner = square[:, 3:10, 3:10].sum(axis=0)
-        made.corner += corner[:6, :6]
-        made.corner_slope += corner[:6, 6]
-        if item.by_next is not None:
-            made.diagonal[k + 1] += square[:, 10:, 10:]
-            made.upper[k] += square[:, :3, 10:]
-            made.border[k + 1] += square[:, 10:, 3:9]
-            made.slope[k + 1] += square[:, 10:, 9]
+        for first in range(0, len(root), _PORTION):
+            part = slice(first, first + _PORTION)
+            rows = np.concatenate([block[part] for block in parts], axis=2) * root[part]
+            _add(made, item.state[part], rows)
     return made
+
+
+def _add(made: _Normal, state: NDArray[np.intp], rows: Array) -> None:
+    """rows: (m, r, 10 or 13), weighted: by the pose, the constants, the residual, and by the next pose."""
+    square = rows.transpose(0, 2, 1) @ rows
+    k, after = _places(state)
+    made.diagonal[k] += square[:, :3, :3]
+    made.border[k] += square[:, :3, 3:9]
+    made.slope[k] += square[:, :3, 9]
+    common = rows[:, :, 3:10].reshape(-1, COUNT + 1)
+    corner = common.T @ common
+    made.corner += corner[:6, :6]
+    made.corner_slope += corner[:6, 6]
+    if rows.shape[2] > 10:
+        made.diagonal[after] += square[:, 10:, 10:]
+        made.upper[k] += square[:, :3, 10:]
+        made.border[after] += square[:, 10:, 3:9]
+        made.slope[after] += square[:, 10:, 9]
+
+
+def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:
+    """The poses of factors and the ones after them; as slices, which numpy adds to in less time, where every
+    pose of a stretch has a factor."""
+    if len(state) and np.array_equal(state, np.arange(state[0], state[0] + len(state))):
+        first, end = int(state[0]), int(state[0]) + len(state)
+        return slice(first, end), slice(first + 1, end + 1)
+    return state, state + 1
 
 
 def _step(linear: list[tuple[Linear, Loss]], n: int, damping: float) -> tuple[Array, Array]:

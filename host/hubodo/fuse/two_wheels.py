@@ -87,6 +87,8 @@ class Agreement:
             return None
         if best == 3:
             self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
+            if max(self.travel) < 0.0:
+                self.verdict = "both nodes are mounted the other way round: change both facings"
             return BOTH
         backwards = 0 if self.travel[0] < self.travel[1] else 1
         name = ("left", "right")[backwards]

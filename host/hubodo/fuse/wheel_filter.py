@@ -176,20 +176,18 @@ class WheelFilter:
         poses: list[Pose] = []
         queues = list(self._queues.values())
         while any(queues):
-            full = [queue for queue in queues if queue]
-            newest = max(queue[-1].number for queue in full)
-            oldest = min(queue[0].number for queue in full)
-            if len(full) < len(queues) and newest - (self._number or oldest) < patience:
-                break
-            if self._number is None:
-                self._number = oldest
-            row = []
-            for queue in queues:
-                while queue and queue[0].number < self._number:
-                    queue.popleft()
-                row.append(queue.popleft() if queue and queue[0].number == self._number else NOTHING)
-            poses += self._take(Step(tuple(row), self._number, self._pose is not None))
-            self._number += 1
+            if self._number is None or not all(queues):
+                full = [queue for queue in queues if queue]
+                oldest = min(queue[0].number for queue in full)
+                newest = max(queue[-1].number for queue in full)
+                if len(full) < len(queues) and newest - (self._number or oldest) < patience:
+                    break
+                if self._number is None:
+                    self._number = oldest
+            number = self._number
+            row = tuple([_window(queue, number) for queue in queues])
+            poses += self._take(Step(row, number, self._pose is not None))
+            self._number = number + 1
         return tuple(poses)
 
     def _take(self, step: Step) -> tuple[Pose, ...]:
@@ -209,3 +207,10 @@ class WheelFilter:
             self.steps.append(step)
         self._pose = self.core.step(step.windows, step.number, step.listen, START)
         return self._pose
+
+
+def _window(queue: deque[Window], number: int) -> Window:
+    """Window `number` of a node, taken from the queue with those before it."""
+    while queue and queue[0].number < number:
+        queue.popleft()
+    return queue.popleft() if queue and queue[0].number == number else NOTHING

@@ -22,12 +22,20 @@ ANGLE_SIGMA = 0.3
 """rad, of an angle read from gravity while the vehicle may accelerate by a third of it."""
 
 
+_LOST_ANGLE = 0.7
+"""rad by which gravity may seem to have turned over a gap; beyond it the wheel angle is found anew."""
+
+_LOOK = 3
+"""Windows after a gap that are looked at for it."""
+
+
 @dataclass
 class Wheel:
     """One wheel: its place in the state vector, and counts that a report is made of.
 
     joined: its angle is known. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
-    the force that points up, in units of g. slips, clipped, unheard_in_all: windows.
+    the force that points up, in units of g. slips, clipped, unheard_in_all: windows. lost: times that the
+    wheel angle was lost over a gap.
     """
 
     name: str
@@ -50,6 +58,10 @@ class Wheel:
     slips: int = 0
     clipped: int = 0
     unheard_in_all: int = 0
+    lost: int = 0
+    _before: complex = 0j
+    _after: complex = 0j
+    _looked: int | None = None
 
     def listen(self, window: Window) -> None:
         """Gathers gravity, carried along with the spin, until the wheel angle can be read from it."""
@@ -57,10 +69,12 @@ class Wheel:
             self.unheard += 1
             self.unheard_in_all += 1
             if self.unheard >= FORGET:
-                self.joined, self.heard, self.level, self.axial = False, 0, 0j, 0.0
+                self._forget()
+            self._after, self._looked = 0j, 0
             return
         self.unheard = 0
         if self.joined:
+            self._compare(window)
             return
         if self.heard == 0:
             self.begin = window.clock_angle - 0.5 * window.spin
@@ -68,6 +82,27 @@ class Wheel:
         self.level += window.force * cmath.exp(1j * window.clock_angle)
         self.axial += window.axial
         self.spin = window.clock_angle + 0.5 * window.spin
+
+    def _compare(self, window: Window) -> None:
+        """Forgets the angle when gravity lies elsewhere after a gap: the clock jumped, or the wheel did not
+        turn as the straight line across the gap has it."""
+        level = window.force * cmath.exp(1j * window.clock_angle)
+        if self._looked is None or self._before == 0j:
+            self._looked = None
+            self._before = 0.8 * self._before + 0.2 * level
+            return
+        self._after, self._looked = self._after + level, self._looked + 1
+        if self._looked < _LOOK:
+            return
+        turned = abs(cmath.phase(self._after * self._before.conjugate()))
+        self._before, self._looked = self._after / _LOOK, None
+        if turned > _LOST_ANGLE:
+            self.lost += 1
+            self._forget()
+
+    def _forget(self) -> None:
+        self.joined, self.heard, self.level, self.axial = False, 0, 0j, 0.0
+        self._before = 0j
 
     def join(self, x: list[float], p: Array, at_begin: bool) -> None:
         """Wheel angle from gravity: a force e^(-i theta) carried by e^(ic) points along e^(-i(theta - c)).

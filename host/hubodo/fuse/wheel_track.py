@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from hubodo.fuse import phase, smoother
+from hubodo.fuse.fixed_lag import smooth_with_lag
+from hubodo.fuse.node_screening import own_gaps
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel_config import WheelConfig
 from hubodo.fuse.wheel_filter import START, WheelFilter
@@ -20,6 +23,8 @@ from hubodo.log.recording import Table
 from hubodo.model.frames import Array, facing_sign
 
 _TURN = 2.0 * np.pi
+_DISAGREE = 10
+"""Windows in which the wheels roll apart, after which a clock is doubted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,14 +92,15 @@ class WheelRun:
     filter: WheelFilter = field(repr=False)
 
 
-def run(config: WheelConfig, nodes: Mapping[str, Table], smooth: bool = False) -> WheelRun:
+def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> WheelRun:
     """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
 
-    smooth: look at the whole log for each pose instead of the past alone. Raises ValueError when there is
-    not one window: less than a fifth of a second of samples.
+    lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
+    with a finite lag; one as long as the log is the same as inf, up to rounding. Raises ValueError when
+    there is not one window: less than a fifth of a second of samples.
     """
     made = WheelFilter(config)
-    if smooth:
+    if lag > 0.0:
         made.steps = []
     blocks = {
         name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
@@ -102,10 +108,56 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], smooth: bool = False) -
     poses = [*made.handle_many(blocks).poses, *made.finish().poses]
     if not poses:
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
-    if smooth:
-        poses = smoother.smooth(config, made.steps or [], START)
+    steps = made.steps or []
+    if lag >= len(steps) * WINDOW > 0.0:
+        poses = smoother.smooth(config, steps, START)
+    elif lag > 0.0:
+        poses = smooth_with_lag(config, steps, START, math.ceil(lag / WINDOW - 1e-9))
     track = collect(poses)
-    return WheelRun(track, report(made, track, smooth), made)
+    alone = _without_what_jumped(config, nodes, lag, made)
+    if alone is not None:
+        return alone
+    if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
+        track = replace(track, covariance=_mirrored(track))
+    return WheelRun(track, report(made, track, lag), made)
+
+
+def _without_what_jumped(
+    config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
+) -> WheelRun | None:
+    """The run without what came after a gap in one node alone, when since then the wheels disagree: its clock
+    jumped against the other's, by what cannot be told. None where all is well: samples lost in between leave
+    wheels that agree."""
+    slips = sum(wheel.slips for wheel in made.core.wheels)
+    gaps = own_gaps([nodes[name] for name in config.nodes if name in nodes])
+    if slips < _DISAGREE or len(gaps) != 2 or all(gaps) or not any(gaps):
+        return None
+    name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
+    table = nodes[name]
+    before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
+    found = run(config, {**nodes, name: before}, lag)
+    earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
+    if slips - earlier < _DISAGREE + earlier:
+        return None
+    said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
+    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _backwards(wheel: Wheel) -> bool:
+    """Whether a wheel rolled backwards nearly all the way, which is rare but for a node that faces the other
+    way."""
+    return wheel.turned >= _TURN and wheel.forwards < -0.8 * wheel.turned
+
+
+def _mirrored(track: WheelTrack) -> Array:
+    """(N, 5, 5): what the track does not know when it may as well be its own mirror image.
+
+    Had the node the other facing, the vehicle would drive forwards with the same headings: every place is
+    that of the start less the way to it.
+    """
+    away = np.zeros((len(track.t), 5))
+    away[:, 0], away[:, 1], away[:, 3] = 2.0 * track.x, 2.0 * track.y, 2.0 * track.speed
+    return np.asarray(track.covariance + away[:, :, None] * away[:, None, :])
 
 
 def collect(poses: Sequence[Pose]) -> WheelTrack:
@@ -119,11 +171,14 @@ def collect(poses: Sequence[Pose]) -> WheelTrack:
     return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees)
 
 
-def report(made: WheelFilter, track: WheelTrack, smooth: bool = False) -> WheelReport:
-    """What a filter knows after its last pose."""
+def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:
+    """What a filter knows after its last pose; lag: as for `run`."""
     wheels = made.core.wheels
     names = " and ".join(wheel.name for wheel in wheels)
-    how = "smoothed over the whole log" if smooth else "filtered, each pose from the past alone"
+    how = "filtered, each pose from the past alone"
+    if lag > 0.0:
+        ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
+        how = f"smoothed, each pose from {ahead}: not causal"
     vehicle = {}
     if len(wheels) == 2:
         vehicle["track_width"] = _scaled(made, None, phase.TRACK, made.config.track_width, 1.0)
@@ -196,12 +251,17 @@ def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
     if wheel.unheard_in_all > 5:
         gone = wheel.unheard_in_all * WINDOW
         found.append(f"not heard for {gone:.1f} s of {whole:.1f} s; sigmas grow there")
+    if wheel.lost:
+        found.append(
+            f"the wheel angle was lost over a gap and found anew ({wheel.lost} times): "
+            "its clock jumped, or it turned on while it was not heard"
+        )
     if refused:
         found.append(f"{refused} samples left out because their time went back or jumped far ahead")
     if wheel.turned < _TURN:
         turns = wheel.turned / _TURN
         found.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
-    elif wheel.forwards < -0.8 * wheel.turned:
+    elif _backwards(wheel):
         found.append(
             "rolled backwards nearly all the way; if the vehicle drove forwards, the node faces the other "
             "way: change its facing"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
@@ -10,11 +11,13 @@ import numpy as np
 
 from hubodo.config import Vehicle
 from hubodo.errors import InputError
+from hubodo.fuse.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
+from hubodo.fuse.node_screening import screened
 from hubodo.fuse.odometry import OdometryConfig, integrate
 from hubodo.fuse.rolling import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel_config import wheel_config
-from hubodo.fuse.wheel_track import WheelTrack, run
+from hubodo.fuse.wheel_track import WheelRun, WheelTrack, run
 from hubodo.fuse.windows import WINDOW
 from hubodo.log.recording import Recording, Table
 from hubodo.model.frames import Side
@@ -23,6 +26,7 @@ from hubodo.sensors.calibration import Calibration
 
 Method = Literal["filter", "differential"]
 METHODS: tuple[Method, ...] = ("filter", "differential")
+_FEW = 20
 SIDES: tuple[Side, Side] = ("left", "right")
 
 
@@ -30,7 +34,8 @@ SIDES: tuple[Side, Side] = ("left", "right")
 class WheelOdometry:
     """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found,
     as fuse.json has it. warnings: one line each. heading_from_speeds: it is the difference of the wheels'
-    speeds, not a gyro's. full: the filter's own track, None for differential odometry.
+    speeds, not a gyro's. constants: what the graph is to expect of its errors. full: the filter's own track,
+    None for differential odometry.
     """
 
     track: Track
@@ -39,6 +44,7 @@ class WheelOdometry:
     learnt: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
     heading_from_speeds: bool = False
+    constants: ConstantSigmas = field(default_factory=of_wheel_speeds)
     full: WheelTrack | None = field(default=None, repr=False)
 
 
@@ -82,12 +88,13 @@ def wheel_odometry(
     method: Method = "filter",
     nodes: Sequence[str] | None = None,
     calibration: Calibration | None = None,
-    smooth: bool = False,
+    lag: float = 0.0,
 ) -> WheelOdometry:
     """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
 
     A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
 
+    lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
     calibration: applied to the samples; what only the filter can use becomes its prior. Raises InputError for
     nodes that are missing, for two on one wheel, and for a log too short, CalibrationError for a calibration
     of another node.
@@ -113,19 +120,41 @@ def wheel_odometry(
         calibration, used, told = applied.left, dict(applied.used), applied.warnings
     if method == "differential":
         return _differential(recording, vehicle, names, log)
-    first = min(recording.nodes[name].t[0] for name in names if len(recording.nodes[name]))
+    used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
+    names = tuple(name for name in names if len(used_nodes[name]) > _FEW) or names
     try:
+        # The filter begins at the first edge of a window.
+        first = min(table.t[0] for table in used_nodes.values() if len(table))
+        first = math.ceil(first / WINDOW - 1e-9) * WINDOW
         config = wheel_config(vehicle, list(names), calibration)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
-        result = run(config, recording.nodes, smooth)
+        result = run(config, used_nodes, lag)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
-    warnings = told + tuple(report.pop("warnings")) + _missing(vehicle, names, nodes)
+    warnings = told + screenings + tuple(report.pop("warnings")) + _missing(recording, vehicle, names, nodes)
     if used:
         report["calibrated"] = used
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
-    return WheelOdometry(track, names, report.pop("method"), report, warnings, full=result.track)
+    return WheelOdometry(
+        track,
+        names,
+        report.pop("method"),
+        report,
+        warnings,
+        constants=graph_constants(result),
+        full=result.track,
+    )
+
+
+def graph_constants(found: WheelRun) -> ConstantSigmas:
+    """What the graph is to expect of a track of the wheel filter."""
+    nodes = found.report.nodes.values()
+    radius, scale, rate = (
+        [node[name]["sigma"] for node in nodes]
+        for name in ("wheel_radius", "yaw_scale", "yaw_rate_from_gravity")
+    )
+    return of_wheel_filter([sigma / found.filter.config.radius for sigma in radius], scale, rate)
 
 
 def _begun(track: Track, heading: float, sigma: float) -> Track:
@@ -135,11 +164,17 @@ def _begun(track: Track, heading: float, sigma: float) -> Track:
     return Track(**{name: np.append(begin.get(name, 0.0), getattr(track, name)) for name in names})
 
 
-def _missing(vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
-    if wanted:
-        return ()
-    gone = [name for name, mount in vehicle.nodes.items() if mount.side is not None and name not in names]
-    return tuple(f"{name}: not in the log; the track comes from {' and '.join(names)} alone" for name in gone)
+def _missing(
+    recording: Recording, vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None
+) -> tuple[str, ...]:
+    on_wheels = wanted or [name for name, mount in vehicle.nodes.items() if mount.side is not None]
+    why = {
+        name: "not in the log" if name not in recording.nodes else "no usable samples"
+        for name in on_wheels
+        if name not in names
+    }
+    rest = " and ".join(names)
+    return tuple(f"{name}: {text}; the track comes from {rest} alone" for name, text in why.items())
 
 
 def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str) -> WheelOdometry:

@@ -19,6 +19,8 @@ LONGEST_GAP = 3600.0
 """s; a sample that is later than that after the one before is taken for a jump of the clock and left out."""
 
 _LONGEST_STEP = 0.08
+_PORTION = 4096
+"""Samples worked at a time: what is made of them stays in the processor's cache."""
 
 
 class Window(NamedTuple):
@@ -31,7 +33,8 @@ class Window(NamedTuple):
     (gx + i gy). gyro_variance, axial_variance: within the window, (rad/s)² of all three axes and (m/s²)² of
     az. spin_clipped, across_clipped, force_clipped: share of the time in which a channel stood at its
     limit. missing: share of the time without samples. clock_angle: the carrier's angle at the middle since
-    the first sample.
+    the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the end less that at the
+    start.
     """
 
     number: int
@@ -51,12 +54,14 @@ class Window(NamedTuple):
     force_clipped: float
     missing: float
     clock_angle: float
+    swing: float
+    lever: complex
 
 
-NOTHING = Window(0, 0, 0, 0, 0j, 0j, 0j, 0, 0j, 0j, 0, 0, 0, 0, 0, 1.0, 0)
+NOTHING = Window(0, 0, 0, 0, 0j, 0j, 0j, 0, 0j, 0j, 0, 0, 0, 0, 0, 1.0, 0, 0, 0j)
 """A window in which the node was not heard."""
 
-# Columns of the integrands below.
+# The integrands below, one row each.
 _GZ, _WR, _WI, _ER, _EI, _FR, _FI, _AZ, _GX, _GY, _AX, _AY, _GG, _ZZ, _CS, _CA, _CF = range(17)
 
 
@@ -112,7 +117,11 @@ class WindowBuilder:
         if len(t) + (self._last is not None) < 2:
             self._time, self._rows = t.tolist(), [(*g, *a) for g, a in zip(gyro, accel, strict=True)]
             return []
-        return self._close(t, gyro, accel)
+        windows = []
+        for first in range(0, len(t), _PORTION):
+            part = slice(first, first + _PORTION)
+            windows += self._close(t[part], gyro[part], accel[part])
+        return windows
 
     def _follows(self, t: float) -> bool:
         last = self._time[-1] if self._time else self._last[0][0] if self._last else None
@@ -133,33 +142,24 @@ class WindowBuilder:
     def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
         sign = facing_sign(self.facing)
         if self._last is None:
-            total = np.zeros(_CF + 1)
-            missing = 0.0
-            t_before, rows_before = t[:1], self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
+            self._edge = max(0, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
+            rows = self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
+            self._last = (t[:1], rows, np.zeros((_CF + 2, 1)))
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
-            self._edge = max(0, int(np.ceil((t_before[0] - self.start) / WINDOW - 1e-9)))
-            previous = (t_before, rows_before, np.append(total, missing)[None])
-        else:
-            previous = self._last
-        t = np.concatenate([previous[0], t])
+        t_before, rows_before, totals_before = self._last
+        t = np.concatenate([t_before, t])
         step = np.diff(t)
-        spin = sign * gyro[:, 2]
-        ahead = np.concatenate([previous[1][:1, _GZ], spin])
-        increments = 0.5 * (ahead[:-1] + ahead[1:]) * step
-        angle = np.cumsum(np.concatenate([previous[2][:1, _GZ], increments]))
-        rows = np.concatenate([previous[1], self._integrands(gyro, accel, angle[1:], sign)])
-        totals = np.empty((len(t), _CF + 2))
-        for column in range(_CF + 1):
-            if column == _GZ:
-                totals[:, column] = angle
-                continue
-            y = rows[:, column]
-            part = 0.5 * (y[:-1] + y[1:]) * step
-            totals[:, column] = np.cumsum(np.concatenate([previous[2][:1, column], part]))
-        lost = np.where(step > _LONGEST_STEP, step, 0.0)
-        totals[:, -1] = np.cumsum(np.concatenate([previous[2][:1, -1], lost]))
+        spin = np.concatenate([rows_before[_GZ], sign * gyro[:, 2]])
+        totals = np.empty((_CF + 2, len(t)))
+        totals[:, :1] = totals_before
+        totals[_GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
+        angle = np.cumsum(totals[_GZ])
+        rows = np.concatenate([rows_before, self._integrands(gyro, accel, angle[1:], sign)], axis=1)
+        totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
+        totals[-1, 1:] = np.where(step > _LONGEST_STEP, step, 0.0)
+        np.cumsum(totals, axis=1, out=totals)
         windows = self._cut(t, rows, totals)
-        self._last = (t[-1:].copy(), rows[-1:].copy(), totals[-1:].copy())
+        self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
         return windows
 
     def _integrands(self, gyro: Array, accel: Array, angle: Array, sign: float) -> Array:
@@ -167,7 +167,7 @@ class WindowBuilder:
         ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
         cos, sin = cosine_and_sine(angle)
         clipped = np.abs(gyro) >= self.gyro_limit
-        return np.column_stack(
+        return np.stack(
             [
                 gz,
                 gx * cos - gy * sin,
@@ -201,51 +201,54 @@ class WindowBuilder:
         left = right - 1
         step = t[right] - t[left]
         share = (edges - t[left]) / step
-        y0, y1 = rows[left], rows[right]
-        part = (step * share)[:, None] * (y0 + (0.5 * share)[:, None] * (y1 - y0))
-        at = np.empty((len(edges), _CF + 3))
-        at[:, :-2] = totals[left][:, :-1] + part
-        at[:, -2] = totals[left][:, -1] + share * (totals[right][:, -1] - totals[left][:, -1])
-        at[:, -1] = y0[:, _GZ] + share * (y1[:, _GZ] - y0[:, _GZ])
+        y0, y1 = rows[:, left], rows[:, right]
+        at = np.empty((_CF + 3, len(edges)))
+        at[:-2] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
+        at[-2] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
+        at[-1] = y0[_GZ] + share * (y1[_GZ] - y0[_GZ])
         first = self._edge - (self._at_edge is not None)
         self._edge = int(numbers[-1]) + 1
         if self._at_edge is not None:
-            at = np.concatenate([self._at_edge, at])
-        self._at_edge = at[-1:].copy()
+            at = np.concatenate([self._at_edge, at], axis=1)
+        self._at_edge = at[:, -1:].copy()
         return _differences(first, at)
 
 
 def _differences(first: int, at: Array) -> list[Window]:
-    d = at[1:] - at[:-1]
-    if not len(d):
+    """Windows from number `first` on, between edges at which the integrals, the time without samples and gz
+    are `at`."""
+    d = np.diff(at)
+    count = d.shape[1]
+    if not count:
         return []
-    middle = 0.5 * (at[1:, _GZ] + at[:-1, _GZ])
+    middle = 0.5 * (at[_GZ, 1:] + at[_GZ, :-1])
     cos, sin = cosine_and_sine(middle)
-    # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
-    across = _turned(d[:, _WR], d[:, _WI], cos, sin)
-    carrier = _turned(d[:, _ER], d[:, _EI], cos, sin)
-    force = _turned(d[:, _FR], d[:, _FI], cos, sin)
+    half_cos, half_sin = cosine_and_sine(0.5 * d[_GZ])
+    rate_start, rate_end = at[-1, :-1], at[-1, 1:]
     mean = d / WINDOW
-    gyro_variance = mean[:, _GG] - (mean[:, _GX] ** 2 + mean[:, _GY] ** 2 + mean[:, _GZ] ** 2)
-    axial_variance = mean[:, _ZZ] - mean[:, _AZ] * mean[:, _AZ]
+    gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
+    axial_variance = mean[_ZZ] - mean[_AZ] * mean[_AZ]
     columns = (
-        range(first, first + len(d)),
-        d[:, _GZ].tolist(),
-        at[:-1, -1].tolist(),
-        at[1:, -1].tolist(),
-        across,
-        carrier,
-        force,
-        d[:, _AZ].tolist(),
-        _complex(d[:, _GX], d[:, _GY]),
-        _complex(d[:, _AX], d[:, _AY]),
+        range(first, first + count),
+        d[_GZ].tolist(),
+        rate_start.tolist(),
+        rate_end.tolist(),
+        # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
+        _turned(d[_WR], d[_WI], cos, sin),
+        _turned(d[_ER], d[_EI], cos, sin),
+        _turned(d[_FR], d[_FI], cos, sin),
+        d[_AZ].tolist(),
+        _complex(d[_GX], d[_GY]),
+        _complex(d[_AX], d[_AY]),
         np.maximum(gyro_variance, 0.0).tolist(),
         np.maximum(axial_variance, 0.0).tolist(),
-        mean[:, _CS].tolist(),
-        mean[:, _CA].tolist(),
-        mean[:, _CF].tolist(),
-        mean[:, -2].tolist(),
+        mean[_CS].tolist(),
+        mean[_CA].tolist(),
+        mean[_CF].tolist(),
+        mean[-2].tolist(),
         middle.tolist(),
+        (2.0 * half_sin).tolist(),
+        _complex(-(rate_end + rate_start) * half_sin, (rate_end - rate_start) * half_cos),
     )
     return [Window(*row) for row in zip(*columns, strict=True)]
 

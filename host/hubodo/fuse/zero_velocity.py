@@ -56,7 +56,13 @@ class RestDetector:
             self._quiet.clear()
             self._near.clear()
             return Stillness.MOVING
-        rate = max(abs(window.spin / WINDOW - spin_bias), abs(window.raw_across / WINDOW - across_bias))
+        rate = abs(window.spin / WINDOW - spin_bias)
+        if rate >= limits.loiter_rate + margin:
+            # Most windows of a drive: nothing further needs a look.
+            self._quiet.clear()
+            self._near.clear()
+            return Stillness.MOVING
+        rate = max(rate, abs(window.raw_across / WINDOW - across_bias))
         force = window.raw_force / WINDOW
         still = window.gyro_variance < limits.rate_spread**2 and rate < limits.rate + margin
         near = window.gyro_variance < limits.loiter_spread**2 and rate < limits.loiter_rate + margin

@@ -16,6 +16,7 @@ from rich.console import Console
 from hubodo.config import RecordConfig, Vehicle
 from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
 from hubodo.ingest.link import Link, LinkNews
+from hubodo.ingest.localizer_process import Answer, LocalizerProcess
 from hubodo.ingest.ports import Lister, list_devices, parse_port
 from hubodo.ingest.station import Station
 from hubodo.ingest.status import RecordResult, View, make_result
@@ -53,7 +54,7 @@ def record(
     and WireMismatch (every node speaks another version; the raw frames stay in the log).
     """
     now_ns = steady_clock()
-    news: queue.SimpleQueue[LinkNews] = queue.SimpleQueue()
+    news: queue.SimpleQueue[LinkNews | Answer] = queue.SimpleQueue()
     links, names, gnss = _links(config, news, now_ns, lister)
     if out.exists():
         raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
@@ -68,6 +69,10 @@ def record(
         )
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
+        localizer = None
+        if vehicle is not None and gnss:
+            localizer = LocalizerProcess(log.t_zero_ns, news.put)
+            stack.callback(localizer.stop)
         station = Station(
             names,
             log,
@@ -79,6 +84,7 @@ def record(
             t_zero_ns=log.t_zero_ns,
             odometry_rate_hz=config.odometry_rate_hz,
             clock_period=config.clock_request_period,
+            localizer=localizer,
         )
         view = stack.enter_context(View(Console(file=sys.stderr), now_ns()))
         stack.enter_context(stop_on_signals(stopping))
@@ -91,8 +97,12 @@ def record(
             link.stop()
         while not news.empty():
             station.handle(news.get_nowait())
-        station.close()
         duration = (now_ns() - start_ns) / S
+        station.close()
+        if localizer is not None and not localizer.close():
+            view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
+        while not news.empty():
+            station.handle(news.get_nowait())
         log.close()
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
@@ -114,7 +124,7 @@ def _short_collections() -> Iterator[None]:
 
 def _loop(
     config: RecordConfig,
-    news: queue.SimpleQueue[LinkNews],
+    news: queue.SimpleQueue[LinkNews | Answer],
     station: Station,
     log: McapLog,
     view: View,
@@ -147,7 +157,10 @@ def _loop(
 
 
 def _links(
-    config: RecordConfig, news: queue.SimpleQueue[LinkNews], now_ns: Callable[[], int], lister: Lister
+    config: RecordConfig,
+    news: queue.SimpleQueue[LinkNews | Answer],
+    now_ns: Callable[[], int],
+    lister: Lister,
 ) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
     links: dict[str, Link] = {}
     names: dict[str, str | None] = {}

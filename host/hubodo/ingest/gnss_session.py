@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
+from hubodo.ingest.localizer import FixSample, horizontal_sigma
 from hubodo.ingest.nmea import Fix, NmeaDecoder
+from hubodo.ingest.node_session import ArrivalOrder
 from hubodo.ingest.sink import Sink
 from hubodo.log.recording import Event
 
@@ -20,28 +22,30 @@ class GnssSession:
     an event says so.
     """
 
-    def __init__(self, label: str, sink: Sink) -> None:
+    def __init__(self, label: str, sink: Sink, order: ArrivalOrder | None = None) -> None:
+        """order: of everything that goes into the log and the odometry; fixes are put into it."""
         self.label = label
         self.decoder = NmeaDecoder()
         self.last: Fix | None = None
         self._sink = sink
+        self._order = order or ArrivalOrder()
         self._channel: int | None = None
         self._shift_ns = 0
         self._off_by: int | None = None
         self._newest = 0
 
-    def chunk(self, data: bytes, t_ns: int) -> None:
-        """Bytes from the receiver."""
+    def chunk(self, data: bytes, t_ns: int) -> list[FixSample]:
+        """Bytes from the receiver; the fixes that they complete, as a log gives them again."""
         if self._channel is None:
             self._channel = self._sink.add_channel(_TOPIC, "", "", b"", "nmea")
         self._sink.write(self._channel, t_ns, t_ns, data)
-        self._put(self.decoder.feed(data, t_ns))
+        return list(self._put(self.decoder.feed(data, t_ns)))
 
-    def close(self) -> None:
+    def close(self) -> list[FixSample]:
         """The last epoch."""
-        self._put(self.decoder.finish())
+        return list(self._put(self.decoder.finish()))
 
-    def _put(self, fixes: Iterable[Fix]) -> None:
+    def _put(self, fixes: Iterable[Fix]) -> Iterator[FixSample]:
         for fix in fixes:
             self.last = fix
             t_ns = self._stamp(fix)
@@ -51,13 +55,16 @@ class GnssSession:
             sigma = None if fix.sigma is None else [fix.sigma]
             self._sink.fix(
                 t_ns,
-                fix.received_ns,
+                self._order.stamp(fix.received_ns),
                 fix.latitude_deg,
                 fix.longitude_deg,
                 fix.altitude,
                 sigma=sigma,
                 status=fix.status,
             )
+            if fix.status >= 0:
+                across = None if fix.sigma is None else horizontal_sigma(fix.sigma[0] ** 2, fix.sigma[1] ** 2)
+                yield FixSample(t_ns, fix.latitude_deg, fix.longitude_deg, across)
 
     def _stamp(self, fix: Fix) -> int:
         if fix.utc_ns is None:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from hubodo.errors import LinkError
 from hubodo.ingest.ports import Finder, Lister, PortName, list_devices
@@ -47,6 +47,12 @@ class Chunk:
 LinkNews = LinkUp | LinkLost | Chunk
 
 
+class Inbox(Protocol):
+    """Where links put their news."""
+
+    def put(self, item: LinkNews, /) -> None: ...
+
+
 class Link:
     """Reads one port into a queue from a thread of its own, until `stop`.
 
@@ -58,7 +64,7 @@ class Link:
         self,
         port: PortName,
         label: str,
-        news: queue.SimpleQueue[LinkNews],
+        news: Inbox,
         now_ns: Callable[[], int],
         *,
         baud: int = 115200,

@@ -120,6 +120,7 @@ class Odometer:
         self._late: set[str] = set()
         self._first_ns: dict[str, int] = {}
         self._newest_ns: dict[str, int] = {}
+        self._fresh: list[Pose] = []
         self.poses = 0
         """Rows published."""
         self.distance = 0.0
@@ -153,6 +154,11 @@ class Odometer:
         if self._filter is not None:
             self._account(self._filter.finish().poses)
         return made
+
+    def fresh(self) -> list[Pose]:
+        """The filter's poses at the ends of windows that have come since the last call."""
+        fresh, self._fresh = self._fresh, []
+        return fresh
 
     def warnings(self, *, end: bool = False) -> list[str]:
         """What a user must know and has not been told yet.
@@ -233,6 +239,7 @@ class Odometer:
         return self._motion(published) if published else None
 
     def _account(self, poses: tuple[Pose, ...]) -> None:
+        self._fresh += poses
         for pose in poses:
             self._still.append(int(pose.still))
             self._speed.append(pose.speed)

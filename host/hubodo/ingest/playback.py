@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from hubodo.config import Vehicle, vehicle_of
 from hubodo.errors import ConfigError
+from hubodo.ingest.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.odometer import Block, Motion, Odometer
 from hubodo.log import ros2, topics
 from hubodo.log.decode import Decoder, Rows, message_type
@@ -24,6 +26,10 @@ from hubodo.sensors.apply import check_serial, power_on_times
 from hubodo.sensors.calibration import Calibration, node_serial, parse_calibration
 
 Progress = Callable[[str, float], None]
+
+_NO_FIXES = Decoder(ros2.NAV_SAT_FIX).rows()
+# A header's frame id "map": its length with the ending zero, then the text. In /tf a count stands before it.
+_FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,42 +92,69 @@ class Playback:
                 self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=kept.rate_hz
             )
 
-    def blocks(self) -> Iterator[Block]:
-        """The samples of the log in the order in which they came."""
-        return self._blocks.in_order()
+    @property
+    def has_fixes(self) -> bool:
+        """Whether there is anything to make a map → odom from."""
+        return self.odometer is not None and len(self._blocks.fixes) > 0
 
     def motions(self) -> Iterator[Motion]:
         """Rows of /odom, block by block; nothing without a vehicle. Can be gone through once."""
-        if self.odometer is None:
+        for made in self._made(None):
+            if isinstance(made, Motion):
+                yield made
+
+    def publications(self) -> Iterator[Motion | Located]:
+        """`motions` and, where the log has fixes, what the localizer makes of both.
+
+        Raises ConfigError when GTSAM or pyproj is missing.
+        """
+        return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
+
+    def _made(self, localizer: Localizer | None) -> Iterator[Motion | Located]:
+        odometer = self.odometer
+        if odometer is None:
             return
-        for block in self.blocks():
-            yield from self.odometer.handle(block)
-        yield from self.odometer.finish()
+        for item in itertools.chain(self._blocks.in_order(), [None]):
+            if isinstance(item, FixSample):
+                if localizer is not None:
+                    localizer.fix(item)
+                continue
+            yield from odometer.finish() if item is None else odometer.handle(item)
+            for pose in odometer.fresh():
+                located = localizer.odometry(pose) if localizer is not None else None
+                if located is not None:
+                    yield located
 
 
-def recorded_messages(path: Path) -> dict[str, list[tuple[int, bytes]]]:
-    """The messages of /odom and /tf in a log: (publish time ns, bytes), by publish time."""
-    found: dict[str, list[tuple[int, bytes]]] = {topics.ODOM: [], topics.TF: []}
+def recorded_messages(path: Path, *, on_map: bool = True) -> dict[str, list[tuple[int, bytes]]]:
+    """The messages of /odom, /odom_map and /tf in a log: (publish time ns, bytes), by publish time.
+
+    on_map: false leaves out what is in the frame map.
+    """
+    found: dict[str, list[tuple[int, bytes]]] = {topics.ODOM: [], topics.ODOM_MAP: [], topics.TF: []}
     with open_log(path) as log:
         for message in log.messages(list(found)):
-            found[message.topic].append((message.publish_time, message.data))
+            if on_map or not _FRAME_MAP.match(message.data):
+                found[message.topic].append((message.publish_time, message.data))
     for rows in found.values():
-        rows.sort(key=lambda row: row[0])
+        rows.sort()
     return found
 
 
-def as_messages(motions: Iterable[Motion], t_zero_ns: int) -> dict[str, list[tuple[int, bytes]]]:
-    """Motions as the messages that a recording would hold, in the form of `recorded_messages`."""
+def as_messages(
+    publications: Iterable[Motion | Located], t_zero_ns: int
+) -> dict[str, list[tuple[int, bytes]]]:
+    """What was made as the messages that a recording would hold, in the form of `recorded_messages`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "again.mcap")
         with McapLog(path, t_zero_ns=t_zero_ns, compression="none", clock=None) as log:
-            for motion in motions:
-                motion.write(log, int(motion.t_ns[-1]))
+            for made in publications:
+                made.write(log, int(made.t_ns[-1]))
         return recorded_messages(path)
 
 
 class _Blocks:
-    """Samples, temperatures and starts of the nodes of a log."""
+    """Samples, temperatures and starts of the nodes of a log, and its fixes."""
 
     def __init__(self, log: Log, progress: Progress | None) -> None:
         decoders: dict[str, Decoder] = {}
@@ -136,7 +169,7 @@ class _Blocks:
                 kind = message_type(stream.schema)
                 if stream.topic == topics.EVENTS:
                     payloads += [messages.payload(i) for i in chosen.tolist()]
-                elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE):
+                elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE, ros2.NAV_SAT_FIX):
                     decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
             if progress is not None:
                 progress(f"reading {log.path.name}", log.progress)
@@ -153,13 +186,18 @@ class _Blocks:
             if warm is not None and len(warm):
                 pairs = zip(warm.publish_ns.tolist(), warm.values["temperature"].tolist(), strict=True)
                 self._temperatures[name] = dict(pairs)
+        self.fixes = rows.get(topics.FIX, _NO_FIXES)
         self._starts = {name: power_on_times(events, name) for name in self.nodes}
         earliest = [int(found.publish_ns.min()) for found in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
 
-    def in_order(self) -> Iterator[Block]:
-        """Blocks: what has one log time and one node came together."""
-        cuts = []
+    def in_order(self) -> Iterator[Block | FixSample]:
+        """Blocks: what has one log time and one node came together; fixes between them as they came."""
+        cuts = [
+            (log_ns, "", np.array([row]))
+            for row, log_ns in enumerate(self.fixes.log_ns.tolist())
+            if self.fixes.values["status.status"][row] >= 0.0
+        ]
         for name, found in self.nodes.items():
             order = np.lexsort((found.publish_ns, found.log_ns))
             log_ns = found.log_ns[order]
@@ -167,7 +205,18 @@ class _Blocks:
             for begin, end in itertools.pairwise(edges):
                 cuts.append((int(log_ns[begin]), name, order[begin:end]))
         for _, name, rows in sorted(cuts, key=lambda cut: cut[:2]):
-            yield self._block(name, rows)
+            yield self._block(name, rows) if name else self._fix(int(rows[0]))
+
+    def _fix(self, row: int) -> FixSample:
+        values = self.fixes.values
+        covariance = values["position_covariance"][row]
+        known = values["position_covariance_type"][row] > 0.0
+        return FixSample(
+            int(self.fixes.publish_ns[row]),
+            float(values["latitude"][row]),
+            float(values["longitude"][row]),
+            horizontal_sigma(float(covariance[0]), float(covariance[4])) if known else None,
+        )
 
     def _block(self, name: str, rows: NDArray[np.intp]) -> Block:
         found = self.nodes[name]

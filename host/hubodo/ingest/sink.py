@@ -7,6 +7,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
+from hubodo.log import topics
 from hubodo.log.recording import Event
 
 
@@ -36,10 +37,20 @@ class Sink(Protocol):
         *,
         pose_covariance: ArrayLike | None = None,
         twist_covariance: ArrayLike | None = None,
+        topic: str = topics.ODOM,
+        frame: str = "odom",
+        child_frame: str = "base_link",
     ) -> None: ...
 
     def transform(
-        self, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, position: ArrayLike, heading: ArrayLike
+        self,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        position: ArrayLike,
+        heading: ArrayLike,
+        *,
+        frame: str = "odom",
+        child_frame: str = "base_link",
     ) -> None: ...
 
     def fix(

@@ -6,10 +6,13 @@ from collections.abc import Callable, Iterable, Mapping
 
 from hubodo.config import Vehicle
 from hubodo.errors import CalibrationError, InputError, WireMismatch
+from hubodo.fuse.wheel_step import Pose
 from hubodo.ingest.gnss_session import GnssSession
 from hubodo.ingest.latency import Latency
 from hubodo.ingest.link import Chunk, LinkLost, LinkNews, LinkUp
 from hubodo.ingest.link_session import LinkSession
+from hubodo.ingest.localizer import FixSample, Located
+from hubodo.ingest.localizer_process import Answer, LocalizerProcess
 from hubodo.ingest.node_session import ArrivalOrder, NodeSession, Published
 from hubodo.ingest.odometer import Block, Motion, Odometer
 from hubodo.ingest.sink import Sink
@@ -27,7 +30,8 @@ class Station:
     links: label -> name for the node behind it, or None to take it from the node id. gnss: labels of
     links that carry NMEA. send(link, bytes, to) writes to a link. Every node name occurs once. vehicle
     switches odometry on; calibration is applied to what goes into it; t_zero_ns: host time of t = 0;
-    odometry_rate_hz: poses a second at most.
+    odometry_rate_hz: poses a second at most. localizer: gets odometry and fixes; what it answers is to come
+    back through `handle`.
     """
 
     def __init__(
@@ -43,19 +47,26 @@ class Station:
         t_zero_ns: int = 0,
         odometry_rate_hz: float | None = None,
         clock_period: float = 1.0,
+        localizer: LocalizerProcess | None = None,
     ) -> None:
         self.links = {label: LinkSession(label, sink) for label in links}
-        self.gnss = {label: GnssSession(label, sink) for label in gnss}
+        self._order = ArrivalOrder()
+        self.gnss = {label: GnssSession(label, sink, self._order) for label in gnss}
         self.nodes: dict[tuple[str, int], NodeSession] = {}
         self.odometer: Odometer | None = None
         if vehicle is not None:
             self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
         self.latency = Latency()
+        self.located: Located | None = None
+        self.located_poses = 0
+        self.located_latency = Latency()
+        self.locating = localizer is not None
+        """Whether odometry and fixes went to a localizer to its end."""
+        self._localizer = localizer
         self.notices: list[str] = []
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
         self._misfit: CalibrationError | None = None
-        self._order = ArrivalOrder()
         self._names = dict(links)
         self._sink = sink
         self._send = send
@@ -63,11 +74,14 @@ class Station:
         self._clock_period = clock_period
         self._senders: dict[tuple[str, int], str] = {}
 
-    def handle(self, news: LinkNews) -> None:
-        """One thing that a link reported."""
+    def handle(self, news: LinkNews | Answer) -> None:
+        """One thing that a link reported, or the localizer answered."""
+        if isinstance(news, Answer):
+            self._located(news)
+            return
         if news.link in self.gnss:
             if isinstance(news, Chunk):
-                self.gnss[news.link].chunk(news.data, news.t_ns)
+                self._locate(self.gnss[news.link].chunk(news.data, news.t_ns), news.t_ns)
             return
         link = self.links[news.link]
         match news:
@@ -99,13 +113,13 @@ class Station:
         now_ns = self._now_ns()
         for node in self.nodes.values():
             self._fuse(node.close(now_ns), now_ns)
+        for gnss in self.gnss.values():
+            self._locate(gnss.close(), now_ns)
         if self.odometer is not None:
             self._publish(self.odometer.finish(), now_ns)
         self._warn(now_ns, end=True)
         for link in self.links.values():
             link.close(now_ns)
-        for gnss in self.gnss.values():
-            gnss.close()
 
     def verdict(self) -> WireMismatch | InputError | CalibrationError | None:
         """Why it makes no sense to go on, None while it does.
@@ -179,6 +193,36 @@ class Station:
         for motion in motions:
             motion.write(self._sink, self._now_ns())
             self.latency.add(self._now_ns() - arrived_ns)
+        if self.odometer is not None:
+            self._locate(self.odometer.fresh(), arrived_ns)
+
+    def _locate(self, items: Iterable[Pose | FixSample], arrived_ns: int) -> None:
+        """Hands poses and fixes on, in the order in which a log gives them again."""
+        if self._localizer is not None and self.odometer is not None:
+            for item in items:
+                self._localizer.put(item, arrived_ns)
+
+    def _located(self, answer: Answer) -> None:
+        now_ns = self._now_ns()
+        for line in answer.warnings:
+            self.notices.append(f"map: {line}")
+            self._sink.event(Event(now_ns, "warning", "map", line))
+        if answer.ended:
+            self._localizer, self.locating = None, self.located is not None
+        located = answer.located
+        if located is None:
+            return
+        if self.located is None:
+            latitude, longitude = located.origin_deg
+            text = (
+                f"map: origin at latitude {latitude:.7f}, longitude {longitude:.7f} degrees; x east, y north"
+            )
+            data = {"latitude_deg": latitude, "longitude_deg": longitude}
+            self._sink.event(Event(int(located.t_ns[0]), "started", "map", text, data))
+        self.located = located
+        self.located_poses += 1
+        located.write(self._sink, now_ns)
+        self.located_latency.add(self._now_ns() - answer.arrived_ns)
 
     def _warn(self, now_ns: int, *, end: bool = False) -> None:
         """What the odometer has to say, to the user and into the log."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -28,6 +30,7 @@ class RecordResult:
     links: dict[str, dict[str, Any]]
     gnss: dict[str, dict[str, Any]]
     odometry: dict[str, Any] | None
+    map: dict[str, Any] | None
 
     def as_json(self) -> dict[str, Any]:
         return {
@@ -39,6 +42,7 @@ class RecordResult:
             "links": self.links,
             "gnss": self.gnss,
             "odometry": self.odometry,
+            "map": self.map,
         }
 
     def render(self, console: Console) -> None:
@@ -77,17 +81,33 @@ class RecordResult:
             )
         if self.odometry is not None:
             console.print(_odometry_words(self.odometry), highlight=False)
+        if self.map is not None:
+            console.print(_map_words(self.map), highlight=False)
 
 
 def _odometry_words(odometry: dict[str, Any]) -> str:
     if not odometry["poses"]:
         return "odometry: no pose; it takes a second of samples of a wheel of the vehicle file"
-    median, p99, worst = (odometry[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
     return (
         f"odometry from {' and '.join(odometry['nodes'])}: {odometry['poses']} poses, "
-        f"{odometry['distance']:.2f} m; latency {median:.2f} ms median, {p99:.2f} ms p99, "
-        f"{worst:.2f} ms worst"
+        f"{odometry['distance']:.2f} m; {_latency_words(odometry)}"
     )
+
+
+def _map_words(found: dict[str, Any]) -> str:
+    if not found["poses"]:
+        return "map → odom: none; the fixes did not tell the heading, or came without odometry"
+    origin = f"latitude {found['latitude_deg']:.7f}, longitude {found['longitude_deg']:.7f} degrees"
+    return (
+        f"map → odom from GNSS and odometry: {found['poses']} poses; "
+        f"last {found['x']:.2f}, {found['y']:.2f} m from {origin}, "
+        f"1 sigma {found['sigma']:.2f} m; {_latency_words(found)}"
+    )
+
+
+def _latency_words(found: dict[str, Any]) -> str:
+    median, p99, worst = (found[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
+    return f"latency {median:.2f} ms median, {p99:.2f} ms p99, {worst:.2f} ms worst"
 
 
 def make_result(station: Station, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
@@ -132,7 +152,7 @@ def make_result(station: Station, *, file: str, duration: float, messages: int, 
         }
         for label, session in station.gnss.items()
     }
-    return RecordResult(file, duration, messages, size, nodes, links, gnss, _odometry(station))
+    return RecordResult(file, duration, messages, size, nodes, links, gnss, _odometry(station), _map(station))
 
 
 def _odometry(station: Station) -> dict[str, Any] | None:
@@ -150,6 +170,24 @@ def _odometry(station: Station) -> dict[str, Any] | None:
         "heading": state.heading if state else 0.0,
         **station.latency.as_json(),
     }
+
+
+def _map(station: Station) -> dict[str, Any] | None:
+    if not station.locating:
+        return None
+    located, found = station.located, {"poses": station.located_poses, **station.located_latency.as_json()}
+    if located is not None:
+        latitude, longitude = located.origin_deg
+        x, y = located.position[0].tolist()
+        found |= {
+            "latitude_deg": latitude,
+            "longitude_deg": longitude,
+            "x": x,
+            "y": y,
+            "heading": float(located.heading[0]),
+            "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
+        }
+    return found
 
 
 class View:

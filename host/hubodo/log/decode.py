@@ -115,7 +115,7 @@ class Decoder:
         assert self._form is not None
         form = self._form.dtype
         values = {
-            name: _gather(messages.data, starts, form, name).astype(np.float64)
+            name: _gather(messages.data, starts, form, name).astype(np.float64, copy=False)
             for name in WANTED[self.schema]
         }
         stamps = heads["publish_time"].astype(np.int64)

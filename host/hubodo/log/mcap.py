@@ -153,8 +153,9 @@ class _Collected:
             if absent := [column for column in columns if column not in found]:
                 self._note(f"{name}: nothing is left of column {', '.join(absent)}")
             rising = _rising(found["t"])
-            if len(rising) < len(since):
-                self._note(f"{name}: {len(since) - len(rising)} rows repeat the time of another; left out")
+            repeated = len(since) - len(since[rising])
+            if repeated:
+                self._note(f"{name}: {repeated} rows repeat the time of another; left out")
             tables[name] = Table(
                 {column: found[column][rising] for column in columns if column in found},
                 since[rising] if beyond else None,
@@ -274,15 +275,17 @@ def _common(sequences: list[NDArray[Any]]) -> tuple[NDArray[Any], int]:
     return common, max(len(np.union1d(common, sequence)) for sequence in sequences) - len(common)
 
 
-def _rising(t: NDArray[np.float64]) -> NDArray[np.intp]:
+def _rising(t: NDArray[np.float64]) -> NDArray[np.intp] | slice:
     """Places of the first row at each time, in order of time."""
     if bool((np.diff(t) > 0).all()):
-        return np.arange(len(t))
+        return slice(None)
     return np.unique(t, return_index=True)[1]
 
 
-def _places(sequence: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp]:
+def _places(sequence: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp] | slice:
     """Where each wanted sequence number stands."""
+    if np.array_equal(sequence, wanted):
+        return slice(None)
     order = np.argsort(sequence, kind="stable")
     return order[np.searchsorted(sequence, wanted, sorter=order)]
 

@@ -29,12 +29,16 @@ TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma
 
 @dataclass(frozen=True)
 class Fused:
-    """What fusion made of a log; `score` only where the log has the truth, `learnt` as fuse.json has it."""
+    """What fusion made of a log; `score` only where the log has the truth, `learnt` as fuse.json has it.
+
+    lag: s after a pose that the wheel filter made it from, too; inf: the whole log.
+    """
 
     log: str
     output: str
     track: Track
     methods: tuple[str, ...]
+    lag: float
     nodes: tuple[str, ...]
     learnt: Mapping[str, Any]
     calibration: Mapping[str, str] | None
@@ -47,6 +51,9 @@ class Fused:
             "output": self.output,
             "methods": list(self.methods),
             "wheel_nodes": list(self.nodes),
+            "smoothing": _smoothing(self.lag),
+            # The graph, too, looks at the whole log for each pose.
+            "causal": self.lag == 0.0 and len(self.methods) == 1,
             **self.learnt,
             "calibration": None if self.calibration is None else dict(self.calibration),
             "warnings": list(self.warnings),
@@ -87,7 +94,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--nodes", metavar="NAMES", help="use these wheel nodes alone, such as: left")
     parser.add_argument("--method", choices=METHODS, default="filter", help="default: filter")
     parser.add_argument(
-        "--smooth", action="store_true", help="use the whole log for each pose; without it, the past alone"
+        "--smooth",
+        nargs="?",
+        const="full",
+        metavar="LAG_S",
+        help="make each pose from so many seconds after it, too, or from the whole log (full, also where "
+        "no number is given); without it, from the past alone",
     )
     parser.add_argument("--no-graph", action="store_true", help="leave GNSS and headings of the log out")
     parser.add_argument(
@@ -111,7 +123,8 @@ def run(args: argparse.Namespace) -> Fused:
     taken = next((path for path in files if path.exists()), None)
     if taken is not None and not args.force:
         raise InputError(f"{taken}: exists; name another folder or say --force")
-    if args.smooth and args.method != "filter":
+    lag = _lag(args.smooth)
+    if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
     recording = read_recording(args.log)
     odometry = wheel_odometry(
@@ -121,7 +134,7 @@ def run(args: argparse.Namespace) -> Fused:
         method=args.method,
         nodes=args.nodes.split(",") if args.nodes else None,
         calibration=calibration,
-        smooth=args.smooth,
+        lag=lag,
     )
     absolute = (
         None if args.no_graph else absolute_track(recording, odometry, (args.antenna[0], args.antenna[1]))
@@ -134,6 +147,7 @@ def run(args: argparse.Namespace) -> Fused:
         str(args.output),
         absolute.track if absolute else odometry.track,
         (odometry.method, absolute.method) if absolute else (odometry.method,),
+        lag,
         odometry.nodes,
         {**odometry.learnt, **absolute.learnt} if absolute else odometry.learnt,
         known,
@@ -144,6 +158,25 @@ def run(args: argparse.Namespace) -> Fused:
     write_table(files[0], Table({name: getattr(result.track, name) for name in TRACK_COLUMNS}))
     files[1].write_text(json.dumps(result.as_json(), indent=2, allow_nan=False) + "\n", "utf-8")
     return result
+
+
+def _lag(word: str | None) -> float:
+    """Seconds of `--smooth`."""
+    if word is None:
+        return 0.0
+    try:
+        lag = math.inf if word == "full" else float(word)
+    except ValueError:
+        lag = math.nan
+    if not lag >= 0.0:
+        raise InputError(f"--smooth {word}: write seconds from 0 on, or full; put LOG before it")
+    return lag
+
+
+def _smoothing(lag: float) -> dict[str, Any]:
+    if lag == 0.0:
+        return {"kind": "none"}
+    return {"kind": "fixed lag", "lag": lag} if math.isfinite(lag) else {"kind": "full"}
 
 
 def score_against_truth(track: Track, recording: Recording) -> Score | None:

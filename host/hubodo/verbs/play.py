@@ -94,7 +94,8 @@ class PlayResult:
         if made is not None:
             words = {True: ", every bit as recorded", False: ", NOT as recorded", None: ""}[made.equal]
             console.print(
-                f"odometry from {' and '.join(made.nodes) or 'no node'}: {made.poses} poses{words}",
+                f"odometry from {' and '.join(made.nodes) or 'no node'}: {made.poses} poses, "
+                f"{made.located} of them on the map{words}",
                 highlight=False,
             )
 

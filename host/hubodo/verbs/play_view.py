@@ -18,9 +18,11 @@ from rich.live import Live
 from rich.table import Table
 
 from hubodo.config import load_vehicle
-from hubodo.errors import InputError
+from hubodo.errors import ConfigError, InputError
+from hubodo.ingest.localizer import Located
 from hubodo.ingest.odometer import Motion
 from hubodo.ingest.playback import Playback, as_messages, recorded_messages
+from hubodo.log import topics
 from hubodo.log.mcap import read_recording
 from hubodo.log.recording import Recording
 from hubodo.sensors.calibration import read_calibration
@@ -32,11 +34,13 @@ _RATE_WINDOW_S = 2.0
 
 @dataclass(frozen=True)
 class Replayed:
-    """The odometry made again. equal: whether every row is, to the last bit, the one recorded; None where
-    another vehicle or calibration was given, or the log has no odometry."""
+    """The odometry made again, and of them `located` on the map. equal: whether every row is, to the last
+    bit, the one recorded; None where another vehicle or calibration was given, or the log has no
+    odometry."""
 
     nodes: tuple[str, ...]
     poses: int
+    located: int
     recorded: int | None
     equal: bool | None
 
@@ -44,6 +48,7 @@ class Replayed:
         return {
             "nodes": list(self.nodes),
             "poses": self.poses,
+            "located": self.located,
             "recorded": self.recorded,
             "equal": self.equal,
         }
@@ -62,6 +67,8 @@ def show(
     if last < first:
         raise InputError(f"{args.log}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
     again = _Again(args)
+    if again.without_map:
+        say(again.without_map)
     console = Console(file=sys.stderr)
     began, now, next_line = time.monotonic(), first, first
     with Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live:
@@ -90,9 +97,15 @@ class _Again:
         vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         calibration = None if args.calibration is None else read_calibration(args.calibration)
         self._playback = Playback(args.log, vehicle=vehicle, calibration=calibration)
-        self._coming = self._playback.motions()
-        self._next: Motion | None = next(self._coming, None)
-        self._done: list[Motion] = []
+        self._coming: Iterator[Motion | Located] = self._playback.motions()
+        self.without_map = ""
+        if self._playback.has_fixes:
+            try:
+                self._coming = self._playback.publications()
+            except ConfigError as error:
+                self.without_map = f"map → odom is not made again: {error}"
+        self._next: Motion | Located | None = next(self._coming, None)
+        self._done: list[Motion | Located] = []
 
     @property
     def possible(self) -> bool:
@@ -110,7 +123,7 @@ class _Again:
         """Where the vehicle is."""
         if not self._done:
             return "odometry has not begun"
-        last = self._done[-1]
+        last = next(made for made in reversed(self._done) if isinstance(made, Motion))
         return _words(*(float(v[-1]) for v in (last.speed, last.heading, *last.position.T)))
 
     def warnings(self) -> list[str]:
@@ -126,9 +139,18 @@ class _Again:
         recorded = None if recording.odometry is None else len(recording.odometry)
         equal = None
         if whole and recorded is not None and not self._given:
-            equal = as_messages(self._done, self._playback.t_zero_ns) == recorded_messages(self._path)
-        poses = sum(len(motion.t_ns) for motion in self._done)
-        return Replayed(odometer.nodes, poses, recorded, equal)
+            equal = self._equal()
+        located = sum(isinstance(made, Located) for made in self._done)
+        poses = sum(len(made.t_ns) for made in self._done) - located
+        return Replayed(odometer.nodes, poses, located, recorded, equal)
+
+    def _equal(self) -> bool:
+        kept, done = recorded_messages(self._path), self._done
+        if self.without_map or not kept[topics.ODOM_MAP]:
+            # Here or where it was recorded there is no GTSAM.
+            kept = recorded_messages(self._path, on_map=False)
+            done = [made for made in done if isinstance(made, Motion)]
+        return as_messages(done, self._playback.t_zero_ns) == kept
 
 
 def _view(recording: Recording, again: _Again, now: float, last: float) -> Table:

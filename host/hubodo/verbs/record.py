@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", type=Path, metavar="TOML", help="applied to what the odometry gets; raw is recorded"
     )
-    parser.add_argument("--gnss", metavar="PORT", help="a GNSS receiver that speaks NMEA")
+    parser.add_argument(
+        "--gnss",
+        metavar="PORT",
+        help="a GNSS receiver that speaks NMEA; with --vehicle and GTSAM also where on the map (map → odom)",
+    )
     parser.add_argument(
         "--baud", type=int, help="of the nodes' serial ports (default 115200; USB does not care)"
     )

@@ -1,5 +1,6 @@
 """The wheel filter as a user meets it: same bits in any portions, honest sigmas, slip, damaged logs."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,9 @@ from scipy.stats import chi2
 
 from generators import wheel_drives
 from hubodo.fuse import phase
+from hubodo.fuse.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel_config import WheelConfig, WheelNode, WheelNoise
-from hubodo.fuse.wheel_filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel_filter import START, WheelFilter, WheelSample
 from hubodo.fuse.wheel_track import WheelRun, collect, run
 from hubodo.log.recording import Table
 
@@ -217,11 +219,36 @@ def test_spin_beyond_the_gyro_is_carried_by_gravity_and_centripetal_force() -> N
 
 def test_smoothing_lowers_the_error_along_the_way_and_keeps_the_end() -> None:
     drive = _short(9)
-    plain, smooth = (run(_config(drive), _tables(drive), smooth=value) for value in (False, True))
+    plain, smooth = (run(_config(drive), _tables(drive), lag=value) for value in (0.0, np.inf))
     assert smooth.track.x[-1] == pytest.approx(plain.track.x[-1], abs=1e-6)
     middle = len(plain.track.t) // 2
     assert smooth.track.covariance[middle, 2, 2] <= plain.track.covariance[middle, 2, 2]
     assert "smoothed" in smooth.report.method
+    assert "not causal" in smooth.report.method
+
+
+def test_a_lag_as_long_as_the_log_is_the_whole_log_and_no_lag_is_the_filter() -> None:
+    drive = _short(9)
+    config, tables = _config(drive), _tables(drive)
+    plain, whole = run(config, tables), run(config, tables, lag=np.inf)
+    steps = run(config, tables, lag=1.0).filter.steps
+    assert steps is not None
+    as_it_was = collect(smooth_with_lag(config, steps, START, 0))
+    as_whole = collect(smooth_with_lag(config, steps, START, len(steps)))
+    for name in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
+        np.testing.assert_array_equal(getattr(as_it_was, name), getattr(plain.track, name))
+        np.testing.assert_allclose(getattr(as_whole, name), getattr(whole.track, name), rtol=1e-6, atol=1e-8)
+
+
+def test_a_longer_lag_never_makes_the_heading_less_sure_and_ends_as_the_filter() -> None:
+    drive = _short(9)
+    config, tables = _config(drive), _tables(drive)
+    tracks = [run(config, tables, lag=lag).track for lag in (0.0, 0.5, 2.0, 8.0, np.inf)]
+    for shorter, longer in itertools.pairwise(tracks):
+        assert np.all(longer.covariance[:, 2, 2] <= shorter.covariance[:, 2, 2] * (1.0 + 1e-6))
+    middle = len(tracks[0].t) // 2
+    assert tracks[2].covariance[middle, 2, 2] < 0.999 * tracks[0].covariance[middle, 2, 2]
+    assert [tracks[2].x[-1], tracks[2].y[-1]] == pytest.approx([tracks[0].x[-1], tracks[0].y[-1]], abs=1e-6)
 
 
 @pytest.mark.parametrize("node", BOTH)

@@ -1,5 +1,7 @@
 """The equations of one wheel's window: Jacobian by differences, residuals on a foreign rigid wheel."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,8 @@ def _some_window(rng: np.random.Generator, spin_rate: float) -> Window:
         0.0,
         0.0,
         1.0,
+        2.0 * math.sin(0.5 * spin),
+        pair(spin_rate),
     )
 
 

@@ -3,6 +3,8 @@ beforehand."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -43,6 +45,26 @@ def of_wheel_speeds() -> ConstantSigmas:
     metre, 2 % of track."""
     return ConstantSigmas(scale=0.01, turn=0.02, rate=1e-3, curve=2e-3)
 
+
+def of_wheel_filter(
+    radius: Sequence[float], yaw_scale: Sequence[float], yaw_rate: Sequence[float]
+) -> ConstantSigmas:
+    """For the track of the wheel filter, from the 1 sigma that it has of each wheel at its end.
+
+    radius, yaw_scale: fractions. yaw_rate: rad/s. The scale of yaw that two wheels agree on is one number,
+    known as well on each; what else is wrong differs from wheel to wheel.
+    """
+    share = 1.0 / len(radius)
+    return ConstantSigmas(
+        scale=max(share * math.hypot(*radius), _LEAST.scale),
+        turn=max(min(yaw_scale), _LEAST.turn),
+        rate=max(share * math.hypot(*yaw_rate), _LEAST.rate),
+        curve=_LEAST.curve,
+    )
+
+
+_LEAST = ConstantSigmas(scale=5e-4, turn=1e-3, rate=5e-5, curve=1e-4)
+"""What a tyre and a road change from hour to hour, whatever was measured before."""
 
 NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
 

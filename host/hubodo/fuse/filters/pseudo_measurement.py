@@ -109,7 +109,8 @@ class PseudoMeasurementFilter:
         xx, yy, zz, xy, xz, yz = self._p
         if self._walk:
             xx, yy, zz = xx + self._walk, yy + self._walk, zz + self._walk
-        dx, dy, dz = gyro[0] - bx, gyro[1] - by, gyro[2] - bz
+        gx, gy, gz = gyro
+        dx, dy, dz = gx - bx, gy - by, gz - bz
         ax, ay, az = dx * dx, dy * dy, dz * dz
         square = ax + ay + az
         # P H' / 2.
@@ -124,7 +125,7 @@ class PseudoMeasurementFilter:
         else:
             innovation += xx + yy + zz
             variance += 2.0 * (xx * xx + yy * yy + zz * zz) + 4.0 * (xy * xy + xz * xz + yz * yz)
-            weight = 4.0 * known / square if square > 0.0 else 0.0
+            weight = 4.0 * known / square if known and square > 0.0 else 0.0
         if weight:
             sxx, syy, szz, sxy, sxz, syz = self._noise
             felt = sxx * ax + syy * ay + szz * az

@@ -22,11 +22,17 @@ construction. n is a float: exact to 2^53 samples.
 from __future__ import annotations
 
 import math
+from collections.abc import MutableSequence, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.compiled import Loop
+
 FloatArray = NDArray[np.float64]
+
+_State = tuple[float, float, float, float, float, float, float]
+"""n, yhat, b_1, b_2, P_11, P_12, P_22."""
 
 _SPREAD = 1e6
 """Variances in P at the start: no wish about b."""
@@ -51,8 +57,7 @@ class RecursiveLeastSquares:
         self._bias = bias
         self._lagged = lagged
         self._last = 0.0
-        # n, yhat, b_1, b_2, P_11, P_12, P_22.
-        self._state = (0.0, 0.0, 0.0, 0.0, _SPREAD, 0.0, _SPREAD)
+        self._state: _State = (0.0, 0.0, 0.0, 0.0, _SPREAD, 0.0, _SPREAD)
 
     @property
     def rate(self) -> float:
@@ -72,42 +77,72 @@ class RecursiveLeastSquares:
 
     def update(self, z: float) -> float:
         """Takes a sample, rad/s; returns the rate."""
-        forgetting = self._forgetting
-        n, before, b1, b2, p11, p12, p22 = self._state
         y = z - self._bias
-        n += 1.0
+        before = self._state[1]
         if self._lagged:
             e = before - self._last
             self._last = y
         else:
             e = before - y
-        g1 = p11 * n + p12 * e
-        g2 = p12 * n + p22 * e
-        # g times scale is P_(n+1) x, the gain of eq. 13.
-        scale = 1.0 / (forgetting + n * g1 + e * g2)
-        k1, k2 = scale * g1, scale * g2
-        step = y - n * b1 - e * b2
-        b1 += k1 * step
-        b2 += k2 * step
-        p12 = (p12 - k1 * g2) / forgetting
-        p22 = (p22 - k2 * g2) / forgetting
-        if p22 > _WINDUP:
-            p12 *= math.sqrt(_WINDUP / p22)
-            p22 = _WINDUP
-        # n b_1 + e b_2, as what eq. 13 leaves of the residual is lambda times scale of it.
-        rate = y - forgetting * scale * step
-        self._state = (n, rate, b1, b2, (p11 - k1 * g1) / forgetting, p12, p22)
-        return rate
+        self._state = state = _step(self._state, y, e, self._forgetting)
+        return state[1]
 
     def run(self, z: FloatArray) -> FloatArray:
         """Takes (N,) samples, rad/s, as N calls of `update` would, bit for bit; returns the rates, (N,).
 
-        As slow as these: the regressor holds the last estimate, so no sample can be worked before the one
-        in front of it, and there is no linear filter to hand the recording to. (Cut into stretches with a
-        run-up each, smooth recordings with little noise do not meet: the closed loop through yhat remembers
-        longer than lambda says.) ValueError for samples that are not finite.
+        The regressor holds the last estimate, so no sample can be worked before the one in front of it, and
+        there is no linear filter to hand the recording to: it is a loop, in machine code where numba is
+        installed and recordings are long. (Cut into stretches with a run-up each, smooth recordings with
+        little noise do not meet: the closed loop through yhat remembers longer than lambda says.) ValueError
+        for samples that are not finite.
         """
-        samples = np.asarray(z, dtype=np.float64)
+        samples = np.array(z, dtype=np.float64)
         if samples.ndim != 1 or not np.isfinite(samples).all():
             raise ValueError(f"samples of shape {samples.shape}: must be (N,) and finite")
-        return np.fromiter(map(self.update, samples.tolist()), np.float64, len(samples))
+        rates = np.empty(len(samples))
+        settings = self._bias, self._forgetting, self._lagged, self._last
+        self._state = LOOP(samples, rates, self._state, *settings)
+        if len(samples):
+            self._last = float(samples[-1]) - self._bias
+        return rates
+
+
+def _step(state: _State, y: float, e: float, forgetting: float) -> _State:
+    """Eq. 13-14 with the regressor [n, e] and the sample y."""
+    n, _, b1, b2, p11, p12, p22 = state
+    n += 1.0
+    g1 = p11 * n + p12 * e
+    g2 = p12 * n + p22 * e
+    # g times scale is P_(n+1) x, the gain of eq. 13.
+    scale = 1.0 / (forgetting + n * g1 + e * g2)
+    k1, k2 = scale * g1, scale * g2
+    step = y - n * b1 - e * b2
+    p11 = (p11 - k1 * g1) / forgetting
+    p12 = (p12 - k1 * g2) / forgetting
+    p22 = (p22 - k2 * g2) / forgetting
+    if p22 > _WINDUP:
+        p12 *= math.sqrt(_WINDUP / p22)
+        p22 = _WINDUP
+    # n b_1 + e b_2, as what eq. 13 leaves of the residual is lambda times scale of it.
+    return n, y - forgetting * scale * step, b1 + k1 * step, b2 + k2 * step, p11, p12, p22
+
+
+def _run(
+    samples: Sequence[float],
+    rates: MutableSequence[float],
+    state: _State,
+    bias: float,
+    forgetting: float,
+    lagged: bool,
+    last: float,
+) -> _State:
+    for i in range(len(samples)):
+        y = samples[i] - bias
+        state = _step(state, y, state[1] - (last if lagged else y), forgetting)
+        rates[i] = state[1]
+        last = y
+    return state
+
+
+LOOP = Loop(_run, _step)
+"""Over the samples of a recording."""

@@ -1,0 +1,208 @@
+"""Odometry and a GNSS receiver while recording: where on the map, beside an odometry that is not held up."""
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from fakes.fake_receiver import FakeReceiver
+from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
+from generators.gnss_drives import geodetic
+from hubodo.fuse.wheel_step import Pose
+from hubodo.fuse.zero_velocity import Stillness
+from hubodo.ingest.localizer import FixSample, Localizer
+from hubodo.ingest.localizer_process import LocalizerProcess
+from hubodo.ingest.playback import Playback, as_messages, recorded_messages
+from hubodo.log import topics
+from hubodo.log.mcap import open_log, read_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+SEED = 6
+ORIGIN = (47.37, 8.54)
+START_HEADING = 2.0
+"""rad from east at which the drive begins; the odometry begins at 0."""
+
+
+def hubodo(*args, path=""):
+    paths = [path, str(ROOT / "host"), str(ROOT / "protocol")]
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in paths if p), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, env=env, timeout=60, check=False)
+
+
+def place_on(drive, since, noise):
+    """East, north of the drive's start after so many s."""
+    way = np.interp(since, drive.t, drive.x) + 1j * np.interp(since, drive.t, drive.y)
+    way = way * np.exp(1j * START_HEADING) + complex(*noise)
+    return np.array([way.real]), np.array([way.imag])
+
+
+def ridden(folder, seconds, path=""):
+    """(process, log, drive, s by which the receiver began after the first node)."""
+    (folder / "vehicle.toml").write_text(VEHICLE_TOML)
+    drive, out = short_drive(SEED), folder / "ride.mcap"
+    rng = np.random.default_rng(SEED)
+    began = time.monotonic()
+
+    def place(_):
+        since = time.monotonic() - began
+        latitude, longitude = geodetic(*place_on(drive, since, 0.2 * rng.standard_normal(2)), *ORIGIN)
+        return float(latitude[0]), float(longitude[0]), 0.2
+
+    with (
+        FakeNode(node_id=1, rows=raw_rows(drive, "left")) as left,
+        FakeNode(node_id=2, rows=raw_rows(drive, "right")) as right,
+        FakeReceiver(place) as receiver,
+    ):
+        done = hubodo(
+            "record", f"left={left.path}", f"right={right.path}", "--gnss", receiver.path,
+            "--vehicle", folder / "vehicle.toml", "--duration", seconds, "-o", out, "--json", path=path,
+        )  # fmt: skip
+    return done, out, drive
+
+
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory):
+    done, out, drive = ridden(tmp_path_factory.mktemp("ride"), 11)
+    assert done.returncode == 0, done.stderr
+    return out, json.loads(done.stdout), drive, done.stderr
+
+
+def test_the_map_is_found_and_its_latency_is_told(ride):
+    _, result, drive, _ = ride
+    found = result["map"]
+    assert found["poses"] > 20
+    assert 0.0 < found["latency_median"] <= found["latency_p99"] <= found["latency_worst"]
+    assert 0.0 < found["sigma"] < 1.0
+    latitude, longitude = geodetic(*place_on(drive, drive.t[-1], (0.0, 0.0)), *ORIGIN)
+    north = np.radians(latitude[0] - found["latitude_deg"]) * 6_369_600.0
+    east = np.radians(longitude[0] - found["longitude_deg"]) * 6_389_600.0 * np.cos(np.radians(47.37))
+    # The wheels start with the nodes, a few ms before the clock of the receiver's places.
+    assert np.hypot(found["x"] - east, found["y"] - north) < 4.0 * found["sigma"] + 0.2, f"seed {SEED}"
+    turned = found["heading"] - (START_HEADING + drive.heading[-1])
+    assert np.angle(np.exp(1j * turned)) == pytest.approx(0.0, abs=0.15)
+
+
+def test_the_odometry_is_not_held_up_by_the_graph(ride):
+    _, result, _, _ = ride
+    assert result["odometry"]["latency_p99"] < 0.02
+
+
+def test_map_to_odom_after_odom_to_base_link_is_where_the_vehicle_is_on_the_map(ride):
+    """REP 105: the chain of the two transforms on /tf against /odom_map."""
+    out, _, _, _ = ride
+    publications = list(Playback(out).publications())
+    located = [made for made in publications if hasattr(made, "odom_heading")]
+    odom = read_recording(out).odometry
+    t = np.array([int(made.t_ns[0]) for made in located])
+    recording_zero = Playback(out).t_zero_ns
+    seconds = (t - recording_zero) * 1e-9
+    inside = seconds < odom.t[-1]
+    x, y = (np.interp(seconds, odom.t, odom[name]) for name in ("x", "y"))
+    for made, ox, oy in zip(np.array(located)[inside], x[inside], y[inside], strict=True):
+        chained = made.odom_position[0] + _turned(ox, oy, made.odom_heading[0])
+        # /odom's rows lie within a few ms of the end of a window, and are carried there from the one before.
+        assert np.hypot(*(chained - made.position[0])) < 0.03
+
+
+def _turned(x, y, angle):
+    place = (x + 1j * y) * np.exp(1j * angle)
+    return np.array([place.real, place.imag])
+
+
+def test_the_log_alone_gives_odometry_and_map_again_to_the_last_bit(ride):
+    out, result, _, _ = ride
+    playback = Playback(out)
+    recorded = recorded_messages(out)
+    assert as_messages(playback.publications(), playback.t_zero_ns) == recorded
+    assert len(recorded[topics.ODOM_MAP]) == result["map"]["poses"]
+    shown = json.loads(hubodo("play", out, "--speed", 0, "--json").stdout)["odometry"]
+    assert shown["equal"] is True
+    assert shown["located"] == result["map"]["poses"]
+
+
+def test_the_origin_of_the_map_is_in_the_log(ride):
+    out, result, _, _ = ride
+    origins = [event.data for event in read_recording(out).events if event.source == "map"]
+    assert origins == [
+        {"latitude_deg": result["map"]["latitude_deg"], "longitude_deg": result["map"]["longitude_deg"]}
+    ]
+    with open_log(out) as log:
+        frames = {message.data[16:24] for message in log.messages(["/tf"])}
+    assert len(frames) == 2
+
+
+def test_without_gtsam_one_line_says_so_and_all_else_is_recorded(tmp_path):
+    (tmp_path / "gtsam.py").write_text("raise ImportError\n")
+    done, out, _ = ridden(tmp_path, 4, path=str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stderr.splitlines() if "map" in line]
+    assert len(lines) == 1
+    assert "GTSAM" in lines[0]
+    assert "hubodo[graph]" in lines[0]
+    result = json.loads(done.stdout)
+    assert result["map"] is None
+    assert result["odometry"]["poses"] > 100
+    assert len(read_recording(out).gnss) > 5
+    again = hubodo("play", out, "--speed", 0, "--json", path=str(tmp_path))
+    assert json.loads(again.stdout)["odometry"]["equal"] is True
+    assert "GTSAM" in again.stderr
+    # Played where GTSAM is, what was recorded is still what is compared.
+    assert json.loads(hubodo("play", out, "--speed", 0, "--json").stdout)["odometry"]["equal"] is True
+
+
+def steps(seconds=40.0, heading=0.0, drift=0.0):
+    """Poses and fixes of a straight way at 1 m/s to a heading on the map, by time; no noise."""
+    items = []
+    for k in range(1, int(10 * seconds)):
+        t = 0.1 * k
+        items.append(Pose(t, t, 0.0, 0.0, 1.0, 0.0, np.eye(5), Stillness.MOVING, 0.0, 0))
+        if k % 2 == 0:
+            way = t * np.exp(1j * heading)
+            latitude, longitude = geodetic(np.array([way.real]), np.array([way.imag]), *ORIGIN)
+            items.append(FixSample(round(t * 1e9), float(latitude[0]), float(longitude[0]), 0.5))
+    return items
+
+
+def test_a_straight_way_has_the_heading_of_its_fixes():
+    localizer, last = Localizer(0), None
+    for item in steps(heading=0.7):
+        last = localizer.fix(item) or last if isinstance(item, FixSample) else localizer.odometry(item)
+    assert last.odom_heading[0] == pytest.approx(0.7, abs=0.03)
+    assert localizer.warnings() == []
+
+
+def test_the_process_gives_the_bits_of_the_object_and_ends_with_its_input():
+    localizer, found, got = Localizer(0), [], []
+    process = LocalizerProcess(0, got.append)
+    for number, item in enumerate(steps(20.0)):
+        process.put(item, number)
+        made = localizer.fix(item) if isinstance(item, FixSample) else localizer.odometry(item)
+        if made is not None:
+            found.append((number, made))
+    assert process.close()
+    assert len(got) == len(found) > 50
+    for answer, (number, made) in zip(got, found, strict=True):
+        assert answer.arrived_ns == number
+        assert pickle.dumps(answer.located) == pickle.dumps(made)
+    assert not any(thread.name.startswith("localizer") for thread in threading.enumerate())
+
+
+def test_a_process_that_dies_is_said_once_and_its_input_is_let_go():
+    got = []
+    process = LocalizerProcess(0, got.append)
+    process._child.kill()
+    for item in steps(20.0):
+        process.put(item, 0)
+    process.close()
+    assert len(got) == 1
+    assert got[0].ended
+    assert "died" in got[0].warnings[0]
