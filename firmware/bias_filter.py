@@ -19,20 +19,12 @@ them: s is off by at most 1/32 step (and 2^-14 from the rest cut off), bias by k
 k1 / lambda of that, for ever. Every intermediate is within +-2^30.
 
 Rate and bias are seen only through their sum: the observability matrix has rank 1. `rate + bias` follows the
-gyro; how it is split rests on the bias at the start (`StaticInit`) and on the ratio k2 : k1.
+gyro; how it is split rests on the bias at the start (`bias_choice.py`) and on the ratio k2 : k1.
 """
 
 from array import array
 
 from micropython import const
-from wire import (
-    FILTER_KIND_KALMAN,
-    FILTER_KIND_OFF,
-    FILTER_KIND_RLS,
-    FILTER_STATE_INITIALISING,
-    FILTER_STATE_TRACKING,
-    FILTER_STATE_WAITING,
-)
 
 GAIN_LIMIT = const(1 << 20)
 """Both gains are below this."""
@@ -118,6 +110,13 @@ class KalmanFilter:
         state[_RATE] = state[_RATE_REST] = state[_BIAS_REST] = 0
         state[_BIAS] = bias_q14
 
+    def drift(self, axis, step_q18):
+        """The bias has moved by what the warm-up says, |step_q18| < 2^27: a known input of the bias state."""
+        state = self._axes[axis]
+        rest = state[_BIAS_REST] + ((step_q18 & 15) << 16)
+        state[_BIAS] += (step_q18 >> 4) + (rest >> 20)
+        state[_BIAS_REST] = rest & _LOW_20
+
     def update(self, values, first, count):
         """Takes `count` <= 255 samples, rows of six int16 from values[first], gyro in front."""
         last = first + _ROW * count
@@ -134,166 +133,3 @@ class KalmanFilter:
     def bias_q12(self, axis):
         """Bias, 1/4096 gyro step. Only its sum with the rate is observable; see the module."""
         return self._axes[axis][_BIAS] >> 2
-
-
-class RlsFilter(KalmanFilter):
-    """Recursive least squares with a forgetting factor, Shah et al. eq. 13-14, for a rate that stands still.
-
-    With the regressor 1, eq. 14 is P' = P / (lambda + P), and P' is also the gain of eq. 13: it falls from 1
-    to 1 - lambda by itself. The bias stays where `begin` put it: this filter has no state for it.
-
-    gain_rate_q20 is (1 - lambda) 2^20: 20972 for 0.98, 83886 for 0.92. P is Q20 like it and rounded, so it
-    stops falling up to 2^-20 (2 + 1 / (2 (1 - lambda))) above its end, and is set there: 27 / 2^20 for 0.98.
-    """
-
-    def __init__(self, gain_rate_q20, gain_bias_q30):
-        self._final = gain_rate_q20
-        self._gain = GAIN_LIMIT - 1
-        super().__init__(gain_rate_q20, 0)
-
-    def begin(self, axis, bias_q14):
-        """Sets an axis at rest with a bias, |bias| <= 2^28; all axes forget what they have seen."""
-        super().begin(axis, bias_q14)
-        self._gain = GAIN_LIMIT - 1
-
-    def update(self, values, first, count):
-        """Takes `count` <= 255 samples, rows of six int16 from values[first], gyro in front."""
-        while count and self._gain != self._final:
-            self._set_gain(self._gain)
-            super().update(values, first, 1)
-            first += _ROW
-            count -= 1
-            self._gain = next_gain(self._gain, self._final)
-            if self._gain == self._final:
-                self._set_gain(self._gain)
-        if count:
-            super().update(values, first, count)
-
-    def _set_gain(self, gain):
-        for axis in range(_AXES):
-            self._axes[axis][_GAIN_RATE] = gain
-
-
-def next_gain(gain, final):
-    """P / (lambda + P) in Q20, P = gain, lambda = 2^20 - final; `final` once it falls no more."""
-    divisor = GAIN_LIMIT - final + gain
-    # 21 bits of quotient, the last to round by, as many at a time as keep the rest small.
-    rest = gain << 9
-    quotient = rest // divisor
-    rest = rest % divisor << 9
-    quotient = (quotient << 9) + rest // divisor
-    rest = rest % divisor << 3
-    quotient = (quotient << 3) + rest // divisor + 1 >> 1
-    return quotient if final < quotient < gain else final
-
-
-LEAST_SAMPLES = const(2000)
-"""Behind a static initialisation."""
-
-ESTIMATORS = ((FILTER_KIND_KALMAN, KalmanFilter), (FILTER_KIND_RLS, RlsFilter))
-"""(FilterKind, class with `begin`, `update`, `rate_q8`, `bias_q12`, `saturations`)."""
-
-
-KINDS = (FILTER_KIND_OFF,) + tuple(row[0] for row in ESTIMATORS)
-"""What FILTER_KIND may be."""
-
-
-def estimator(kind, gain_rate_q20, gain_bias_q30):
-    """A new estimator of that FilterKind, or None where there is none."""
-    for known, make in ESTIMATORS:
-        if known == kind:
-            return make(gain_rate_q20, gain_bias_q30)
-    return None
-
-
-class StaticInit:
-    """Bias and variance of a wheel at rest, from plain sums over at least 2000 samples.
-
-    A wheel that turns is refused: by a gyro mean or sample beyond what a bias can be (30 deg/s), by gyro
-    variance above (1 deg/s)^2, or by gravity moving in the node (accelerometer variance above (0.02 g)^2).
-    """
-
-    def __init__(self):
-        self.state = FILTER_STATE_WAITING
-        self.samples = 0
-        """Behind the last finished initialisation."""
-        self.bias_q14 = [0] * _AXES
-        self.variance_q8 = [0] * _AXES
-        self.turning = False
-        self._reference = [0] * _ROW
-        self._sum = [0] * _ROW
-        self._square_high = [0] * _ROW
-        self._square_low = [0] * _ROW
-        self._limit = [0] * _ROW
-        self._variance_limit = [0] * _ROW
-        self._wanted = self._seen = 0
-        self._before = FILTER_STATE_WAITING
-        self._bias_q14 = [0] * _AXES
-        self._variance_q8 = [0] * _AXES
-
-    def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
-        """Starts over with LEAST_SAMPLES <= samples <= 65535."""
-        for i in range(_ROW):
-            self._sum[i] = self._square_high[i] = self._square_low[i] = 0
-            if i < _AXES:
-                self._limit[i] = 1000000000 // gyro_lsb_ndps * 30
-                self._variance_limit[i] = (1000000000 // gyro_lsb_ndps) ** 2
-            else:
-                self._limit[i] = 500000000 // accel_lsb_ng
-                self._variance_limit[i] = (20000000 // accel_lsb_ng) ** 2
-        self._wanted, self._seen = samples, 0
-        self.turning = False
-        if self.state != FILTER_STATE_INITIALISING:
-            self._before = self.state
-        self.state = FILTER_STATE_INITIALISING
-
-    def update(self, values, first, count):
-        """Takes rows of six int16; True when it has ended: in TRACKING, or as before with `turning`."""
-        for at in range(first, first + _ROW * count, _ROW):
-            if self._seen == 0:
-                for i in range(_ROW):
-                    self._reference[i] = values[at + i]
-            for i in range(_ROW):
-                d = values[at + i] - self._reference[i]
-                if d > self._limit[i] or d < -self._limit[i]:
-                    self.turning = True
-                    self.state = self._before
-                    return True
-                self._sum[i] += d
-                square = self._square_low[i] + d * d
-                self._square_high[i] += square >> 20
-                self._square_low[i] = square & _LOW_20
-            self._seen += 1
-            if self._seen == self._wanted:
-                self._finish()
-                return True
-        return False
-
-    def _finish(self):
-        n = self._wanted
-        for i in range(_ROW):
-            mean, part = self._sum[i] // n, self._sum[i] % n
-            # Mean square by long division of the double word, ten bits at a time, then eight more.
-            high, rest = self._square_high[i] // n, self._square_high[i] % n
-            rest = (rest << 10) + (self._square_low[i] >> 10)
-            middle, rest = rest // n, rest % n
-            rest = (rest << 10) + (self._square_low[i] & _LOW_10)
-            low, rest = rest // n, rest % n
-            variance = (high << 20) + (middle << 10) + low - mean * mean
-            if variance > self._variance_limit[i]:
-                self.turning = True
-            elif i < _AXES:
-                part_q8 = (part << 8) // n
-                variance = (variance << 8) + (rest << 8) // n - 2 * mean * part_q8 - (part_q8 * part_q8 >> 8)
-                if not -self._limit[i] <= self._reference[i] + mean <= self._limit[i]:
-                    self.turning = True
-                else:
-                    self._variance_q8[i] = variance if variance > 0 else 0
-                    self._bias_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
-        if self.turning:
-            self.state = self._before
-            return
-        self.samples = n
-        self.state = FILTER_STATE_TRACKING
-        for i in range(_AXES):
-            self.bias_q14[i], self.variance_q8[i] = self._bias_q14[i], self._variance_q8[i]

@@ -5,9 +5,14 @@ try:
 
     import uctypes
 
+    _ZEROS = [b""]
+
     def shared(words):
         """(raw, values): `words` int16, little-endian as the processor is, and the same memory as bytes."""
-        values = array("h", bytes(2 * words))
+        if len(_ZEROS[0]) != 2 * words:
+            # Kept for the next: two dozen slots of one size would leave as many zeros as garbage.
+            _ZEROS[0] = bytes(2 * words)
+        values = array("h", _ZEROS[0])
         return uctypes.bytearray_at(uctypes.addressof(values), 2 * words), values
 
 except ImportError:

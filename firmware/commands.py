@@ -3,10 +3,11 @@
 import struct
 from time import ticks_us
 
-import bias_filter
+import bias_choice
 import reports
 import settings
 from framing import PAYLOAD
+from static_init import LEAST_SAMPLES
 from wire import (
     ACK,
     ACK_FORMAT,
@@ -15,6 +16,7 @@ from wire import (
     BIAS_INIT_SIZE,
     CONFIG_KEY_ACCEL_RANGE_G,
     CONFIG_KEY_FILTER_KIND,
+    CONFIG_KEY_FORGETTING_Q20,
     CONFIG_KEY_GAIN_BIAS_Q30,
     CONFIG_KEY_GAIN_RATE_Q20,
     CONFIG_KEY_GYRO_RANGE_DPS,
@@ -30,7 +32,6 @@ from wire import (
     REASON_NO_IMU,
     REASON_NOT_STORED,
     REASON_UNKNOWN_MESSAGE,
-    REASON_WHEEL_TURNS,
     REBOOT,
     REBOOT_MODE_REPL,
     REBOOT_SIZE,
@@ -46,6 +47,12 @@ from wire import (
 )
 
 _ANY_NODE = 0
+_OF_FILTER = (
+    CONFIG_KEY_FILTER_KIND,
+    CONFIG_KEY_GAIN_RATE_Q20,
+    CONFIG_KEY_GAIN_BIAS_Q30,
+    CONFIG_KEY_FORGETTING_Q20,
+)
 
 
 class Commands:
@@ -69,8 +76,8 @@ class Commands:
             reports.hello(node)
         elif request == START:
             node.start()
-            if node.chip is None:
-                self.nack(request, seq, REASON_NO_IMU, node.faults)
+            if node.parts.chip is None:
+                self.nack(request, seq, REASON_NO_IMU, node.parts.faults)
             else:
                 self.ack(request, seq)
         elif request == STOP:
@@ -98,13 +105,13 @@ class Commands:
         struct.pack_into(NACK_FORMAT, outbox.note(), PAYLOAD, request, seq, reason, detail)
         outbox.post(NACK, NACK_SIZE)
 
-    def bias_done(self, turning):
-        """The static initialisation has ended: the answer that BiasInit waits for."""
+    def bias_done(self, refused):
+        """The initialisation has ended, or is refused for a Reason: the answer that BiasInit waits for."""
         seq, self._bias_seq = self._bias_seq, -1
         if seq < 0:
             return
-        if turning:
-            self.nack(BIAS_INIT, seq, REASON_WHEEL_TURNS, 0)
+        if refused:
+            self.nack(BIAS_INIT, seq, refused, 0)
         else:
             self.ack(BIAS_INIT, seq)
 
@@ -112,7 +119,7 @@ class Commands:
         """No samples come any more: BiasInit is answered with that."""
         seq, self._bias_seq = self._bias_seq, -1
         if seq >= 0:
-            self.nack(BIAS_INIT, seq, REASON_NO_IMU, self._node.faults)
+            self.nack(BIAS_INIT, seq, REASON_NO_IMU, self._node.parts.faults)
 
     def _reply_time(self, raw, received_us):
         outbox = self._node.outbox
@@ -124,15 +131,17 @@ class Commands:
 
     def _begin_bias(self, seq, samples):
         node = self._node
-        if samples < bias_filter.LEAST_SAMPLES:
+        if samples < LEAST_SAMPLES:
             self.nack(BIAS_INIT, seq, REASON_BAD_VALUE, samples)
-        elif node.chip is None:
-            self.nack(BIAS_INIT, seq, REASON_NO_IMU, node.faults)
-        elif node.static.state == FILTER_STATE_INITIALISING:
+        elif node.parts.chip is None:
+            self.nack(BIAS_INIT, seq, REASON_NO_IMU, node.parts.faults)
+        elif node.init.state == FILTER_STATE_INITIALISING:
             self.nack(BIAS_INIT, seq, REASON_BUSY, 0)
         else:
             self._bias_seq = seq
-            node.static.begin(samples, node.chip.gyro_lsb_ndps, node.chip.accel_lsb_ng)
+            chip = node.parts.chip
+            node.make_init()
+            node.init.begin(samples, chip.gyro_lsb_ndps, chip.accel_lsb_ng)
 
     def _set(self, seq, key, value):
         node = self._node
@@ -153,13 +162,13 @@ class Commands:
         else:
             self.ack(SET_CONFIG, seq)
         node.outbox.node_id = node.settings["node_id"]
-        if key in (CONFIG_KEY_FILTER_KIND, CONFIG_KEY_GAIN_RATE_Q20, CONFIG_KEY_GAIN_BIAS_Q30):
+        if key in _OF_FILTER:
             node.make_filter()
 
     def _choices(self, key):
-        chip = self._node.chip
+        chip = self._node.parts.chip
         if key == CONFIG_KEY_FILTER_KIND:
-            return bias_filter.KINDS
+            return bias_choice.FILTER_KINDS
         if chip is None:
             return None
         if key == CONFIG_KEY_RATE_HZ:

@@ -1,4 +1,4 @@
-"""The node: its parts put together, its loop, and what it does when something fails."""
+"""The node: its parts put together, its loop, and how it starts and ends."""
 
 import gc
 import os
@@ -6,7 +6,7 @@ import struct
 import sys
 from time import sleep_ms, sleep_us, ticks_add, ticks_diff, ticks_ms, ticks_us
 
-import bias_filter
+import bias_choice
 import machine
 import micropython
 import reports
@@ -14,18 +14,12 @@ import settings as configuration
 from board import Board
 from buffers import shared
 from commands import Commands
-from drivers.lis3mdl import LIS3MDL
-from drivers.lsm6ds33 import LSM6DS33
-from drivers.mpu6050 import MPU6050
 from framing import PAYLOAD
 from micropython import const
 from outbox import Outbox
+from parts import Parts
 from sampler import Sampler
 from wire import (
-    FAULT_BUS_STUCK,
-    FAULT_IMU_MISSING,
-    FAULT_IMU_SILENT,
-    FAULT_WRONG_WHO_AM_I,
     FILTER_STATE_INITIALISING,
     FILTER_STATE_TRACKING,
     MAG,
@@ -38,27 +32,16 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-IMU_DRIVERS = (LSM6DS33, MPU6050)
 STAY_IN_REPL = "/stay_in_repl"
 
+_AXES = const(3)
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
-_SEARCH_MS = const(1000)
-_SETTINGS_MS = const(1000)
-_CHECK_US = const(1500)
-_SILENT_LEAST_US = const(100000)
-_SILENT_PERIODS = const(10)
-_RECONFIGURE_US = const(1000000)
-_FAILURES_BEFORE_RECOVERY = const(3)
-_AGAIN_US = const(2000)
-_PAUSE_US = const(250000)
 _SENDS_PER_TURN = const(4)
 _IDLE_US = const(1000)
 _MARGIN_US = const(300)
 _MAG_RETRY_MS = const(5)
 _MAG_SILENT_MS = const(1000)
-_TIMED_OUT = (110, 116)
-"""ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
 _CTRL_C = const(3)
 _FAREWELL_MS = const(300)
 _RESCUE_MS = const(3000)
@@ -73,24 +56,19 @@ class Node:
         self.settings = board.settings
         self.outbox = Outbox(self.settings["queue"], self.settings["node_id"])
         self.sampler = Sampler(self.outbox, self._use)
-        self.static = bias_filter.StaticInit()
+        self.parts = Parts(board, self.outbox, self.sampler, self._searched)
         self.commands = Commands(self)
-        self.chip: Any = None
-        self.mag: Any = None
-        self.faults = 0
         self.leave = None
-        self.parts = []
-        self.batch = 8
         self.estimator: Any = None
+        self.init: Any = None
+        """The bias at the start: a `static_init.Start`."""
+        self.warm: Any = None
         self._running = True
-        self.i2c_errors = self.recoveries = self._failures = 0
+        self._next_index = self._lsb_ndps = 0
         self.worst_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
-        now = ticks_ms()
-        self._hello_ms = self._health_ms = self._search_ms = self._filter_ms = self._mag_ms = now
-        self._settings_ms = now
-        self._pause_us = self._check_us = self._since_us = ticks_us()
-        self._paused = False
+        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = ticks_ms()
+        self.make_init()
         self.make_filter()
         self.start()
 
@@ -98,13 +76,12 @@ class Node:
         """One round: sample, send, listen, look after everything else."""
         now = ticks_us()
         self.board.feed()
-        if self._paused and ticks_diff(now, self._pause_us) >= 0:
-            self._paused = False
-        if not self._paused:
+        self.parts.resume(now)
+        if not self.parts.paused:
             try:
                 self.sampler.turn(now)
             except OSError as error:
-                self._bus_failed(error, ticks_us())
+                self.parts.bus_failed(error, ticks_us())
         self.link.send(self.outbox, _SENDS_PER_TURN)
         if self.link.receive():
             self.commands.handle(self.link.reader, ticks_us())
@@ -116,26 +93,33 @@ class Node:
         self._idle(done)
 
     def start(self):
-        """Finds the parts, configures them and samples; `chip` is None when there is no IMU."""
+        """Finds the parts, configures them and samples; `parts.chip` is None when there is no IMU."""
         self._running = True
-        self._find_parts()
-        if self.chip is None:
+        self.parts.find()
+        if self.parts.chip is None:
             self.sampler.end()
         else:
-            self._begin(False)
+            self._know_chip()
+            self.parts.begin(False)
         reports.hello(self)
 
     def stop(self):
         """Ends sampling; the node goes on answering."""
         self._running = False
         self.sampler.end()
-        self.chip = None
+        self.parts.chip = None
         self.commands.bias_given_up()
 
+    def make_init(self):
+        """The initialisation that the settings ask for; it knows what the one before it has found."""
+        before = self.init
+        self.init = bias_choice.initialisation(self.settings, self.sampler.clock)
+        if before is not None:
+            self.init.adopt(before)
+
     def make_filter(self):
-        """The estimator that the settings ask for, at rest with the bias of the last initialisation."""
-        s = self.settings
-        self.estimator = bias_filter.estimator(s["filter_kind"], s["gain_rate_q20"], s["gain_bias_q30"])
+        """The estimator that the settings ask for, at rest with the bias that is known."""
+        self.estimator = bias_choice.estimator(self.settings)
         self._begin_filter()
 
     def farewell(self):
@@ -146,174 +130,59 @@ class Node:
             self.board.feed()
             sleep_ms(1)
 
-    # What each batch goes through before it is sealed.
+    # The bias.
 
     def _use(self, values, first, count):
-        static, estimator = self.static, self.estimator
-        if static.state == FILTER_STATE_INITIALISING:
-            if static.update(values, first, count):
+        """What each batch goes through before it is sealed."""
+        init, estimator = self.init, self.estimator
+        index = self.sampler.first_index
+        if index != self._next_index:
+            init.gap()
+        self._next_index = index + count
+        if init.state == FILTER_STATE_INITIALISING:
+            if init.update(values, first, count):
                 self._begin_filter()
-                self.commands.bias_done(static.turning)
-        elif static.state == FILTER_STATE_TRACKING and estimator is not None:
+                self.commands.bias_done(init.refused)
+        elif init.state == FILTER_STATE_TRACKING and estimator is not None:
             estimator.update(values, first, count)
 
     def _begin_filter(self):
         if self.estimator is not None:
-            for axis in range(3):
-                self.estimator.begin(axis, self.static.bias_q14[axis])
+            for axis in range(_AXES):
+                self.estimator.begin(axis, self.init.now_q14(axis))
 
-    # Finding and losing parts.
-
-    def _find_parts(self):
-        """Looks for an IMU and a magnetometer at their addresses."""
-        i2c, s = self.board.i2c, self.settings
-        self._search_ms = ticks_ms()
-        self.parts = []
-        self.chip = self.mag = None
-        self.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
-        found = wrong = None
-        for driver in IMU_DRIVERS:
-            for address in driver.ADDRESSES:
-                who_am_i = _who_am_i(i2c, address, driver.WHO_AM_I_REGISTER)
-                if who_am_i < 0:
-                    continue
-                if found is None and (who_am_i in driver.WHO_AM_I or driver.ANY_WHO_AM_I):
-                    found = (driver, address, who_am_i)
-                else:
-                    wrong = (address, who_am_i, 0)
-                    self.parts.append(wrong)
-        if found is None:
-            self.faults |= FAULT_IMU_MISSING if wrong is None else FAULT_WRONG_WHO_AM_I
-        else:
-            driver, address, who_am_i = found
-            try:
-                self.chip = driver(
-                    i2c,
-                    address,
-                    odr_hz=_nearest(driver.RATES_HZ, s["rate_hz"]),
-                    range_dps=_nearest(driver.RANGES_DPS, s["gyro_range_dps"]),
-                    range_g=_nearest(driver.RANGES_G, s["accel_range_g"]),
-                    fifo=s["fifo"],
-                )
-                self.parts.append((address, who_am_i, self.chip.PART))
-            except OSError:
-                self.i2c_errors += 1
-                self.faults |= FAULT_IMU_MISSING
-        self._find_mag()
-        gc.collect()
-
-    def _find_mag(self):
-        i2c, rate_hz = self.board.i2c, self.settings["mag_rate_hz"]
-        for address in LIS3MDL.ADDRESSES:
-            who_am_i = _who_am_i(i2c, address, LIS3MDL.WHO_AM_I_REGISTER)
-            if who_am_i < 0:
-                continue
-            part = 0
-            if who_am_i in LIS3MDL.WHO_AM_I and rate_hz and self.mag is None:
-                try:
-                    self.mag = LIS3MDL(i2c, address, odr_hz=_nearest(LIS3MDL.RATES_HZ, rate_hz))
-                    part = LIS3MDL.PART
-                except OSError:
-                    self.i2c_errors += 1
-            self.parts.append((address, who_am_i, part))
-
-    def _begin(self, lost):
-        chip = self.chip
-        self.batch = self.settings["batch"] or (16 if chip.rate_mhz > 250000 else 8)
-        if not lost:
-            self.outbox.shape(self.batch)
-        now = ticks_us()
-        self._check_us = ticks_add(now, _SILENT_LEAST_US)
-        self.sampler.begin(now, chip, self.batch, lost)
-
-    def _bus_failed(self, error, now):
-        self.i2c_errors += 1
-        self._failures += 1
-        self.sampler.due_us = ticks_add(now, _AGAIN_US)
-        # An error that no memory was left for has no arguments.
-        timed_out = error.args and error.args[0] in _TIMED_OUT
-        if self._failures < _FAILURES_BEFORE_RECOVERY and not timed_out:
+    def _know_chip(self):
+        """What the settings say of the bias, in steps of the chip that is there; once for a size of step."""
+        s, chip = self.settings, self.parts.chip
+        if chip.gyro_lsb_ndps == self._lsb_ndps:
             return
-        self._failures = 0
-        self.recoveries += 1
-        free = self.board.free_bus()
-        self.faults = self.faults & ~FAULT_BUS_STUCK if free else self.faults | FAULT_BUS_STUCK
-        for part in (self.chip, self.mag):
-            if part is not None:
-                part.i2c = self.board.i2c
-        if not free or not self._revive(False):
-            # Each transfer on a bus that stays stuck costs its whole time limit: not at every turn.
-            self._paused = True
-            self._pause_us = ticks_add(now, _PAUSE_US)
+        self._lsb_ndps = chip.gyro_lsb_ndps
+        self.warm = bias_choice.warm_up(s, chip, self.board.reset_cause)
+        for axis in range(_AXES):
+            known = bias_choice.known_bias_q18(s, axis, chip)
+            if known is not None:
+                grown = self.warm.grown_q18(axis) if self.warm is not None else 0
+                self.init.give(axis, known + grown >> 4)
+        self._begin_filter()
 
-    def _revive(self, always):
-        """Configures the chip again if it lost its settings, or always; False when it does not answer.
-
-        One that answers with another id is given up.
-        """
-        chip = self.chip
-        try:
-            if always or not chip.intact():
-                if _who_am_i(self.board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (chip.who_am_i, -1):
-                    self.sampler.end()
-                    self._search()
-                else:
-                    if not always:
-                        # What was written there did not stay.
-                        self.i2c_errors += 1
-                    chip.configure()
-                    self._begin(True)
-        except OSError:
-            self.i2c_errors += 1
-            return False
-        return True
-
-    def _search(self):
-        """Looks for the parts again; an IMU that is there is sampled on, with a gap."""
-        self._find_parts()
-        if self.chip is not None:
-            self._begin(True)
-        reports.hello(self)
-
-    def _check_settings(self, ms):
-        """A bit of a setting that turned over would go on changing samples: looked for every second."""
-        if not self.chip.uses_fifo and ticks_diff(self.sampler.due_us, ticks_us()) < _CHECK_US:
-            return
-        self._settings_ms = ticks_add(ms, _SETTINGS_MS)
-        self._revive(False)
-
-    def _watch_imu(self, now):
-        """A chip that answers but has no samples is set up again."""
-        silent_us = ticks_diff(now, self.sampler.last_us)
-        limit_us = _SILENT_PERIODS * self.sampler.clock.period_us
-        if silent_us < (limit_us if limit_us > _SILENT_LEAST_US else _SILENT_LEAST_US):
-            self.faults &= ~FAULT_IMU_SILENT
-            self._failures = 0
-            self._since_us = now
-            return
-        self.faults |= FAULT_IMU_SILENT
-        if ticks_diff(now, self._check_us) < 0:
-            return
-        self._check_us = ticks_add(now, _SILENT_LEAST_US)
-        always = ticks_diff(now, self._since_us) > _RECONFIGURE_US
-        if always:
-            self._since_us = now
-        self._revive(always)
+    def _drift(self):
+        """The warm-up has moved the bias, of what runs and of what the next filter begins with."""
+        for axis in range(_AXES):
+            step_q18 = self.warm.step_q18[axis]
+            self.init.drift(axis, step_q18)
+            if self.estimator is not None:
+                self.estimator.drift(axis, step_q18)
 
     # Everything that is not a sample.
 
     def _look_after(self, ms):
-        if self.chip is not None:
-            if not self._paused:
-                self._watch_imu(ticks_us())
-                if self.chip is not None and ticks_diff(ms, self._settings_ms) >= 0:
-                    self._check_settings(ms)
-        elif self._running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
-            self._search()
-        if self.mag is not None and ticks_diff(ms, self._mag_ms) >= 0:
+        self.parts.look_after(ms, self._running)
+        if self.parts.mag is not None and ticks_diff(ms, self._mag_ms) >= 0:
             self._read_mag(ms)
+        if self.warm is not None and self.warm.turn(ms):
+            self._drift()
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
-            tracking = self.static.state == FILTER_STATE_TRACKING
+            tracking = self.init.state == FILTER_STATE_TRACKING
             self._filter_ms = ticks_add(ms, self.settings["filter_period_ms"] if tracking else _HEALTH_MS)
             reports.filter_state(self)
         if ticks_diff(ms, self._health_ms) >= 0:
@@ -324,45 +193,38 @@ class Node:
             self._hello_ms = ticks_add(ms, _HELLO_MS)
             reports.hello(self)
 
+    def _searched(self):
+        if self.parts.chip is not None:
+            self._know_chip()
+        reports.hello(self)
+
     def _read_mag(self, ms):
-        words = self._mag_words
+        words, mag = self._mag_words, self.parts.mag
         self._mag_ms = ticks_add(ms, _MAG_RETRY_MS)
-        if self._failures or self._paused:
+        if self.parts.failures or self.parts.paused:
             return
         try:
-            if not self.mag.read_into(words, 0):
+            if not mag.read_into(words, 0):
                 self._mag_waits += 1
                 if self._mag_waits * _MAG_RETRY_MS > _MAG_SILENT_MS:
                     self._mag_waits = 0
-                    self.mag.configure()
+                    mag.configure()
                 return
         except OSError:
-            self.i2c_errors += 1
+            self.parts.i2c_errors += 1
             return
         self._mag_waits = 0
-        self._mag_ms = ticks_add(ms, 1000 // self.mag.rate_hz - _MAG_RETRY_MS)
+        self._mag_ms = ticks_add(ms, 1000 // mag.rate_hz - _MAG_RETRY_MS)
         struct.pack_into(MAG_FORMAT, self.outbox.note(), PAYLOAD, ticks_us(), words[0], words[1], words[2])
         self.outbox.post(MAG, MAG_SIZE)
 
     def _idle(self, now):
         """Sleeps until shortly before the next sample is due, briefly, so that the host is heard."""
-        wait = ticks_diff(self.sampler.due_us, now) - _MARGIN_US if self.chip is not None else _IDLE_US
+        wait = _IDLE_US
+        if self.parts.chip is not None:
+            wait = ticks_diff(self.sampler.due_us, now) - _MARGIN_US
         if wait > 0:
             sleep_us(wait if wait < _IDLE_US else _IDLE_US)
-
-
-def _who_am_i(i2c, address, register):
-    """The id that a chip at `address` answers with, or -1."""
-    one = bytearray(1)
-    try:
-        i2c.readfrom_mem_into(address, register, one)
-    except OSError:
-        return -1
-    return one[0]
-
-
-def _nearest(choices, wanted):
-    return min(choices, key=lambda value: abs(value - wanted))
 
 
 def main():

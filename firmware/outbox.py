@@ -22,13 +22,14 @@ class Slot:
     """Room for one frame.
 
     raw: the frame's bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch;
-    samples: the same as int16; end: where the frame ends in raw, once sealed.
+    samples: the same as int16, both only after `shape`; end: where the frame ends in raw, once sealed.
     """
+
+    rows = samples = None
 
     def __init__(self):
         self.raw, self.values = shared(SLOT_WORDS)
         self.end = START
-        self.shape(1)
 
     def shape(self, batch):
         """Fits `rows` and `samples` to batches of that many samples."""

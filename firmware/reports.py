@@ -29,7 +29,8 @@ _U16 = const(0xFFFF)
 
 def hello(node):
     """Queues Hello."""
-    chip, mag, board = node.chip, node.mag, node.board
+    parts, board = node.parts, node.board
+    chip, mag = parts.chip, parts.mag
     raw = node.outbox.note()
     struct.pack_into(
         HELLO_FORMAT,
@@ -51,12 +52,12 @@ def hello(node):
         chip.temperature_lsb_udegc if chip else 0,
         chip.temperature_offset_udegc if chip else 0,
         mag.lsb_ft if mag else 0,
-        node.batch,
+        parts.batch,
         node.settings["filter_kind"],
-        len(node.parts),
+        len(parts.found),
     )
     at = PAYLOAD + HELLO_SIZE
-    for address, who_am_i, part in node.parts:
+    for address, who_am_i, part in parts.found:
         struct.pack_into(HELLO_ROW, raw, at, address, who_am_i, part)
         at += HELLO_ROW_SIZE
     node.outbox.post(HELLO, at - PAYLOAD)
@@ -64,44 +65,47 @@ def hello(node):
 
 def filter_state(node):
     """Queues Filter."""
-    f, static = node.estimator, node.static
+    f, init = node.estimator, node.init
     struct.pack_into(
         FILTER_FORMAT,
         node.outbox.note(),
         PAYLOAD,
         node.sampler.newest_us,
-        static.state,
+        init.state,
         f.saturations,
-        static.samples,
+        init.samples,
         f.rate_q8(0),
         f.rate_q8(1),
         f.rate_q8(2),
         f.bias_q12(0),
         f.bias_q12(1),
         f.bias_q12(2),
-        static.variance_q8[0],
-        static.variance_q8[1],
-        static.variance_q8[2],
+        init.variance_q8[0],
+        init.variance_q8[1],
+        init.variance_q8[2],
+        init.sigma_q12[0],
+        init.sigma_q12[1],
+        init.sigma_q12[2],
     )
     node.outbox.post(FILTER, FILTER_SIZE)
 
 
 def health(node):
     """Queues Health; the longest turn is measured anew."""
-    battery_mv = node.board.battery_mv()
+    parts, battery_mv = node.parts, node.board.battery_mv()
     if 0 < battery_mv < node.settings["low_battery_mv"]:
-        node.faults |= FAULT_LOW_BATTERY
+        parts.faults |= FAULT_LOW_BATTERY
     else:
-        node.faults &= ~FAULT_LOW_BATTERY
+        parts.faults &= ~FAULT_LOW_BATTERY
     struct.pack_into(
         HEALTH_FORMAT,
         node.outbox.note(),
         PAYLOAD,
         ticks_us(),
         battery_mv,
-        node.faults,
-        min(node.i2c_errors, _U16),
-        min(node.recoveries, _U16),
+        parts.faults,
+        min(parts.i2c_errors, _U16),
+        min(parts.recoveries, _U16),
         min(node.sampler.overruns, _U16),
         min(node.sampler.missed, _U16),
         min(node.outbox.dropped, _U16),

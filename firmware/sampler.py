@@ -58,7 +58,8 @@ class Sampler:
         self._count = 0
         self._flags = 0
         self._first_us = self.last_us
-        self._first_index = 0
+        self.first_index = 0
+        """Number of the first sample of the batch handed to `use`."""
         self._first_look = True
         self._rate_mhz = 0
         self._look_us = _LOOK_US
@@ -146,7 +147,7 @@ class Sampler:
         self.last_us = now
         row = self._count
         if row == 0:
-            self._first_us, self._first_index = clock.t_us, clock.index
+            self._first_us, self.first_index = clock.t_us, clock.index
             clock.batch_began()
         self._count = row + 1
         if self._count == self._batch:
@@ -233,7 +234,7 @@ class Sampler:
                 return
             self.missed -= level
             self._first_us = clock.ahead_us(1 - level)
-            self._first_index = clock.index + 1 - level
+            self.first_index = clock.index + 1 - level
             clock.batch_began()
             level -= batch
             self._count = batch
@@ -298,7 +299,7 @@ class Sampler:
             PAYLOAD,
             self._first_us,
             self.clock.period_ns,
-            self._first_index & 0xFFFF,
+            self.first_index & 0xFFFF,
             chip.temperature_raw,
             self._flags,
             count,

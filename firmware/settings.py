@@ -3,14 +3,19 @@
 import json
 
 from wire import (
+    BIAS_KIND_GRAVITY,
+    BIAS_KIND_MEAN,
     CONFIG_KEY_ACCEL_RANGE_G,
     CONFIG_KEY_BATCH,
+    CONFIG_KEY_BIAS_KIND,
     CONFIG_KEY_FILTER_KIND,
+    CONFIG_KEY_FORGETTING_Q20,
     CONFIG_KEY_GAIN_BIAS_Q30,
     CONFIG_KEY_GAIN_RATE_Q20,
     CONFIG_KEY_GYRO_RANGE_DPS,
     CONFIG_KEY_NODE_ID,
     CONFIG_KEY_RATE_HZ,
+    CONFIG_KEY_TABLE_RATE_UDPS,
     FILTER_KIND_KALMAN,
     FILTER_KIND_RLS,
 )
@@ -29,6 +34,19 @@ DEFAULTS = {
     "filter_kind": FILTER_KIND_KALMAN,
     "gain_rate_q20": 314573,
     "gain_bias_q30": 322,
+    "forgetting_q20": 1027604,  # lambda of the RLS filter: 0.98
+    "bias_kind": BIAS_KIND_MEAN,
+    "bias_stretch": 0,  # samples in a mean of the pseudo-measurement; 0 = 16, 512 with gravity
+    "table_rate_udps": 0,
+    "noise_udps": 75000,  # 1 sigma of a gyro sample
+    "bias_sigma_udps": 5000000,  # 1 sigma of the bias at the start
+    "phase_mrad": 20,  # 1 sigma of gravity's direction in a sample
+    "wheel_radius_mm": 0,
+    "arm_mm": [],  # x, y
+    "gyro_scale_ppm": 0,  # of the z gyro
+    "bias_udps": [],  # x, y, z; without the warm-up
+    "warmup_udps": [],  # C1 of x, y, z
+    "warmup_s": 3600,  # T
     "filter_period_ms": 200,
     "queue": 24,
     "watchdog": True,
@@ -41,8 +59,8 @@ DEFAULTS = {
     "pins": {},
 }
 
-# (ConfigKey, name, least, most)
-REMOTE = (
+# (ConfigKey or 0, name, least, most)
+BOUNDS = (
     (CONFIG_KEY_NODE_ID, "node_id", 1, 254),
     (CONFIG_KEY_RATE_HZ, "rate_hz", 1, 1660),
     (CONFIG_KEY_GYRO_RANGE_DPS, "gyro_range_dps", 125, 2000),
@@ -51,7 +69,20 @@ REMOTE = (
     (CONFIG_KEY_FILTER_KIND, "filter_kind", 0, FILTER_KIND_RLS),
     (CONFIG_KEY_GAIN_RATE_Q20, "gain_rate_q20", 0, 1048575),
     (CONFIG_KEY_GAIN_BIAS_Q30, "gain_bias_q30", 0, 1048575),
+    (CONFIG_KEY_FORGETTING_Q20, "forgetting_q20", 524288, 1047552),
+    (CONFIG_KEY_BIAS_KIND, "bias_kind", 0, BIAS_KIND_GRAVITY),
+    (CONFIG_KEY_TABLE_RATE_UDPS, "table_rate_udps", 0, 1000000000),
+    (0, "bias_stretch", 0, 1024),
+    (0, "noise_udps", 1000, 10000000),
+    (0, "bias_sigma_udps", 1000, 30000000),
+    (0, "phase_mrad", 1, 1000),
+    (0, "wheel_radius_mm", 0, 10000),
+    (0, "gyro_scale_ppm", -200000, 200000),
+    (0, "warmup_s", 10, 100000),
 )
+
+# (name, how many numbers or none, most of each)
+_LISTS = (("arm_mm", 2, 1000), ("bias_udps", 3, 30000000), ("warmup_udps", 3, 30000000))
 
 
 def load(path=PATH):
@@ -66,9 +97,13 @@ def load(path=PATH):
         for name in stored:
             if name in values and type(stored[name]) is type(values[name]):
                 values[name] = stored[name]
-    for _, name, least, most in REMOTE:
+    for _, name, least, most in BOUNDS:
         if not least <= values[name] <= most:
             values[name] = DEFAULTS[name]
+    for name, count, most in _LISTS:
+        row = values[name]
+        if row and (len(row) != count or not all(type(x) is int and -most <= x <= most for x in row)):
+            values[name] = []
     return values
 
 
@@ -83,8 +118,8 @@ def store(values, path=PATH):
 
 
 def remote(key):
-    """The row of REMOTE for a ConfigKey, or None."""
-    for row in REMOTE:
-        if row[0] == key:
+    """The row of BOUNDS for a ConfigKey, or None."""
+    for row in BOUNDS:
+        if key and row[0] == key:
             return row
     return None

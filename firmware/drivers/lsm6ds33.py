@@ -69,13 +69,11 @@ class LSM6DS33:
     """
 
     PART = PART_LSM6DS33
-    ADDRESSES = (0x6B, 0x6A)
     RATES_HZ = tuple(row[0] for row in _RATES_HZ)
     RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
     RANGES_G = tuple(row[0] for row in _RANGES_G)
     FIFO_SAMPLES = 682
     """Whole samples that the FIFO holds."""
-    WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x69,)
     ANY_WHO_AM_I = False
     """Whether another id at this address is taken for a variant, rather than refused."""

@@ -69,13 +69,11 @@ class MPU6050:
     """
 
     PART = PART_MPU6050
-    ADDRESSES = (0x68, 0x69)
     RATES_HZ = tuple(row[0] for row in _RATES_HZ)
     RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
     RANGES_G = tuple(row[0] for row in _RANGES_G)
     FIFO_SAMPLES = 85
     """Whole samples that the FIFO holds."""
-    WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
     ANY_WHO_AM_I = True
     """Whether another id at this address is taken for a variant, rather than refused."""

@@ -42,6 +42,15 @@ class FilterKind(IntEnum):
     RLS = 2
 
 
+class BiasKind(IntEnum):
+    """What a bias initialisation knows of the true rate while it runs."""
+
+    MEAN = 0
+    REST = 1
+    TABLE = 2
+    GRAVITY = 3
+
+
 class FilterState(IntEnum):
     """Where the bias filter stands."""
 
@@ -59,6 +68,7 @@ class Reason(IntEnum):
     NO_IMU = 4
     BUSY = 5
     NOT_STORED = 6
+    WHEEL_RESTS = 7
 
 
 class ConfigKey(IntEnum):
@@ -72,6 +82,9 @@ class ConfigKey(IntEnum):
     FILTER_KIND = 6
     GAIN_RATE_Q20 = 7
     GAIN_BIAS_Q30 = 8
+    FORGETTING_Q20 = 9
+    BIAS_KIND = 10
+    TABLE_RATE_UDPS = 11
 
 
 class RebootMode(IntEnum):
@@ -208,11 +221,19 @@ class Filter(Message):
     t_us: int = wire("I", _DEVICE_TIME + ", of the last sample used", unit="us")
     state: int = wire("B", "FilterState")
     saturations: int = wire("H", "times an intermediate was clipped, modulo 2^16")
-    samples: int = wire("I", "samples behind the initial bias")
+    samples: int = wire("I", "samples behind the initial bias, 0 when it comes from the settings")
     rate_q8: tuple[int, int, int] = wire("3i", "angular rate x, y, z", scale="1/256", unit="gyro step")
-    bias_q12: tuple[int, int, int] = wire("3i", "bias x, y, z", scale="1/4096", unit="gyro step")
+    bias_q12: tuple[int, int, int] = wire(
+        "3i", "bias x, y, z, warm-up included", scale="1/4096", unit="gyro step"
+    )
     variance_q8: tuple[int, int, int] = wire(
-        "3I", "variance at rest x, y, z", scale="1/256", unit="gyro step^2"
+        "3I", "variance of a sample at rest x, y, z", scale="1/256", unit="gyro step^2"
+    )
+    bias_sigma_q12: tuple[int, int, int] = wire(
+        "3I",
+        "1 sigma of the initial bias x, y, z, 0 = not known; what was not seen keeps that of the start",
+        scale="1/4096",
+        unit="gyro step",
     )
 
 
@@ -306,7 +327,7 @@ class Stop(Message):
 
 @dataclass(frozen=True, slots=True)
 class BiasInit(Message):
-    """Starts the static bias initialisation; the wheel must rest. Answered when it has ended."""
+    """Starts a bias initialisation as the node's BiasKind says. Answered when it has ended."""
 
     type_id: ClassVar[int] = 0x46
     samples: int = wire("H", "how many samples to use, at least 2000")
@@ -344,6 +365,7 @@ ENUMS: tuple[type[IntEnum], ...] = (
     Board,
     ResetCause,
     FilterKind,
+    BiasKind,
     FilterState,
     Reason,
     ConfigKey,

@@ -7,13 +7,12 @@ from pathlib import Path
 
 
 @cache
-def load():
-    """The module fast.py."""
-    names = ("ptr8", "ptr16", "ptr32")
-    for name in names:
-        setattr(builtins, name, lambda memory: memory)
-    path = Path(__file__).parents[2] / "firmware" / "fast.py"
-    spec = importlib.util.spec_from_file_location("fast_on_cpython", path)
+def load(name="fast"):
+    """The module of that name."""
+    for pointer in ("ptr8", "ptr16", "ptr32"):
+        setattr(builtins, pointer, lambda memory: memory)
+    path = Path(__file__).parents[2] / "firmware" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(f"{name}_on_cpython", path)
     fast = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(fast)
     return fast

@@ -5,11 +5,18 @@ import re
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import bias_choice
 import bias_filter
 import framing
 import link
+import numpy as np
+import pseudo_filter
 import pytest
+import settings
+import small_float
+import wire
 from outbox import Outbox
 from sampler import Sampler
 
@@ -121,3 +128,71 @@ def test_the_budget_in_the_readme_is_what_is_counted(rate):
     assert stated_native == pytest.approx(native, rel=0.05)
     assert stated_bytes == pytest.approx(sent * rate, rel=0.02)
     assert framing.crc16 is framing.crc16_table, "CPython runs the plain versions"
+
+
+def instructions(rounds, work, native=()):
+    """CPython instructions in the firmware for one of `rounds` calls of `work`."""
+    counter = Counter(native)
+    sys.settrace(counter)
+    try:
+        for _ in range(rounds):
+            work()
+    finally:
+        sys.settrace(None)
+    return counter.count / rounds
+
+
+def estimation_costs():
+    """{what: [instructions plain, with native twins]} of a sample, or of the end of a stretch."""
+    rng = np.random.default_rng(1)
+    count, turn = 800, 2 * np.pi / 500 * np.arange(800)
+    table = np.round(rng.normal((0, 0, 0, 0, 0, 0), 3.0, (count, 6)))
+    table[:, 3:5] += 2000 * np.column_stack([np.cos(turn), -np.sin(turn)])
+    table[:, 2] += 2138
+    moving = table.astype(int).reshape(-1).tolist()
+    resting = np.round(rng.normal((3, 2, 1, 0, 0, 2049), 1.5, (count, 6))).astype(int).reshape(-1).tolist()
+    clock = SimpleNamespace(period_ns=4_807_692)
+
+    def filtering(kind, native):
+        estimator = bias_choice.estimator({**settings.DEFAULTS, "filter_kind": kind})
+        for axis in range(3):
+            estimator.begin(axis, 0)
+        estimator.update(moving, 0, 8)
+        return instructions(50, lambda: estimator.update(moving, 48, 8), native) / 8
+
+    def starting(kind, values):
+        init = bias_choice.initialisation(
+            {**settings.DEFAULTS, "bias_kind": kind, "bias_stretch": 1024}, clock
+        )
+        init.begin(60_000, 70_000_000, 488_000)
+        init.update(values, 0, 8)
+        return instructions(50, lambda: init.update(values, 48, 8)) / 8
+
+    known = pseudo_filter.PseudoFilter()
+    known.begin(small_float.number(5000, 0), small_float.number(1, -4))
+    mean, doubt = [value << 14 for value in moving[:3]], small_float.number(1, -2)
+    floats = tuple(f"{name}_plain" for name in ("number", "integer", "times", "plus", "over"))
+
+    def updating(native):
+        return instructions(20, lambda: known.update(mean, 2138 << 14, doubt), native)
+
+    return {
+        "filter: Kalman": [filtering(wire.FILTER_KIND_KALMAN, twins) for twins in ((), ("kalman_plain",))],
+        "filter: RLS": [filtering(wire.FILTER_KIND_RLS, twins) for twins in ((), floats)],
+        "initialisation: mean": [starting(wire.BIAS_KIND_MEAN, resting)] * 2,
+        "initialisation: rest": [starting(wire.BIAS_KIND_REST, resting)] * 2,
+        "initialisation: table": [starting(wire.BIAS_KIND_TABLE, moving)] * 2,
+        "initialisation: gravity": [starting(wire.BIAS_KIND_GRAVITY, moving)] * 2,
+        "and at the end of each stretch": [updating(()), updating(floats)],
+    }
+
+
+def test_the_costs_of_estimating_in_the_readme_are_what_is_counted():
+    readme = (ROOT / "firmware" / "README.md").read_text()
+    assert small_float.times is small_float.times_plain, "CPython runs the plain versions"
+    for what, (plain, native) in estimation_costs().items():
+        print(f"| {what} | {round(plain)} | {round(native)} |")
+        stated = re.search(rf"^\| {what} \| (\d+) \| (\d+) \|", readme, re.MULTILINE)
+        assert stated, f"{what} is not in the README"
+        assert int(stated[1]) == pytest.approx(plain, rel=0.05)
+        assert int(stated[2]) == pytest.approx(native, rel=0.05, abs=1)

@@ -10,26 +10,26 @@ import real_micropython
 import hubowire
 from hubowire import messages
 
-SAMPLES = 100_000
+SAMPLES, SAMPLES_WITH_RLS = 100_000, 20_000
 HEAP = 96 * 1024
 
 MODULES = [
-    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "sampler", "bias_filter"),
-    *(
-        "drivers.lsm6ds33",
-        "drivers.mpu6050",
-        "drivers.lis3mdl",
-        "settings",
-        "board",
-        "link",
-        "commands",
-        "node",
-    ),
+    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "sampler", "static_init"),
+    *("drivers.lis3mdl", "parts", "settings", "bias_choice"),
+    *("board", "link", "reports", "commands", "node"),
 ]
+KALMAN = ("bias_filter",)
+RLS = ("small_float", "rls_filter")
+PSEUDO = ("small_float", "pseudo_filter", "pseudo_init")
 
-START = """
+BUS = """
 import gc, json, micropython, sys, time
 sys.path.insert(0, "/")
+from fake_bus import FakeBus
+bus = FakeBus("{imu}", {period}, {spin})
+"""
+
+START = """
 high = 0
 base = gc.mem_alloc()
 def look():
@@ -38,9 +38,8 @@ def look():
     gc.collect()
 """
 
-NODE = """
+BOARD = """
 import settings
-from fake_bus import FakeBus
 from link import UsbLink
 from node import Node
 
@@ -57,15 +56,19 @@ class FakeBoard:
 
 values = dict(settings.DEFAULTS)
 values["rate_hz"] = {rate}
-values["filter_kind"] = {kind}
-bus = FakeBus("{imu}", {period})
+values.update({settings})
 link = UsbLink()
-node = Node(FakeBoard(bus, values), link)
-node.static.begin(2000, node.chip.gyro_lsb_ndps, node.chip.accel_lsb_ng)
-for _ in range(20):
-    node.turn()
+board = FakeBoard(bus, values)
 look()
 """
+
+# This MicroPython collects garbage between such pieces only, a board's whenever it needs to.
+NODE = (
+    "node = Node(board, link)\nlook()",
+    "chip = node.parts.chip",
+    "node.init.begin({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nlook()",
+    "for _ in range(20):\n    node.turn()\nlook()",
+)
 
 LOCKED = """
 def locked(samples):
@@ -90,41 +93,79 @@ look()
 node.farewell()
 with open("/result", "w") as file:
     json.dump({{"failure": failure, "allocated": allocated, "turns": turns, "high": high,
-        "missed": node.sampler.missed, "dropped": node.outbox.dropped}}, file)
+        "missed": node.sampler.missed, "dropped": node.outbox.dropped,
+        "kinds": [type(node.init).__name__, type(node.estimator).__name__]}}, file)
 """
 
-# (driver, rate, true period in us, FilterKind)
-CASES = [
-    ("lsm6ds33", 208, 4700, 1),
-    ("lsm6ds33", 1660, 610, 1),
-    ("mpu6050", 200, 5050, 1),
-    ("mpu6050", 1000, 1003, 2),
-]
+WARM = {"bias_udps": [100000, -50000, 0], "warmup_udps": [300000, 0, -200000], "warmup_s": 60}
+CASES = {
+    # name: (driver, rate, true period in us, whether the wheel turns, settings, what they load)
+    "lsm6ds33-208": ("lsm6ds33", 208, 4700, 0, {}, KALMAN),
+    "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, KALMAN),
+    "mpu6050-200-warm-rest": (
+        "mpu6050",
+        200,
+        5050,
+        0,
+        {"bias_kind": 1, **WARM},
+        (*KALMAN, *PSEUDO, "warm_up"),
+    ),
+    "mpu6050-1000-table-rls": (
+        *("mpu6050", 1000, 1003, 0),
+        {"bias_kind": 2, "table_rate_udps": 1400000, "filter_kind": 2},
+        (*PSEUDO, *RLS),
+    ),
+    "lsm6ds33-208-warm-gravity-rls": (
+        *("lsm6ds33", 208, 4700, 1),
+        {
+            "bias_kind": 3,
+            "bias_stretch": 1024,
+            "filter_kind": 2,
+            "arm_mm": [20, -5],
+            "wheel_radius_mm": 310,
+            **WARM,
+        },
+        (*PSEUDO, *RLS, "gravity_init", "warm_up"),
+    ),
+}
+
+INITS = {0: "StaticInit", 1: "PseudoInit", 2: "PseudoInit", 3: "GravityInit"}
+ESTIMATORS = {1: "KalmanFilter", 2: "RlsFilter"}
+
+
+def samples_of(case):
+    return SAMPLES_WITH_RLS if "rls" in case else SAMPLES
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """{case: future of (result, stream)}, as many at a time as there are processors, the longest first."""
     real_micropython.node_or_skip()
-    imports = [f"import {name}\nlook()" for name in MODULES]
+    folders = {case: tmp_path_factory.mktemp("node") for case in CASES}
 
     def one(case):
-        values = dict(zip(("imu", "rate", "period", "kind"), case, strict=True), samples=SAMPLES)
-        pieces = (START, *imports, NODE.format(**values), LOCKED.format(**values))
-        return real_micropython.run(tmp_path_factory.mktemp("node"), *pieces)
+        imu, rate, period, spin, settings, modules = CASES[case]
+        imports = [f"import {name}\nlook()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))]
+        bus = BUS.format(imu=imu, period=period, spin=spin)
+        board = BOARD.format(rate=rate, settings=repr(settings))
+        node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]
+        locked = LOCKED.format(samples=samples_of(case))
+        return real_micropython.run(folders[case], bus, START, *imports, board, *node, locked)
 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield {case: pool.submit(one, case) for case in sorted(CASES, key=lambda case: case[1])}
+        yield {case: pool.submit(one, case) for case in sorted(CASES, key=lambda case: CASES[case][1])}
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: "-".join(map(str, case)))
-def test_100000_samples_from_chip_to_link_without_an_allocation(runs, case):
-    imu, rate, *_ = case
+@pytest.mark.parametrize("case", CASES)
+def test_samples_go_from_chip_to_link_without_an_allocation(runs, case):
+    _, _, _, spin, settings, _ = CASES[case]
     result, stream = runs[case].result()
     assert result["failure"] is None, stream[-3000:]
     assert result["allocated"] == 0
     assert result["dropped"] == result["missed"] == 0
-    print(f"{imu} {rate} Hz: heap high water {result['high']} bytes in {result['turns']} turns")
+    kinds = [INITS[settings.get("bias_kind", 0)], ESTIMATORS[settings.get("filter_kind", 1)]]
+    assert result["kinds"] == kinds, "what the settings ask for is what ran"
+    print(f"{case}: heap high water {result['high']} bytes in {result['turns']} turns")
     assert result["high"] <= HEAP
 
     decoder = hubowire.FrameDecoder()
@@ -132,10 +173,11 @@ def test_100000_samples_from_chip_to_link_without_an_allocation(runs, case):
     assert decoder.damage.frames == 0
     batches = [message for _, message in sent if isinstance(message, messages.ImuBatch)]
     rows = [row for batch in batches for row in batch.samples]
-    assert len(rows) >= SAMPLES - 16
-    assert rows == [(k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900) for k in range(len(rows))]
+    assert len(rows) >= samples_of(case) - 16
+    if not spin:
+        assert rows == [(k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900) for k in range(len(rows))]
     assert {batch.temperature_raw for batch in batches[20:]} == {0x1234}
     kinds = Counter(type(message).__name__ for _, message in sent)
-    assert min(kinds[name] for name in ("Hello", "Health", "Filter", "Mag")) > 10
+    assert min(kinds[name] for name in ("Hello", "Health", "Filter", "Mag")) > 3
     *_, last = (m for _, m in sent if isinstance(m, messages.Filter))
-    assert last.state == messages.FilterState.TRACKING and last.samples == 2000
+    assert last.state == messages.FilterState.TRACKING and last.samples == (8192 if spin else 2000)

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import hubowire
+from hubodo.flash.node_settings import merged
 from hubodo.model.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
-from hubodo.model.motion import StillMotion
+from hubodo.model.motion import RecordedMotion, StillMotion
 from hubodo.model.virtual_node import VirtualNode
+from hubodo.sensors.apply import Correction
+from hubodo.sensors.calibration import Effect, NodeCalibration, Quantity
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, PERIOD, matched, micropython_or_skip, of, request, run, unique_motion
 
@@ -107,6 +110,16 @@ def test_a_chip_that_becomes_faster_is_followed_without_losing_a_sample():
     found = matched(sent, truth)
     assert np.array_equal(found[:, 0], np.arange(len(found)))
     assert len(truth.t) - len(found) <= 8
+
+
+@pytest.mark.parametrize("rate", [208, 416])
+def test_a_chip_that_answers_only_later_is_found_and_read_in_whole_batches(rate):
+    """Nobody answers when the node starts; the FIFO needs slots that the later search has shaped."""
+    sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[Nack(t=0.0, count=1)])
+    assert any(hello.rate_mhz == 0 for hello in of(sent, m.Hello)), "it began without a chip"
+    found = matched(sent, truth)
+    assert len(found) > 3 * rate
+    assert np.array_equal(np.diff(found[:, 0]), np.ones(len(found) - 1))
 
 
 def test_another_chip_at_the_address_is_refused_and_named():
@@ -261,11 +274,11 @@ def test_on_the_console_of_a_node_that_sends_by_uart_ctrl_c_is_ctrl_c():
         assert b"KeyboardInterrupt" in node.output and node.stats["counts"]["at_prompt"] == 1
 
 
-@pytest.mark.parametrize(("gain", "deviation"), [(20972, 0.1), (83886, 0.2)])
-def test_recursive_least_squares_is_chosen_by_configuration(gain, deviation):
+@pytest.mark.parametrize(("forgetting", "deviation"), [(1_027_604, 0.1), (964_690, 0.2)])
+def test_recursive_least_squares_is_chosen_by_configuration(forgetting, deviation):
     """Forgetting factors 0.98 and 0.92, set while running; the node reports the rate behind the bias."""
     script = [
-        (0.3, request(1, m.SetConfig(m.ConfigKey.GAIN_RATE_Q20, gain))),
+        (0.3, request(1, m.SetConfig(m.ConfigKey.FORGETTING_Q20, forgetting))),
         (0.4, request(2, m.SetConfig(m.ConfigKey.FILTER_KIND, m.FilterKind.RLS))),
         (0.5, request(3, m.BiasInit(2000))),
         (0.6, request(4, m.GetHello())),
@@ -277,3 +290,98 @@ def test_recursive_least_squares_is_chosen_by_configuration(gain, deviation):
     last = of(sent, m.Filter)[-1]
     assert last.state == m.FilterState.TRACKING and last.saturations == 0
     np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=deviation)
+
+
+def test_the_bias_of_the_settings_and_the_warm_up_are_told_beside_raw_samples():
+    """No initialisation: bias and warm-up come from /config.json, the samples are those of the chip."""
+    config = {"bias_udps": [210_000, 0, -140_000], "warmup_udps": [700_000, -1_400_000, 0], "warmup_s": 10}
+    sent, truth, _ = run(12, config=config)
+    found = matched(sent, truth)
+    assert np.array_equal(found[:, 0], np.arange(len(found))), "not a count is touched"
+    told = [f for f in of(sent, m.Filter) if f.state == m.FilterState.TRACKING]
+    assert {f.samples for f in told} == {0} and {f.bias_sigma_q12 for f in told} == {(0, 0, 0)}
+    age = np.array([f.t_us for f in told]) * 1e-6
+    bias = np.array([f.bias_q12 for f in told]) / 4096
+    grown = -np.expm1(-age / 10)[:, None]
+    expected = np.array([3.0, 0.0, -2.0]) + grown * np.array([10.0, -20.0, 0.0])
+    # The Kalman filter moves the bias by k2 / k1 = 1e-6 of a rate of up to 7000 steps; a batch takes 40 ms.
+    np.testing.assert_allclose(bias, expected, atol=0.15)
+
+
+def test_one_calibration_serves_node_and_host_and_is_applied_once():
+    """A gyro that warms up at rest: the node sends it raw and names its bias; the host takes it off."""
+    c1, constant, bias = np.array([0.02, 0.0, -0.01]), 10.0, np.array([0.004, -np.radians(0.14), 0.0])
+    t = np.arange(0, 14, 0.005)
+    gyro = bias - c1 * np.expm1(-t / constant)[:, None]
+    accel = np.tile([0.0, 0.0, 9.80665], (len(t), 1))
+    effects = {
+        "gyro_bias": dict(zip("xyz", bias, strict=True)),
+        "gyro_warmup": {**dict(zip("xyz", c1, strict=True)), "time_constant": constant},
+    }
+    calibration = NodeCalibration(
+        {
+            name: Effect({key: Quantity(float(value), 0.0) for key, value in values.items()})
+            for name, values in effects.items()
+        }
+    )
+    sent, _, _ = run(
+        13,
+        motion=RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0),
+        config=merged({"gain_bias_q30": 0}, calibration),
+    )
+    batches = of(sent, m.ImuBatch)[10:]
+    age = np.concatenate([b.t_us + b.period_ns / 1000 * np.arange(len(b.samples)) for b in batches]) * 1e-6
+    raw = np.concatenate([b.samples for b in batches])
+    shown = raw[:, :3] * np.radians(0.07)
+    true, _ = Correction.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
+    assert np.abs(shown[-100:].mean(axis=0) - gyro[-200]).max() < 1e-3, "sent as the chip gave it"
+    # Steps of 1.2e-3 rad/s, a bias that moves by ten of them: rounding stays, the warm-up does not.
+    assert np.abs(true).max() < 0.52 * np.radians(0.07) and np.abs(true.mean(axis=0)).max() < 1e-4
+    told = [f for f in of(sent, m.Filter) if f.state == m.FilterState.TRACKING][5:]
+    exact = bias - c1 * np.expm1(-np.array([f.t_us for f in told]) * 1e-6 / constant)[:, None]
+    found = np.array([f.bias_q12 for f in told]) / 4096 * np.radians(0.07)
+    assert np.abs(found - exact).max() < 0.1 * np.radians(0.07)
+
+
+def test_the_bias_is_found_while_the_wheel_turns():
+    """Gravity turns with 4 rad/s; 1 deg/s of bias along the axle. A wheel at rest is refused."""
+    t = np.arange(0, 31, 0.001)
+    accel = np.stack([9.80665 * np.cos(4 * t), -9.80665 * np.sin(4 * t), 0 * t], axis=1)
+    gyro = np.tile([0.0, 0.0, 4.0 + np.radians(1.0)], (len(t), 1))
+    config = {"bias_kind": m.BiasKind.GRAVITY, "bias_sigma_udps": 2_000_000, "phase_mrad": 5}
+    init = [(1.0, request(7, m.BiasInit(5000)))]
+    sent, _, _ = run(
+        27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, scripted_input=init
+    )
+    assert [a.request_seq for a in of(sent, m.Ack)] == [7]
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.samples == 5000
+    sigma = np.array(last.bias_sigma_q12) / 4096
+    assert last.bias_q12[2] / 4096 == pytest.approx(1 / 0.07, abs=4 * sigma[2]) and sigma[2] < 1
+    assert sigma[0] > 25, "across the axle nothing is seen"
+
+    sent, _, _ = run(27, motion=StillMotion(), config=config, scripted_input=init)
+    assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_RESTS)]
+
+
+@pytest.mark.parametrize("kind", [m.BiasKind.REST, m.BiasKind.TABLE])
+def test_the_kind_of_initialisation_is_chosen_while_running(kind):
+    """At rest, and on a table that turns with 45 deg/s, whose rate is set as well."""
+    rest = np.array([0.02, -0.05, 0.1])
+    rate = rest + (np.array([0.0, 0.0, np.radians(45.0)]) if kind == m.BiasKind.TABLE else 0.0)
+    script = [
+        (0.3, request(1, m.SetConfig(m.ConfigKey.BIAS_KIND, kind))),
+        (0.4, request(2, m.SetConfig(m.ConfigKey.TABLE_RATE_UDPS, 45_000_000))),
+        (0.5, request(3, m.BiasInit(2000))),
+    ]
+    sent, _, _ = run(7, motion=StillMotion(rate=rate), scripted_input=script, config={"rate_hz": 416})
+    assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
+    last = of(sent, m.Filter)[-1]
+    steps, sigma = np.degrees(rest) / 0.07, np.array(last.bias_sigma_q12) / 4096
+    found = np.array(last.bias_q12) / 4096
+    print(f"{kind.name}: {found} of {steps} steps, sigma {sigma}")
+    assert last.state == m.FilterState.TRACKING and last.samples == 2000
+    if kind == m.BiasKind.REST:
+        np.testing.assert_allclose(found, steps, atol=0.6)
+    else:
+        assert abs(found[2] - steps[2]) < 3 * sigma[2] and sigma[2] < sigma[0] / 4

@@ -36,6 +36,7 @@ PAYLOADS = {
         ("rate_q8", 4, True, 3),
         ("bias_q12", 4, True, 3),
         ("variance_q8", 4, False, 3),
+        ("bias_sigma_q12", 4, False, 3),
     ),
     "Health": (
         ("t_us", 4, False, 1),

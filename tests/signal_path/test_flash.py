@@ -47,6 +47,43 @@ def test_a_node_that_streams_is_flashed_again_and_only_what_differs_is_copied(bo
     assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 1, "rate_hz": 416}
 
 
+def test_a_calibration_becomes_the_settings_of_its_node(board, tmp_path, capfd):
+    """One for another board, or without this node, is refused and changes nothing."""
+    text = """
+[nodes.left]
+serial = "{serial}"
+[nodes.left.effects.gyro_bias]
+x = {{ value = 0.001, sigma = 1e-5 }}
+[nodes.left.effects.gyro_warmup]
+z = {{ value = -0.002, sigma = 1e-5 }}
+time_constant = {{ value = 3600.0, sigma = 60.0 }}
+"""
+    path = tmp_path / "calibration.toml"
+    before = (board.flash / "config.json").read_text()
+    path.write_text(text.format(serial="0123456789abcdef"))
+    code, _, err = flash(capfd, board.port, "--calibration", path)
+    assert code == 2 and "0123456789abcdef" in err and err.count("\n") == 1
+    path.write_text(text.format(serial="").replace("left", "right"))
+    code, _, err = flash(capfd, board.port, "--calibration", path)
+    assert code == 2 and "no node 'left', only right" in err
+    assert (board.flash / "config.json").read_text() == before
+
+    path.write_text(text.format(serial=""))
+    code, found, err = flash(capfd, board.port, "--calibration", path)
+    assert code == 0, err
+    assert found["copied"] == ["config.json"]
+    assert found["calibrated"] == {
+        "bias_udps": [57296, 0, 0],
+        "warmup_udps": [0, 0, -114592],
+        "warmup_s": 3600,
+    }
+    path.write_text(text.format(serial=found["serial"]))
+    code, again, err = flash(capfd, board.port, "--calibration", path)
+    assert code == 0, err
+    assert again["copied"] == [] and again["calibrated"] == found["calibrated"]
+    assert json.loads((board.flash / "config.json").read_text()) == json.loads(before) | found["calibrated"]
+
+
 def test_damaged_files_and_old_sources_that_hide_new_files_are_put_right(image, tmp_path, capfd):
     for name, content in {**image, "wire.mpy": b"damaged", "node.py": b"raise ValueError\n"}.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -24,6 +24,9 @@ _PROMPT = b">>> "
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
 _LOOK = "import sys;print([sys.platform,getattr(sys.implementation,'_mpy',0),sys.version])"
+_SERIAL = (
+    "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
+)
 # Reads each file in small pieces: a node has little memory.
 _HASH = """
 import hashlib,binascii
@@ -69,6 +72,10 @@ class FlashBoard:
         platform, mpy, version = ast.literal_eval(self._run("exec", _LOOK).strip().splitlines()[-1])
         number = mpy >> 10
         return platform, ARCHITECTURES[number] if number < len(ARCHITECTURES) else None, version
+
+    def unique_id(self) -> str:
+        """The board's own number, as its `Hello` tells it, in hex."""
+        return self._run("exec", _SERIAL).strip().splitlines()[-1]
 
     def interrupt(self) -> None:
         """Brings a streaming node to its REPL; harmless to a board that runs something else.

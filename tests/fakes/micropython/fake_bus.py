@@ -1,17 +1,28 @@
 """A fake I2C bus with one IMU and a LIS3MDL, that allocates nothing: just enough to feed the sampling path.
 
-Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900).
+Sample k, counted from the first read on, is (k % 32, -(k % 32), k % 7, -(k % 5), 700, 1900). Of an LSM6DS33
+that spins it is (k % 32, -(k % 32), SPIN + k % 7, ax, ay, 0): gravity turns once in 1000 samples, in steps.
 """
 
+import math
 import struct
 import time
+from array import array
+
+SPIN = 1094
+"""One turn in 1000 samples of 4700 us, in steps of 0.07 deg/s."""
 
 
 class FakeBus:
     """period_us: of the IMU's samples; imu: "lsm6ds33" or "mpu6050". Other addresses do not answer."""
 
-    def __init__(self, imu, period_us):
+    def __init__(self, imu, period_us, spins=False):
         self.imu = imu
+        self.spins = spins
+        self.gravity = array("h", bytes(400))
+        for i in range(100 if spins else 0):
+            self.gravity[2 * i] = round(2049 * math.cos(0.02 * math.pi * i))
+            self.gravity[2 * i + 1] = round(-2049 * math.sin(0.02 * math.pi * i))
         self.address = 0x6B if imu == "lsm6ds33" else 0x68
         self.period_us = period_us
         self.registers = {}
@@ -113,7 +124,11 @@ class FakeBus:
         """Writes a sample as the chip does: gyro first, little-endian; or accelerometer first, big-endian."""
         k = self.taken
         self.taken += 1
-        if gyro_after:
+        if self.spins:
+            i = k // 10 % 100 * 2
+            ax, ay = self.gravity[i], self.gravity[i + 1]
+            struct.pack_into("<6h", buffer, at, k & 31, -(k & 31), SPIN + k % 7, ax, ay, 0)
+        elif gyro_after:
             struct.pack_into(">3h", buffer, at, -(k % 5), 700, 1900)
             struct.pack_into(">3h", buffer, at + gyro_after, k & 31, -(k & 31), k % 7)
         else:

@@ -1,0 +1,77 @@
+"""Which initialisation, estimator and warm-up the settings ask for; what is not chosen is not loaded."""
+
+from time import ticks_ms
+
+from micropython import const
+from static_init import StaticInit
+from wire import (
+    BIAS_KIND_GRAVITY,
+    BIAS_KIND_MEAN,
+    FILTER_KIND_KALMAN,
+    FILTER_KIND_OFF,
+    FILTER_KIND_RLS,
+    RESET_CAUSE_BROWN_OUT,
+    RESET_CAUSE_POWER_ON,
+    RESET_CAUSE_UNKNOWN,
+)
+
+FILTER_KINDS = (FILTER_KIND_OFF, FILTER_KIND_KALMAN, FILTER_KIND_RLS)
+"""What FILTER_KIND may be."""
+
+_COLD = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
+"""Resets that the chip came out of without power; after another it is warm."""
+
+_LIMIT_Q18 = const((1 << 29) - 1)
+
+
+def estimator(s):
+    """A new estimator as the settings say, or None: begin, drift, update, rate_q8, bias_q12, saturations."""
+    if s["filter_kind"] == FILTER_KIND_KALMAN:
+        from bias_filter import KalmanFilter
+
+        return KalmanFilter(s["gain_rate_q20"], s["gain_bias_q30"])
+    if s["filter_kind"] == FILTER_KIND_RLS:
+        from rls_filter import RlsFilter
+
+        return RlsFilter(s["forgetting_q20"])
+    return None
+
+
+def initialisation(s, clock):
+    """A new `Start` as the settings say. clock: has `period_ns`."""
+    kind = s["bias_kind"]
+    if kind == BIAS_KIND_MEAN:
+        return StaticInit()
+    if kind == BIAS_KIND_GRAVITY:
+        from gravity_init import GravityInit
+
+        return GravityInit(kind, s, clock)
+    from pseudo_init import PseudoInit
+
+    return PseudoInit(kind, s, clock)
+
+
+def warm_up(s, chip, reset_cause):
+    """A new `WarmUp` as the settings say, or None.
+
+    Time since power-on is that of the ticks, which a reset starts anew: after one without loss of power the
+    chip is taken to be warm.
+    """
+    if not s["warmup_udps"]:
+        return None
+    from warm_up import WarmUp
+
+    now_ms = ticks_ms()
+    c1_q18 = [steps_q18(c1, chip) for c1 in s["warmup_udps"]]
+    return WarmUp(c1_q18, s["warmup_s"] * 1000, now_ms, now_ms if reset_cause in _COLD else -1)
+
+
+def known_bias_q18(s, axis, chip):
+    """The bias that the settings know, without warm-up; None when they do not."""
+    return steps_q18(s["bias_udps"][axis], chip) if s["bias_udps"] else None
+
+
+def steps_q18(udps, chip):
+    """1e-6 deg/s in 2^-18 gyro steps, held within +-2^29; by large integers, before anything samples."""
+    steps = (udps * 262144000 * 2 // chip.gyro_lsb_ndps + 1) >> 1
+    return max(min(steps, _LIMIT_Q18), -_LIMIT_Q18)

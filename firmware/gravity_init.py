@@ -1,0 +1,183 @@
+"""Bias initialisation while driving: the wheel's own rate is that of gravity turning in the accelerometer."""
+
+from micropython import const
+from pseudo_init import PseudoInit, mean_q14, real
+from small_float import number, times
+
+_AXES = const(3)
+_LOW_15 = const((1 << 15) - 1)
+_LOW_14 = const((1 << 14) - 1)
+_TURN = const(1 << 16)
+_RATE_LIMIT = const((1 << 29) - 1)
+_RAD = 0.017453292519943295
+_G = 9.80665
+
+
+def angle(y, x):
+    """The direction of (x, y) in 2^-16 turns, -2^15 to 2^15, to 2e-4 rad; 0 for (0, 0). |x|, |y| < 2^16."""
+    a = x if x >= 0 else -x
+    b = y if y >= 0 else -y
+    if a < b:
+        t = (a << 13) // b
+    elif a:
+        t = (b << 13) // a
+    else:
+        return 0
+    # The arcus tangens on 0..1 by a polynomial of degree seven, its coefficients in 2^-16 turns.
+    s = t * t >> 13
+    p = 1526 - (407 * s >> 13)
+    p = (p * s >> 13) - 3350
+    p = 10422 + (p * s >> 13)
+    p = p * t + 4096 >> 13
+    if a < b:
+        p = (1 << 14) - p
+    if x < 0:
+        p = (1 << 15) - p
+    return p if y >= 0 else -p
+
+
+class GravitySums:
+    """Means of gyro and of the rate of gravity's direction, with the same parabolic weights.
+
+    n: samples in a stretch, 32 to 1024. arm: (x, y) of the lever arm and `radius` as `take` uses them.
+    turns_q14: mean rate of the last stretch, 2^-16 turns a sample; turned: its angle, 2^-16 turns.
+
+    With phi the angle about z, the force is e^(-i phi) (g + i radius w') - w^2 arm + i w' arm. The direction
+    of gravity is that of the force + w^2 arm, less radius w' / g; w' arm is left in it: it is small, and w'
+    comes from the gyro through a filter over eight samples.
+    The weights (k + 1)(n - 1 - k) of the n - 1 steps of phi make a sum that is the slope of a line fitted to
+    phi; a step is the mean of the rates at its two ends, which gives the gyro the weights of a pair of steps.
+    """
+
+    def __init__(self, n, arm_x, arm_y, radius):
+        self.n = n
+        self._arm_x, self._arm_y, self._radius = arm_x, arm_y, radius
+        self._shift = 0
+        while n * n >> 2 + self._shift > 1 << 13:
+            self._shift += 1
+        self.weight = 0
+        for k in range(n - 1):
+            self.weight += (k + 1) * (n - 1 - k) >> self._shift
+        self.turns_q14 = self.turned = 0
+        self.mean_q14 = [0, 0, 0]
+        self._high = [0, 0, 0, 0]
+        self._low = [0, 0, 0, 0]
+        self._smooth = 0
+        self._known = False
+        self.restart()
+
+    def restart(self):
+        """Forgets the open stretch."""
+        for i in range(4):
+            self._high[i] = self._low[i] = 0
+        self.count = self._weight = self._angle = self._phase = 0
+
+    def gap(self):
+        """The speed before the next sample is not known."""
+        self._known = False
+        self.restart()
+
+    def take(self, values, at):
+        """Takes a row; True when a stretch is full, its means there until the next row."""
+        k = self.count
+        spin = values[at + 2]
+        if not self._known:
+            self._smooth = spin << 4
+            self._known = True
+        # Q4; where the rate grows evenly, eight times what it grows by in a sample.
+        ahead = (spin << 4) - self._smooth
+        self._smooth += ahead >> 3
+        square = (spin >> 1) * (spin >> 1) >> 12
+        x = values[at + 3] + (square * self._arm_x >> 12)
+        y = values[at + 4] + (square * self._arm_y >> 12)
+        if not (-_TURN < x < _TURN and -_TURN < y < _TURN):
+            x = y = 0
+        ahead = ahead if -(1 << 15) < ahead < 1 << 15 else 0
+        phi = (ahead * self._radius >> 11) - angle(y, x)
+        weight = (k + 1) * (self.n - 1 - k) >> self._shift
+        high, low = self._high, self._low
+        if k:
+            step = (phi - self._phase + 0x8000 & 0xFFFF) - 0x8000
+            self._angle += step
+            product = step * self._weight
+            high[3] += product >> 15
+            low[3] += product & _LOW_15
+        self._phase = phi
+        both = self._weight + weight
+        for axis in range(3):
+            product = values[at + axis] * both
+            high[axis] += product >> 15
+            low[axis] += product & _LOW_15
+        self._weight = weight
+        self.count = k + 1
+        if self.count < self.n:
+            return False
+        for axis in range(3):
+            self.mean_q14[axis] = mean_q14(high[axis], low[axis], 2 * self.weight)
+        self.turns_q14 = mean_q14(high[3], low[3], self.weight)
+        self.turned = self._angle
+        self.restart()
+        return True
+
+
+class GravityInit(PseudoInit):
+    """`PseudoInit` with that rate. A stretch that turns less than once is left out; a run without any is
+    refused (WHEEL_RESTS).
+
+    A scale error of the gyro looks like a bias that grows with the speed: `gyro_scale_ppm` must be right to
+    0.1 % for 0.3 deg/s at 300 deg/s.
+    """
+
+    def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
+        """(what gathers a stretch, variance of its mean over that of a sample); floats, as of `begin`."""
+        n = max(s["bias_stretch"] or 512, 32)
+        step = gyro_lsb_ndps * 1e-9
+        rate_hz = 1e9 / self.clock.period_ns
+        x, y = s["arm_mm"] or (0, 0)
+        # Accelerometer steps for 2^14 gyro steps squared and one mm; in the sums they are Q12.
+        arm = (step * _RAD) ** 2 * 0.001 / (accel_lsb_ng * 1e-9 * _G) * (1 << 26)
+        # 2^-16 turns for a gyro step a sample; in the sums Q4.
+        radius = s["wheel_radius_mm"] * 0.001 / _G * rate_hz * step * _RAD / (2 * 180 * _RAD) * (1 << 20)
+        sums = GravitySums(n, _clipped(x * arm), _clipped(y * arm), _clipped(radius))
+        # Gyro steps for 2^-16 turns a nanosecond, the scale error of the gyro included: 29 bits and a shift.
+        scale = 360.0e9 / 65536 / step * (1 + s["gyro_scale_ppm"] * 1e-6)
+        self._shift = 0
+        while scale >= 1 << 29:
+            scale *= 0.5
+            self._shift -= 1
+        while scale < 1 << 28:
+            scale *= 2.0
+            self._shift += 1
+        self._scale = int(scale)
+        phase = s["phase_mrad"] * 0.001 / (2 * 180 * _RAD) * 65536
+        self._phase = real(phase * phase * 12.0 / n**3)
+        return sums, 1.2 / n
+
+    def measured(self, sums):
+        """Whether it turned at least once; then the rate that gravity turned with."""
+        if -_TURN < sums.turned < _TURN:
+            return False
+        period_ns, shift = self.clock.period_ns, self._shift
+        factor, rest = self._scale // period_ns, self._scale % period_ns
+        while factor < 1 << 27:
+            rest <<= 1
+            factor = (factor << 1) + rest // period_ns
+            rest %= period_ns
+            shift += 1
+        step = number(factor, -shift)
+        self.doubt = times(self._phase, times(step, step))
+        turns = sums.turns_q14 if sums.turns_q14 >= 0 else -sums.turns_q14
+        high, low = turns >> 14, turns & _LOW_14
+        f, g = factor >> 14, factor & _LOW_14
+        top, middle = high * f, high * g + low * f
+        if shift >= 28:
+            self.rate_q14 = (top >> shift - 28) + (middle >> shift - 14)
+        elif top >> shift:
+            self.rate_q14 = _RATE_LIMIT
+        else:
+            self.rate_q14 = (top << 28 - shift) + (middle >> shift - 14)
+        return True
+
+
+def _clipped(value):
+    return int(min(max(value, -8191.0), 8191.0))

@@ -1,0 +1,233 @@
+"""The chips on the bus: found, configured, lost and found again, and what is wrong with them."""
+
+import gc
+from time import ticks_add, ticks_diff, ticks_ms, ticks_us
+
+from drivers.lis3mdl import LIS3MDL
+from micropython import const
+from wire import FAULT_BUS_STUCK, FAULT_IMU_MISSING, FAULT_IMU_SILENT, FAULT_WRONG_WHO_AM_I
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+IMU_DRIVERS = (
+    ("drivers.lsm6ds33", "LSM6DS33", (0x6B, 0x6A), 0x0F),
+    ("drivers.mpu6050", "MPU6050", (0x68, 0x69), 0x75),
+)
+"""(module, class, addresses, WHO_AM_I register) in the order of the search; loaded when something answers."""
+
+_SEARCH_MS = const(1000)
+_SETTINGS_MS = const(1000)
+_CHECK_US = const(1500)
+_POSTPONE_MS = const(50)
+_SILENT_LEAST_US = const(100000)
+_SILENT_PERIODS = const(10)
+_RECONFIGURE_US = const(1000000)
+_FAILURES_BEFORE_RECOVERY = const(3)
+_AGAIN_US = const(2000)
+_PAUSE_US = const(250000)
+_TIMED_OUT = (110, 116)
+"""ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
+
+
+class Parts:
+    """The IMU and the magnetometer of a board, and what `sampler` samples.
+
+    chip, mag: their drivers, None while there is none. found: (address, WHO_AM_I, Part) of what answered.
+    searched: called after each search that this begins by itself.
+    """
+
+    def __init__(self, board, outbox, sampler, searched):
+        self.chip: Any = None
+        self.mag: Any = None
+        self.found = []
+        self.faults = 0
+        self.batch = 8
+        self._shaped = self._id_register = 0
+        self.i2c_errors = self.recoveries = self.failures = 0
+        self.paused = False
+        """Whether the bus is left alone for a while."""
+        self._board = board
+        self._outbox = outbox
+        self._sampler = sampler
+        self._searched = searched
+        self._search_ms = self._settings_ms = ticks_ms()
+        self._pause_us = self._check_us = self._since_us = ticks_us()
+
+    def find(self):
+        """Looks for an IMU and a magnetometer at their addresses."""
+        i2c, s = self._board.i2c, self._board.settings
+        self._search_ms = ticks_ms()
+        self.found = []
+        self.chip = self.mag = None
+        self.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
+        imu = wrong = None
+        for module, name, addresses, register in IMU_DRIVERS:
+            for address in addresses:
+                who_am_i = _who_am_i(i2c, address, register)
+                if who_am_i < 0:
+                    continue
+                driver = getattr(__import__(module, None, None, (name,)), name)
+                if imu is None and (who_am_i in driver.WHO_AM_I or driver.ANY_WHO_AM_I):
+                    imu = (driver, address, who_am_i)
+                    self._id_register = register
+                else:
+                    wrong = (address, who_am_i, 0)
+                    self.found.append(wrong)
+        if imu is None:
+            self.faults |= FAULT_IMU_MISSING if wrong is None else FAULT_WRONG_WHO_AM_I
+        else:
+            driver, address, who_am_i = imu
+            try:
+                self.chip = driver(
+                    i2c,
+                    address,
+                    odr_hz=_nearest(driver.RATES_HZ, s["rate_hz"]),
+                    range_dps=_nearest(driver.RANGES_DPS, s["gyro_range_dps"]),
+                    range_g=_nearest(driver.RANGES_G, s["accel_range_g"]),
+                    fifo=s["fifo"],
+                )
+                self.found.append((address, who_am_i, self.chip.PART))
+            except OSError:
+                self.i2c_errors += 1
+                self.faults |= FAULT_IMU_MISSING
+        self._find_mag()
+        gc.collect()
+
+    def begin(self, lost):
+        """Samples the IMU from now on; lost: it should have been sampled in between."""
+        chip = self.chip
+        self.batch = self._board.settings["batch"] or (16 if chip.rate_mhz > 250000 else 8)
+        if self.batch != self._shaped:
+            self._shaped = self.batch
+            self._outbox.shape(self.batch)
+        now = ticks_us()
+        self._check_us = ticks_add(now, _SILENT_LEAST_US)
+        self._sampler.begin(now, chip, self.batch, lost)
+
+    def bus_failed(self, error, now):
+        """What to do about a transfer that failed."""
+        self.i2c_errors += 1
+        self.failures += 1
+        self._sampler.due_us = ticks_add(now, _AGAIN_US)
+        # An error that no memory was left for has no arguments.
+        timed_out = error.args and error.args[0] in _TIMED_OUT
+        if self.failures < _FAILURES_BEFORE_RECOVERY and not timed_out:
+            return
+        self.failures = 0
+        self.recoveries += 1
+        free = self._board.free_bus()
+        self.faults = self.faults & ~FAULT_BUS_STUCK if free else self.faults | FAULT_BUS_STUCK
+        for part in (self.chip, self.mag):
+            if part is not None:
+                part.i2c = self._board.i2c
+        if not free or not self._revive(False):
+            # Each transfer on a bus that stays stuck costs its whole time limit: not at every turn.
+            self.paused = True
+            self._pause_us = ticks_add(now, _PAUSE_US)
+
+    def resume(self, now):
+        """Ends a pause that has lasted long enough."""
+        if self.paused and ticks_diff(now, self._pause_us) >= 0:
+            self.paused = False
+
+    def look_after(self, ms, running):
+        """Sees that the IMU gives samples as it was told to; searches for one that is wanted."""
+        if self.chip is not None:
+            if not self.paused:
+                self._watch_imu(ticks_us())
+                if self.chip is not None and ticks_diff(ms, self._settings_ms) >= 0:
+                    self._check_settings(ms)
+        elif running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
+            self._search()
+
+    def _find_mag(self):
+        i2c, rate_hz = self._board.i2c, self._board.settings["mag_rate_hz"]
+        for address in LIS3MDL.ADDRESSES:
+            who_am_i = _who_am_i(i2c, address, LIS3MDL.WHO_AM_I_REGISTER)
+            if who_am_i < 0:
+                continue
+            part = 0
+            if who_am_i in LIS3MDL.WHO_AM_I and rate_hz and self.mag is None:
+                try:
+                    self.mag = LIS3MDL(i2c, address, odr_hz=_nearest(LIS3MDL.RATES_HZ, rate_hz))
+                    part = LIS3MDL.PART
+                except OSError:
+                    self.i2c_errors += 1
+            self.found.append((address, who_am_i, part))
+
+    def _revive(self, always):
+        """Configures the chip again if it lost its settings, or always; False when it does not answer.
+
+        One that answers with another id is given up.
+        """
+        chip = self.chip
+        try:
+            if always or not chip.intact():
+                if _who_am_i(self._board.i2c, chip.address, self._id_register) not in (
+                    chip.who_am_i,
+                    -1,
+                ):
+                    self._sampler.end()
+                    self._search()
+                else:
+                    if not always:
+                        # What was written there did not stay.
+                        self.i2c_errors += 1
+                    chip.configure()
+                    self.begin(True)
+        except OSError:
+            self.i2c_errors += 1
+            return False
+        return True
+
+    def _search(self):
+        """Looks for the parts again; an IMU that is there is sampled on, with a gap."""
+        self.find()
+        if self.chip is not None:
+            self.begin(True)
+        self._searched()
+
+    def _check_settings(self, ms):
+        """A bit of a setting that turned over would go on changing samples: looked for every second.
+
+        Best between two polled samples. A chip that became slower is always overdue, and leaves no such time.
+        """
+        soon = not self.chip.uses_fifo and ticks_diff(self._sampler.due_us, ticks_us()) < _CHECK_US
+        if soon and ticks_diff(ms, self._settings_ms) < _POSTPONE_MS:
+            return
+        self._settings_ms = ticks_add(ms, _SETTINGS_MS)
+        self._revive(False)
+
+    def _watch_imu(self, now):
+        """A chip that answers but has no samples is set up again."""
+        silent_us = ticks_diff(now, self._sampler.last_us)
+        limit_us = _SILENT_PERIODS * self._sampler.clock.period_us
+        if silent_us < (limit_us if limit_us > _SILENT_LEAST_US else _SILENT_LEAST_US):
+            self.faults &= ~FAULT_IMU_SILENT
+            self.failures = 0
+            self._since_us = now
+            return
+        self.faults |= FAULT_IMU_SILENT
+        if ticks_diff(now, self._check_us) < 0:
+            return
+        self._check_us = ticks_add(now, _SILENT_LEAST_US)
+        always = ticks_diff(now, self._since_us) > _RECONFIGURE_US
+        if always:
+            self._since_us = now
+        self._revive(always)
+
+
+def _who_am_i(i2c, address, register):
+    """The id that a chip at `address` answers with, or -1."""
+    one = bytearray(1)
+    try:
+        i2c.readfrom_mem_into(address, register, one)
+    except OSError:
+        return -1
+    return one[0]
+
+
+def _nearest(choices, wanted):
+    return min(choices, key=lambda value: abs(value - wanted))

@@ -1,0 +1,185 @@
+"""Bias initialisation by the pseudo-measurement: a wheel at rest, or a table that turns with a known rate."""
+
+from micropython import const
+from pseudo_filter import PseudoFilter
+from small_float import integer, number, root
+from static_init import BIAS_DPS, Start, StaticInit
+from wire import BIAS_KIND_REST, FILTER_STATE_TRACKING, REASON_WHEEL_RESTS, REASON_WHEEL_TURNS
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+_AXES = const(3)
+_ROW = const(6)
+_PUT_LIMIT = const(1 << 27)
+_LOW_15 = const((1 << 15) - 1)
+
+
+def mean_q14(high, low, divisor):
+    """(high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
+    high += low >> 15
+    low &= _LOW_15
+    quotient, rest = high // divisor, high % divisor
+    # 15 bits of the low digit, then 14 of the fraction.
+    for shift in (9, 3):
+        rest = (rest << 6) + (low >> shift & 63)
+        quotient = (quotient << 6) + rest // divisor
+        rest %= divisor
+    rest = (rest << 3) + (low & 7)
+    quotient = (quotient << 3) + rest // divisor
+    rest = rest % divisor << 6
+    quotient = (quotient << 6) + rest // divisor
+    rest = rest % divisor << 6
+    quotient = (quotient << 6) + rest // divisor
+    return (quotient << 2) + (rest % divisor << 2) // divisor
+
+
+class MeanSums:
+    """Plain means over n samples, 1 <= n <= 1024."""
+
+    def __init__(self, n):
+        self.n = n
+        self.count = 0
+        self.mean_q14 = [0, 0, 0]
+        self._sum = [0, 0, 0]
+
+    def gap(self):
+        """A mean bears it."""
+
+    def restart(self):
+        """Forgets the open stretch."""
+        self.count = self._sum[0] = self._sum[1] = self._sum[2] = 0
+
+    def take(self, values, at):
+        """Takes a row; True when a stretch is full, its means in `mean_q14` until the next row."""
+        total = self._sum
+        total[0] += values[at]
+        total[1] += values[at + 1]
+        total[2] += values[at + 2]
+        self.count += 1
+        if self.count < self.n:
+            return False
+        for axis in range(3):
+            self.mean_q14[axis] = mean_q14(total[axis] >> 15, total[axis] & _LOW_15, self.n)
+        self.restart()
+        return True
+
+
+class PseudoInit(Start):
+    """An initialisation by `PseudoFilter` over stretches of samples: BIAS_KIND_REST or BIAS_KIND_TABLE.
+
+    At rest `StaticInit` watches that the wheel does not turn, and refuses; the filter begins at the mean of
+    the first stretch, with its noise for a sigma (from a start wrong by d it would take (d / s)^2 stretches
+    to become sure). On a table it begins at the bias that is known with `bias_sigma_udps`; what is wrong
+    across the axis appears along it as its square over twice the rate.
+    clock: has `period_ns`, the measured period of samples. settings: of the node.
+    """
+
+    def __init__(self, kind, settings, clock):
+        super().__init__()
+        self.filter = PseudoFilter()
+        self.used = 0
+        """Stretches that told something."""
+        self.clock = clock
+        self.rate_q14 = 0
+        self.doubt = 0
+        self._settings = settings
+        self._guard = StaticInit() if kind == BIAS_KIND_REST else None
+        self._sums: Any = None
+        self._noise_q8 = self._limit_q16 = 0
+
+    def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
+        """Starts over with LEAST_SAMPLES <= samples <= 65535, from the bias that is known.
+
+        Nothing depends on the time that this takes: it computes with floats, and allocates.
+        """
+        s = self._settings
+        lsb_udps = gyro_lsb_ndps * 0.001
+        noise = (s["noise_udps"] / lsb_udps) ** 2
+        self._sums, share = self.gather(s, gyro_lsb_ndps, accel_lsb_ng)
+        noise_of_mean = real(noise * share)
+        start = noise_of_mean if self._guard is not None else real((s["bias_sigma_udps"] / lsb_udps) ** 2)
+        self.filter.begin(start, noise_of_mean)
+        for axis in range(_AXES):
+            self.filter.bias_q16[axis] = self.now_q14(axis) << 2
+        self._noise_q8 = min(int(noise * 256), (1 << 30) - 1)
+        self._limit_q16 = min(int(BIAS_DPS * 1000000 / lsb_udps), (1 << 13) - 1) << 16
+        if self._guard is not None:
+            self._guard.begin(samples, gyro_lsb_ndps, accel_lsb_ng)
+        self.used = 0
+        self._begin(samples)
+
+    def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
+        """(what gathers a stretch, variance of its mean over that of a sample)."""
+        n = s["bias_stretch"] or 16
+        if self._guard is None:
+            self.rate_q14 = min(s["table_rate_udps"] * 16384000 // gyro_lsb_ndps, (1 << 29) - 1)
+        return MeanSums(n), 1.0 / n
+
+    def drift(self, axis, step_q18):
+        """The bias has moved by what the warm-up says."""
+        super().drift(axis, step_q18)
+        self.filter.bias_q16[axis] += step_q18 >> 2
+        if self._guard is not None:
+            self._guard.drift(axis, step_q18)
+
+    def gap(self):
+        """Samples are missing before the next."""
+        if self._sums is not None:
+            self._sums.gap()
+
+    def update(self, values, first, count):
+        """Takes rows of six int16; True when it has ended: in TRACKING, or as before and `refused`."""
+        left = self._wanted - self._seen
+        count = count if count < left else left
+        last = first + _ROW * count
+        guard = self._guard
+        if guard is not None and guard.update(values, first, count) and guard.refused:
+            return self._refuse(guard.refused)
+        for at in range(first, last, _ROW):
+            if self._sums.take(values, at) and self.measured(self._sums):
+                self._stretch(self._sums.mean_q14)
+        self._seen += count
+        return self._seen == self._wanted and self._finish()
+
+    def measured(self, sums):
+        """Whether this stretch tells something; what the rate is stands in `rate_q14` and `doubt`."""
+        return True
+
+    def _stretch(self, mean_q14):
+        self.used += 1
+        if self.used > 1 or self._guard is None:
+            self.filter.update(mean_q14, self.rate_q14, self.doubt)
+            return
+        for axis in range(_AXES):
+            mean = mean_q14[axis]
+            self.filter.put(axis, (mean if -_PUT_LIMIT < mean < _PUT_LIMIT else 0) << 2)
+
+    def _finish(self):
+        if not self.used:
+            return self._refuse(REASON_WHEEL_RESTS)
+        bias = self.filter.bias_q16
+        for axis in range(_AXES):
+            if not -self._limit_q16 <= bias[axis] <= self._limit_q16:
+                return self._refuse(REASON_WHEEL_TURNS)
+        for axis in range(_AXES):
+            self.bias_q14[axis] = bias[axis] + 2 >> 2
+            self.moved_q18[axis] = 0
+            self.sigma_q12[axis] = integer(root(self.filter.variance(axis)), 12)
+            self.variance_q8[axis] = self._noise_q8 if self._guard is None else self._guard.variance_q8[axis]
+        self.samples = self._wanted
+        self.state = FILTER_STATE_TRACKING
+        return True
+
+
+def real(x):
+    """A float above zero as a small float; allocates."""
+    e = 0
+    while x >= 1 << 29:
+        x *= 0.5
+        e += 1
+    while 0 < x < 1 << 20:
+        x *= 2.0
+        e -= 1
+    return number(int(x), e)

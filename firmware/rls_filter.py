@@ -1,0 +1,174 @@
+"""Rate of three gyro axes by least squares that forget: Shah et al., eq. 13-14, with both regressors.
+
+Per axis, with y the sample minus the bias, x_n = [n, yhat_(n-1) - y_n] and the weights lambda^(N - n). As
+printed, P_11 falls as n^-2 and P_22 spans twelve decades: no fixed point holds them. The same filter, to the
+last bit of real numbers, in quantities that do fit:
+- n b_1 for b_1, the level: from sample to sample it grows by n / (n - 1), and its regressor is 1;
+- the two regressors one after the other (a Gram-Schmidt recursion in a priori errors), as then each needs
+  only a scalar energy, and what is multiplied are gains between 0 and 1:
+    E_1 = 1 + lambda ((n - 1) / n)^2 E_1,   g = 1 / E_1,   a = 1 - g
+    e = yhat - y - M,  M += g e             (of the second regressor, what the first does not explain)
+    h = y - L,         L += g h             (of the sample, the same)
+    z = h - b_2 e,     E = lambda E_2 + a e^2,   b_2 += a e z / E
+    yhat = y - a (lambda E_2 / E) z,        E_2 = E, but at least 2^-10
+E_1 and g are common to the axes and know no data. Nothing winds up: without excitation E_2 falls to its
+limit, as the float filter of the host holds P_22.
+
+Number formats: y, yhat, L, M, e, h, z Q8 gyro steps, L and M with 20 more bits so that no rounding enters
+their sums; E_1 Q18; g Q25; b_2 Q24, |b_2| <= 16; E and what is made
+of it small floats. n stops at 2^20, an hour and a half at 208 Hz: from there
+the level leads the gyro no more by 1 / ((1 - lambda) n) of itself, as a line through n = 0 does.
+
+Rate and bias are seen only through their sum: the bias stays as it began, but for the warm-up.
+"""
+
+from array import array
+
+from micropython import const
+from small_float import ONE, integer, number, over, plus, times
+
+_AXES = const(3)
+_ROW = const(6)
+_LAST_N = const(1 << 20)
+_GAIN_ONE = const(1 << 25)
+_LOW_13 = const((1 << 13) - 1)
+_LOW_10 = const((1 << 10) - 1)
+_LOW_20 = const((1 << 20) - 1)
+_LIMIT = const(1 << 26)
+"""Of h and e, and of rate: 2^18 steps."""
+
+# State of one axis, array of int32.
+_LEVEL = const(0)
+_M = const(2)  # each with its rest behind it
+_B = const(4)
+_E = const(5)
+_RATE = const(6)
+_BIAS = const(7)  # Q14, and four more bits behind it
+_WORDS = const(9)
+_B_LIMIT = const(1 << 28)
+_START_ENERGY = ONE
+_LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
+
+
+class RlsFilter:
+    """The paper's filter on three axes side by side. forgetting_q20: lambda 2^20, 2^19 to 2^20 - 1024."""
+
+    def __init__(self, forgetting_q20):
+        self.saturations = 0
+        self._forget = (1 << 20) - forgetting_q20
+        self._lambda = number(forgetting_q20, -20)
+        self._axes = tuple(array("i", bytes(4 * _WORDS)) for _ in range(_AXES))
+        self._n = self._energy = 0
+
+    def begin(self, axis, bias_q14):
+        """Sets an axis at rest with a bias, |bias| <= 2^28; all axes forget what they have seen."""
+        state = self._axes[axis]
+        for i in range(_WORDS):
+            state[i] = 0
+        state[_E] = _START_ENERGY
+        state[_BIAS] = bias_q14
+        self._n = self._energy = 0
+
+    def drift(self, axis, step_q18):
+        """The bias has moved by what the warm-up says."""
+        state = self._axes[axis]
+        rest = state[_BIAS + 1] + step_q18
+        state[_BIAS] += rest >> 4
+        state[_BIAS + 1] = rest & 15
+
+    def update(self, values, first, count):
+        """Takes `count` samples, rows of six int16 from values[first], gyro in front."""
+        for at in range(first, first + _ROW * count, _ROW):
+            gain = self._next()
+            for axis in range(_AXES):
+                self._take(self._axes[axis], values[at + axis], gain)
+
+    def rate_q8(self, axis):
+        """Angular rate, 1/256 gyro step. Only its sum with the bias is observable; see the module."""
+        return self._axes[axis][_RATE]
+
+    def bias_q12(self, axis):
+        """Bias, 1/4096 gyro step: the initial one and the warm-up since."""
+        return self._axes[axis][_BIAS] >> 2
+
+    def _next(self):
+        """g of the next sample, Q25: what E_1 has become."""
+        energy = self._energy
+        n = self._n
+        if n < _LAST_N:
+            self._n = n = n + 1
+            energy -= energy // n
+            energy -= energy // n
+        # (1 - lambda) E_1, in two digits each.
+        high, low = energy >> 15, energy & 0x7FFF
+        f, g = self._forget >> 10, self._forget & _LOW_10
+        energy += (1 << 18) - (high * f << 5) - ((high * g >> 5) + (low * f >> 10))
+        self._energy = energy
+        # 2^43 / E_1 by long division; E_1 <= 2^28.
+        quotient, rest = (1 << 29) // energy, (1 << 29) % energy
+        for _ in range(14):
+            rest <<= 1
+            quotient <<= 1
+            if rest >= energy:
+                rest -= energy
+                quotient += 1
+        return quotient if quotient < _GAIN_ONE else _GAIN_ONE - 1
+
+    def _take(self, state, sample, gain):
+        before = self._n - 1
+        if 0 < before < _LAST_N - 1:
+            _grow(state, _LEVEL, before)
+            _grow(state, _M, before)
+        y = (sample << 8) - (state[_BIAS] + 32 >> 6)
+        e = self._held(state[_RATE] - y - state[_M])
+        h = self._held(y - state[_LEVEL])
+        _learn(state, _LEVEL, gain, h)
+        _learn(state, _M, gain, e)
+        size = number(e, -8)
+        share = number(_GAIN_ONE - gain, -25)
+        weight = times(share, size)
+        kept = times(self._lambda, state[_E])
+        energy = plus(kept, times(weight, size))
+        z = self._held(h - _product(state[_B], e))
+        left = number(z, -8)
+        b = state[_B] + integer(times(over(weight, energy), left), 24)
+        if not -_B_LIMIT <= b <= _B_LIMIT:
+            b = _B_LIMIT if b > 0 else -_B_LIMIT
+            self.saturations = self.saturations + 1 & 0xFFFF
+        state[_B] = b
+        state[_RATE] = y - integer(times(times(share, over(kept, energy)), left), 8)
+        state[_E] = energy if energy > 0 and (energy & 255) > 100 else _LEAST_ENERGY
+
+    def _held(self, value):
+        if -_LIMIT <= value <= _LIMIT:
+            return value
+        self.saturations = self.saturations + 1 & 0xFFFF
+        return _LIMIT if value > 0 else -_LIMIT
+
+
+def _product(b, e):
+    """b_2 e in Q8, held within +-2^28."""
+    high, low = b >> 12, b & 0xFFF
+    f, g = e >> 13, e & _LOW_13
+    most = high * f
+    if not -(1 << 27) < most < 1 << 27:
+        return 1 << 28 if most > 0 else -(1 << 28)
+    return (most << 1) + ((high * g >> 1) + low * f + (1 << 10) >> 11)
+
+
+def _grow(state, at, before):
+    """state[at] n / (n - 1), to 2^-18 steps."""
+    value = state[at]
+    part = state[at + 1] + ((value % before << 10) // before << 10)
+    state[at] = value + value // before + (part >> 20)
+    state[at + 1] = part & _LOW_20
+
+
+def _learn(state, at, gain, error):
+    """state[at] += gain error, exactly but for 2^-28 steps: two digits of each."""
+    f, g = gain >> 10, gain & _LOW_10
+    high, low = error >> 13, error & _LOW_13
+    one, two, three = f * high, f * low, g * high
+    part = state[at + 1] + ((one & 3) << 18) + ((two & 0x7FFF) << 5) + ((three & 0xFFF) << 8) + (g * low >> 5)
+    state[at] += (one >> 2) + (two >> 15) + (three >> 12) + (part >> 20)
+    state[at + 1] = part & _LOW_20

@@ -1,0 +1,149 @@
+"""Real numbers in small integers: for what has too wide a range for one fixed point, and may not allocate.
+
+x = m << 8 | e stands for m 2^(e - 128), with 2^18 <= |m| <= 2^19; zero is 0. So 2^-110 to 2^146 with 19 bits:
+each operation rounds to 2^-18 of its result or better. What is smaller becomes zero, what is larger stays at
+the end. Every intermediate is within +-2^30; MicroPython's own floats lie on the heap.
+"""
+
+from micropython import const
+
+_BIAS = const(128)
+_LEAST = const(1 << 18)
+_MOST = const(1 << 19)
+_LARGEST = const(((1 << 19) - 1) << 8 | 255)
+INTEGER_LIMIT = const(1 << 29)
+"""What `integer` gives at most."""
+
+
+def number_plain(m, e):
+    """m 2^e, for |m| < 2^30."""
+    if not m:
+        return 0
+    size = m if m > 0 else -m
+    e += _BIAS
+    if size >= _MOST:
+        k = 6 if size >= 1 << 24 else 1
+        while size >> k >= _MOST:
+            k += 1
+        size = (size >> k) + (size >> k - 1 & 1)
+        e += k
+    elif size < _LEAST:
+        k = 0
+        if size < 1 << 9:
+            size <<= 9
+            k = 9
+        if size < 1 << 14:
+            size <<= 5
+            k += 5
+        while size < _LEAST:
+            size <<= 1
+            k += 1
+        e -= k
+    if e < 0:
+        return 0
+    if e > 255:
+        return _LARGEST if m > 0 else -_LARGEST + 510
+    return (size if m > 0 else -size) << 8 | e
+
+
+def integer_plain(x, q):
+    """x 2^q as an integer, rounded, and held within +-INTEGER_LIMIT."""
+    m = x >> 8
+    shift = (x & 255) - _BIAS + q
+    if shift <= 0:
+        return 0 if shift < -20 else (m + (1 << -shift >> 1)) >> -shift
+    if shift > 10:
+        return 0 if not m else INTEGER_LIMIT if m > 0 else -INTEGER_LIMIT
+    return m << shift
+
+
+def times_plain(x, y):
+    """x y."""
+    b = y >> 8
+    m = (x >> 17) * b + ((x >> 8 & 511) * b >> 9)
+    if not m:
+        return 0
+    e = (x & 255) + (y & 255) - (_BIAS - 18)
+    if -(1 << 28) < m < 1 << 28:
+        m = m + 256 >> 9
+    else:
+        m = m + 512 >> 10
+        e += 1
+    if e < 0:
+        return 0
+    if e > 255:
+        return _LARGEST if m > 0 else -_LARGEST + 510
+    return m << 8 | e
+
+
+def plus_plain(x, y):
+    """x + y."""
+    if not x:
+        return y
+    if not y:
+        return x
+    e = x & 255
+    k = e - (y & 255)
+    if k < 0:
+        x, y, k = y, x, -k
+        e += k
+    if k > 20:
+        return x
+    m = ((x >> 8) << 5) + ((y >> 8) << 5 >> k)
+    if m >= 1 << 23 and m < 1 << 24:
+        return m + 16 >> 5 << 8 | e
+    return number(m, e - (_BIAS + 5))
+
+
+def minus(x):
+    """-x."""
+    return -(x >> 8) << 8 | x & 255 if x else 0
+
+
+def over_plain(x, y):
+    """x / y; y must not be zero."""
+    if not x:
+        return 0
+    a, b = x >> 8, y >> 8
+    positive = (a > 0) == (b > 0)
+    a = a if a > 0 else -a
+    b = b if b > 0 else -b
+    m = a << 10
+    m = (m // b << 9) + (m % b << 9) // b
+    e = (x & 255) - (y & 255) + (_BIAS - 19)
+    if m >= _MOST:
+        m = m + 1 >> 1
+        e += 1
+    if not 0 <= e <= 255:
+        return number(m if positive else -m, e - _BIAS)
+    return (m if positive else -m) << 8 | e
+
+
+def root(x):
+    """The square root of x >= 0."""
+    if x <= 0:
+        return 0
+    m, e = x >> 8, (x & 255) - _BIAS
+    # An even exponent, and as many bits as fit.
+    shift = 9 if e & 1 else 10
+    m <<= shift
+    e -= shift
+    guess = 1 << 15
+    while True:
+        better = guess + m // guess >> 1
+        if better >= guess:
+            break
+        guess = better
+    # Newton once more, in fractions: 15 bits of root and as many again.
+    rest = m - guess * guess
+    return number((guess << 14) + (rest << 13) // guess if rest < 1 << 16 else guess << 14, (e >> 1) - 14)
+
+
+try:
+    from fast_float import integer, number, over, plus, times  # type: ignore[assignment]
+except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
+    # This interpreter has no native code, or the file was compiled for another processor.
+    number, integer = number_plain, integer_plain
+    times, plus, over = times_plain, plus_plain, over_plain
+
+ONE = const(_LEAST << 8 | (_BIAS - 18))

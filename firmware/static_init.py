@@ -1,0 +1,174 @@
+"""The bias at the start: what every initialisation is, and the one that takes the mean of a wheel at rest."""
+
+from micropython import const
+from wire import (
+    FILTER_STATE_INITIALISING,
+    FILTER_STATE_TRACKING,
+    FILTER_STATE_WAITING,
+    REASON_WHEEL_TURNS,
+)
+
+LEAST_SAMPLES = const(2000)
+"""Behind an initialisation."""
+
+BIAS_DPS = const(30)
+"""No gyro that the node knows has more."""
+
+_AXES = const(3)
+_ROW = const(6)
+_LOW_10 = const((1 << 10) - 1)
+_LOW_20 = const((1 << 20) - 1)
+
+
+class Start:
+    """The bias that filters begin with, and how it was found.
+
+    bias_q14: as it was found; `now_q14` has the warm-up since. samples: behind it, 0 when it comes from the
+    settings. refused: a Reason why the last attempt gave nothing (what was known before stays), or 0.
+    sigma_q12: 1 sigma of the bias, 0 when it is not known.
+    """
+
+    def __init__(self):
+        self.state = FILTER_STATE_WAITING
+        self.samples = 0
+        self.bias_q14 = [0] * _AXES
+        self.variance_q8 = [0] * _AXES
+        self.sigma_q12 = [0] * _AXES
+        self.refused = 0
+        self.moved_q18 = [0] * _AXES
+        """By the warm-up, since the bias was found."""
+        self._wanted = self._seen = 0
+        self._before = FILTER_STATE_WAITING
+
+    def adopt(self, other):
+        """Goes on from what another initialisation knows."""
+        self.state = other.state if other.state != FILTER_STATE_INITIALISING else other._before
+        self.samples = other.samples
+        self.bias_q14, self.moved_q18 = other.bias_q14, other.moved_q18
+        self.variance_q8, self.sigma_q12 = other.variance_q8, other.sigma_q12
+
+    def give(self, axis, bias_q14):
+        """A bias from the settings."""
+        self.bias_q14[axis] = bias_q14
+        self.moved_q18[axis] = self.variance_q8[axis] = self.sigma_q12[axis] = self.samples = 0
+        self.state = FILTER_STATE_TRACKING
+
+    def drift(self, axis, step_q18):
+        """The bias has moved by what the warm-up says."""
+        self.moved_q18[axis] += step_q18
+
+    def now_q14(self, axis):
+        """The bias of this moment."""
+        return self.bias_q14[axis] + (self.moved_q18[axis] >> 4)
+
+    def gap(self):
+        """Samples are missing before the next."""
+
+    def _begin(self, samples):
+        self._wanted, self._seen = samples, 0
+        self.refused = 0
+        if self.state != FILTER_STATE_INITIALISING:
+            self._before = self.state
+        self.state = FILTER_STATE_INITIALISING
+
+    def _refuse(self, reason):
+        self.refused = reason
+        self.state = self._before
+        return True
+
+
+class StaticInit(Start):
+    """Bias and variance of a wheel at rest, from plain sums over at least 2000 samples.
+
+    A wheel that turns is refused: by a gyro mean or sample beyond what a bias can be (30 deg/s), by gyro
+    variance above (1 deg/s)^2, or by gravity moving in the node (accelerometer variance above (0.02 g)^2).
+    """
+
+    def __init__(self):
+        super().__init__()
+        self._reference = [0] * _ROW
+        self._sum = [0] * _ROW
+        self._square_high = [0] * _ROW
+        self._square_low = [0] * _ROW
+        self._limit = [0] * _ROW
+        self._variance_limit = [0] * _ROW
+        self._moved_q18 = [0] * _AXES
+        self._found_q14 = [0] * _AXES
+        self._found_q8 = [0] * _AXES
+
+    def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
+        """Starts over with LEAST_SAMPLES <= samples <= 65535."""
+        for i in range(_ROW):
+            self._sum[i] = self._square_high[i] = self._square_low[i] = 0
+            if i < _AXES:
+                self._moved_q18[i] = self.moved_q18[i]
+                self._limit[i] = 1000000000 // gyro_lsb_ndps * BIAS_DPS
+                self._variance_limit[i] = (1000000000 // gyro_lsb_ndps) ** 2
+            else:
+                self._limit[i] = 500000000 // accel_lsb_ng
+                self._variance_limit[i] = (20000000 // accel_lsb_ng) ** 2
+        self._begin(samples)
+
+    def update(self, values, first, count):
+        """Takes rows of six int16; True when it has ended: in TRACKING, or as before and `refused`."""
+        for at in range(first, first + _ROW * count, _ROW):
+            if self._seen == 0:
+                for i in range(_ROW):
+                    self._reference[i] = values[at + i]
+            for i in range(_ROW):
+                d = values[at + i] - self._reference[i]
+                if d > self._limit[i] or d < -self._limit[i]:
+                    return self._refuse(REASON_WHEEL_TURNS)
+                self._sum[i] += d
+                square = self._square_low[i] + d * d
+                self._square_high[i] += square >> 20
+                self._square_low[i] = square & _LOW_20
+            self._seen += 1
+            if self._seen == self._wanted:
+                return self._finish()
+        return False
+
+    def _finish(self):
+        n = self._wanted
+        for i in range(_ROW):
+            mean, part = self._sum[i] // n, self._sum[i] % n
+            # Mean square by long division of the double word, ten bits at a time, then eight more.
+            high, rest = self._square_high[i] // n, self._square_high[i] % n
+            rest = (rest << 10) + (self._square_low[i] >> 10)
+            middle, rest = rest // n, rest % n
+            rest = (rest << 10) + (self._square_low[i] & _LOW_10)
+            low, rest = rest // n, rest % n
+            variance = (high << 20) + (middle << 10) + low - mean * mean
+            if variance > self._variance_limit[i]:
+                return self._refuse(REASON_WHEEL_TURNS)
+            if i < _AXES:
+                if not -self._limit[i] <= self._reference[i] + mean <= self._limit[i]:
+                    return self._refuse(REASON_WHEEL_TURNS)
+                part_q8 = (part << 8) // n
+                variance = (variance << 8) + (rest << 8) // n - 2 * mean * part_q8 - (part_q8 * part_q8 >> 8)
+                self._found_q8[i] = variance if variance > 0 else 0
+                self._found_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
+        for i in range(_AXES):
+            # The mean is of the middle: half of what has moved since the beginning is still to be added.
+            self.bias_q14[i] = self._found_q14[i] + (self.moved_q18[i] - self._moved_q18[i] >> 5)
+            self.moved_q18[i] = 0
+            self.variance_q8[i] = variance = self._found_q8[i]
+            if variance < 1 << 17:
+                self.sigma_q12[i] = _root((variance << 12) // n << 4)
+            else:
+                self.sigma_q12[i] = _root(variance // n << 4) << 6
+        self.samples = n
+        self.state = FILTER_STATE_TRACKING
+        return True
+
+
+def _root(square):
+    """The integer square root."""
+    if not square:
+        return 0
+    guess = 1 << 15
+    while True:
+        better = guess + square // guess >> 1
+        if better >= guess:
+            return guess
+        guess = better

@@ -1,0 +1,179 @@
+"""Bias while driving: gravity's direction, its rate beside the float version's, and errors over drives."""
+
+import math
+from types import SimpleNamespace
+
+import gravity_init
+import numpy as np
+import pytest
+import settings
+import wire
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+from small_int import SmallInt
+
+from generators import spin_drives
+from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from_gravity
+
+LSB_NDPS, ACCEL_LSB_NG = 70_000_000, 488_000
+STEP = math.radians(LSB_NDPS * 1e-9)
+ACCEL_STEP = ACCEL_LSB_NG * 1e-9 * spin_drives.GRAVITY
+PERIOD_NS = 4_807_692
+DT = PERIOD_NS * 1e-9
+ARM = (0.012, -0.007)
+"""m; the node is told whole millimetres."""
+
+
+def init_of(check=lambda x: x, samples=20_000, **changed):
+    s = {
+        **settings.DEFAULTS,
+        "wheel_radius_mm": round(spin_drives.RADIUS * 1000),
+        "arm_mm": [12, -7],
+        "bias_sigma_udps": 300_000,
+        "phase_mrad": 20,
+        **changed,
+    }
+    init = gravity_init.GravityInit(wire.BIAS_KIND_GRAVITY, s, SimpleNamespace(period_ns=check(PERIOD_NS)))
+    init.begin(check(samples), LSB_NDPS, ACCEL_LSB_NG)
+    return init
+
+
+def drive(seed, seconds=100.0, *, noise=1.07, top=1.0, **changed):
+    """(N, 6) int raw samples, bias (3,) in steps, gyro and accel in SI."""
+    rng = np.random.default_rng([5, seed])
+    rate = spin_drives.wheel_rate(rng, seconds, DT, rest=1.0, top=top)
+    bias = rng.normal(0.0, 4.0, 3)
+    gyro, accel = spin_drives.rolling_node(
+        rng, rate, DT, bias=bias * STEP, noise=noise * STEP, arm=ARM, tilt=(0.005, -0.005), **changed
+    )
+    raw = np.column_stack([gyro / STEP, accel / ACCEL_STEP])
+    return np.clip(np.round(raw), -32768, 32767).astype(np.int64), bias
+
+
+def fed(init, table, check=int):
+    flat = [check(x) for x in table.reshape(-1).tolist()]
+    for start in range(0, len(flat), 48):
+        if init.update(flat, start, min(8, (len(flat) - start) // 6)):
+            return True
+    return False
+
+
+@hypothesis_settings(max_examples=300)
+@given(st.integers(-65535, 65535), st.integers(-65535, 65535))
+def test_the_direction_is_that_of_atan2(y, x):
+    found = gravity_init.angle(SmallInt(y), SmallInt(x))
+    off = found * 2 * math.pi / 65536 - math.atan2(y, x)
+    assert abs((off + math.pi) % (2 * math.pi) - math.pi) <= (3e-4 if x or y else math.pi)
+
+
+def test_a_stretch_gives_the_rate_of_the_float_version():
+    """A line's slope there, a sum with parabolic weights here; arm and radius taken out of both."""
+    table, _ = drive(1, 60.0, vibration=0.05)
+    init, n = init_of(), 512
+    flat, found = table.reshape(-1).tolist(), []
+    sums = init._sums
+    for at in range(0, len(flat) - 5, 6):
+        if sums.take(flat, at) and init.measured(sums):
+            found.append([init.rate_q14 / 2**14, *(mean / 2**14 for mean in sums.mean_q14)])
+    found = np.array(found)
+    known = rate_from_gravity(
+        table[:, :3] * STEP, table[:, 3:] * ACCEL_STEP, DT,
+        stretch=n, phase_sigma=0.02, radius=spin_drives.RADIUS, arm=0.012 - 0.007j,
+    )  # fmt: skip
+    assert len(found) == len(known.rate) > 15
+    apart = found - np.column_stack([known.rate, known.gyro]) / STEP
+    print(f"rate and means apart by at most {np.abs(apart).max(axis=0)} steps")
+    # Weights are whole numbers up to 2^13: 1e-4 of how much the rate changes, which is up to 500 steps.
+    assert np.abs(apart[:, 1:]).max() < 0.05
+    # The acceleration comes through eight samples here and from differences there: 0.1 deg/s of 4 steps.
+    assert np.abs(apart[:, 0]).max() < 2.0 and abs(apart[:, 0].mean()) < 0.2
+    share = init.filter._noise
+    assert (share >> 8) * 2.0 ** ((share & 255) - 128) == pytest.approx(
+        known.share * (75 / 70) ** 2, rel=0.01
+    )
+
+
+def test_while_driving_the_errors_along_the_axle_are_as_large_as_it_says():
+    """Starts, stops, vibration, a tilted axle; 96 s each. Across the axle the doubt stays."""
+    z, sigmas = [], []
+    for seed in range(12):
+        table, bias = drive(seed)
+        init = init_of()
+        assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.used > 20
+        sigma = np.array(init.sigma_q12) / 2**12
+        z.append((init.bias_q14[2] / 2**14 - bias[2]) / sigma[2])
+        sigmas.append(sigma)
+    sigmas = np.array(sigmas)
+    print(f"seeds [5, 0..11]: sigma {np.median(sigmas[:, 2]):.3f} steps, errors / sigma {np.round(z, 2)}")
+    low, high = chi2.ppf([0.001, 0.999], len(z))
+    assert np.median(sigmas[:, 2]) < 0.25 and low < np.sum(np.square(z)) < high
+    assert sigmas[:, :2].min() > 0.9 * 300 / 70
+
+
+def test_a_scale_error_of_the_gyro_is_no_bias_when_it_is_told():
+    table, bias = drive(3)
+    table[:, 2] = np.round(bias[2] + (table[:, 2] - bias[2]) * 1.01)
+    found = {}
+    for ppm in (0, 10_000):
+        init = init_of(gyro_scale_ppm=ppm)
+        assert fed(init, table)
+        found[ppm] = init.bias_q14[2] / 2**14 - bias[2]
+    print(f"one percent of scale: bias off by {found}")
+    assert abs(found[10_000]) < 0.6 and found[0] > 10 * abs(found[10_000])
+
+
+def test_a_wheel_that_rests_tells_nothing_and_is_refused():
+    rng = np.random.default_rng(2)
+    table = np.round(rng.normal((0, 0, 3, 0, 2049, 0), 1.5, (2000, 6))).astype(np.int64)
+    init = init_of(samples=2000)
+    assert fed(init, table) and init.refused == wire.REASON_WHEEL_RESTS
+    assert init.state == wire.FILTER_STATE_WAITING
+
+
+def test_a_gap_in_the_samples_is_not_taken_for_a_turn():
+    table, bias = drive(4)
+    cut = np.delete(table, np.arange(6000, 6037), axis=0)
+    init = init_of(samples=19_000)
+    flat = cut.reshape(-1).tolist()
+    for at in range(len(cut)):
+        if at == 6000:
+            init.gap()
+        if init.update(flat, 6 * at, 1):
+            break
+    assert abs(init.bias_q14[2] / 2**14 - bias[2]) < 4 * init.sigma_q12[2] / 2**12
+
+
+@pytest.mark.parametrize("n", [32, 512, 1024])
+def test_no_intermediate_needs_more_than_31_bits(n):
+    rng = np.random.default_rng(n)
+    table = rng.choice([-32768, 32767, 0, 1, -1], (3 * n, 6))
+    table[:n] = -32768
+    init = init_of(SmallInt, 2000, bias_stretch=n, arm_mm=[1000, -1000], wheel_radius_mm=10_000)
+    flat = [SmallInt(x) for x in table.reshape(-1).tolist()]
+    init.rate_q14 = SmallInt(0)
+    for at in range(0, len(flat), 6):
+        init.update(flat, at, 1)
+
+
+def test_the_float_filter_makes_of_these_stretches_what_the_node_makes():
+    table, _ = drive(6)
+    init, stretches = init_of(), []
+    update = init.filter.update
+
+    def kept(mean_q14, rate_q14, doubt):
+        stretches.append(
+            (np.array(mean_q14) / 2**14, rate_q14 / 2**14, (doubt >> 8) * 2.0 ** ((doubt & 255) - 128))
+        )
+        update(mean_q14, rate_q14, doubt)
+
+    init.filter.update = kept
+    assert fed(init, table)
+    variance = (75 / 70 * STEP) ** 2 * 1.2 / 512
+    known = PseudoMeasurementFilter(variance * np.eye(3), sigma=300 / 70 * STEP)
+    for mean, rate, doubt in stretches:
+        known.update((mean * STEP).tolist(), rate * STEP, math.sqrt(doubt) * STEP)
+    found, expected = np.array(init.bias_q14) / 2**14, np.array(known.bias) / STEP
+    print(f"{len(stretches)} stretches: apart by {found - expected} steps")
+    assert found == pytest.approx(expected, abs=0.01)

@@ -1,0 +1,216 @@
+"""Bias from a known magnitude of the rate, in integers: as the float filter, within 31 bits."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pseudo_filter
+import pseudo_init
+import pytest
+import settings
+import small_float
+import wire
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+from small_int import SmallInt
+
+from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter
+
+LSB_NDPS = 70_000_000
+ACCEL_LSB_NG = 488_000
+STEP = math.radians(LSB_NDPS * 1e-9)
+NOISE_UDPS = 75_000
+NOISE = NOISE_UDPS / 70_000
+"""Gyro steps."""
+SIGMA_UDPS = 5_000_000
+SIGMA = SIGMA_UDPS / 70_000
+
+
+def value(x):
+    return (x >> 8) * 2.0 ** ((x & 255) - 128) if x else 0.0
+
+
+def node_settings(**changed):
+    return {**settings.DEFAULTS, "noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, **changed}
+
+
+def init_of(kind, check=lambda x: x, samples=4096, **changed):
+    init = pseudo_init.PseudoInit(kind, node_settings(**changed), SimpleNamespace(period_ns=4_807_692))
+    init.begin(check(samples), LSB_NDPS, ACCEL_LSB_NG)
+    return init
+
+
+def fed(init, table, check=int):
+    """Whether it has ended, after the rows of (N, 6) in batches of eight."""
+    flat = [check(x) for x in table.reshape(-1).tolist()]
+    for start in range(0, len(flat), 48):
+        if init.update(flat, start, min(8, (len(flat) - start) // 6)):
+            return True
+    return False
+
+
+def rows(rate, bias, seed, noise=NOISE):
+    """(N, 6) int: the rate (N, 3) in steps with bias and noise, the accelerometer at rest."""
+    rng = np.random.default_rng(seed)
+    table = np.zeros((len(rate), 6), dtype=np.int64)
+    table[:, :3] = np.round(rate + bias + rng.normal(0, noise, rate.shape))
+    table[:, 3:] = np.round(rng.normal((0, 700, 1900), 3.0, (len(rate), 3)))
+    return table
+
+
+def float_filter(table, stretch, rate, at_rest):
+    """(bias, sigma) in steps: the float filter with the means of the same stretches; at rest the first is
+    where it begins."""
+    count = len(table) // stretch
+    means = table[: count * stretch, :3].reshape(count, stretch, 3).mean(axis=1)
+    noise = NOISE * STEP / math.sqrt(stretch)
+    if at_rest:
+        known = PseudoMeasurementFilter(noise**2 * np.eye(3), means[0] * STEP, noise)
+    else:
+        known = PseudoMeasurementFilter(noise**2 * np.eye(3), sigma=SIGMA * STEP)
+    known.run(means[1 if at_rest else 0 :] * STEP, rate * STEP)
+    return np.array(known.bias) / STEP, np.sqrt(np.diag(known.covariance)) / STEP
+
+
+def motion(kind, count, rate):
+    made = np.zeros((count, 3))
+    if kind == "table":
+        made[:, 2] = rate
+    if kind == "tumbling":
+        t = np.arange(count) / 208
+        axis = np.column_stack([np.cos(t), np.sin(t) * np.cos(0.3 * t), np.sin(t) * np.sin(0.3 * t)])
+        made = rate * axis
+    return made
+
+
+@pytest.mark.parametrize(
+    ("kind", "stretch", "rate"),
+    [("rest", 16, 0), ("rest", 1, 0), ("rest", 250, 0), ("table", 16, 4285.7), ("table", 250, 142.9),
+     ("tumbling", 1, 1428.6)],
+)  # fmt: skip
+def test_it_is_the_float_filter_to_a_hundredth_of_a_step(kind, stretch, rate):
+    seed, bias = 12, np.array([31.3, -52.8, 17.1])
+    table = rows(motion(kind, 4096, rate), bias, seed)
+    code = wire.BIAS_KIND_REST if kind == "rest" else wire.BIAS_KIND_TABLE
+    udps = round(rate * 70_000)
+    init = init_of(code, bias_stretch=stretch, table_rate_udps=udps)
+    assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.samples == 4096
+    expected, sigma = float_filter(table, stretch, udps / 70_000, kind == "rest")
+    found = np.array(init.bias_q14) / 2**14
+    shown = np.array(init.sigma_q12) / 2**12
+    print(f"{kind} {stretch}: off float {found - expected}, off truth {found - bias}, sigma {sigma}, {shown}")
+    assert found == pytest.approx(expected, abs=0.01)
+    assert shown == pytest.approx(sigma, rel=0.01, abs=2**-12)
+
+
+def test_at_rest_its_errors_are_as_large_as_it_says():
+    """Sixty biases from the prior; the normalised errors are chi-square with 180 degrees of freedom."""
+    total, runs = 0.0, 60
+    for run in range(runs):
+        bias = np.random.default_rng([3, run]).normal(0.0, SIGMA, 3)
+        # Quantisation adds 1/12 step^2 to the noise of 1.15.
+        table = rows(np.zeros((2000, 3)), bias, [4, run], math.sqrt(NOISE**2 - 1 / 12))
+        init = init_of(wire.BIAS_KIND_REST, samples=2000)
+        assert fed(init, table)
+        errors = np.array(init.bias_q14) / 2**14 - bias
+        total += float(np.sum((errors / (np.array(init.sigma_q12) / 2**12)) ** 2))
+    low, high = chi2.ppf([0.001, 0.999], 3 * runs)
+    print(f"sum of squares {total:.1f}, band {low:.1f} .. {high:.1f}")
+    assert low < total < high
+
+
+def test_a_table_shows_the_bias_along_its_axis_and_the_rest_keeps_its_doubt():
+    table = rows(motion("table", 4096, 1428.6), np.array([2.0, -1.0, 3.0]), 7)
+    init = init_of(wire.BIAS_KIND_TABLE, table_rate_udps=round(1428.6 * 70_000), bias_sigma_udps=150_000)
+    assert fed(init, table)
+    sigma = np.array(init.sigma_q12) / 2**12
+    assert init.bias_q14[2] / 2**14 == pytest.approx(3.0, abs=4 * sigma[2]) and sigma[2] < 0.03
+    assert sigma[:2] == pytest.approx(np.full(2, 150 / 70), rel=0.01), "nothing was seen across the axis"
+
+
+@pytest.mark.parametrize("kind", ["steadily", "with gravity", "in one jerk"])
+def test_a_wheel_that_turns_is_refused_at_rest_and_what_was_known_stays(kind):
+    table = rows(np.zeros((2000, 3)), 5.0, 8)
+    if kind == "steadily":
+        table[:, 2] += 800
+    elif kind == "in one jerk":
+        table[1000, 1] = 3000
+    else:
+        table[:, 3] = np.round(2049 * np.sin(np.linspace(0, 0.5, 2000)))
+    init = init_of(wire.BIAS_KIND_REST, samples=2000)
+    init.bias_q14[0] = 77
+    assert fed(init, table) and init.refused == wire.REASON_WHEEL_TURNS
+    assert init.state == wire.FILTER_STATE_WAITING and init.bias_q14[0] == 77
+
+
+def test_it_begins_from_the_bias_that_is_known_and_follows_the_warm_up():
+    """Half a step of warm-up while it runs: the end is what counts, not the mean of the time."""
+    init = pseudo_init.PseudoInit(
+        wire.BIAS_KIND_REST, node_settings(bias_sigma_udps=100_000), SimpleNamespace(period_ns=4_807_692)
+    )
+    for axis in range(3):
+        init.give(axis, 20 << 14)
+    init.begin(4096, LSB_NDPS, ACCEL_LSB_NG)
+    ramp = np.linspace(0.0, 2.0, 4096)[:, None] * np.ones(3)
+    table = rows(ramp, 20.0, 9)
+    flat, ended = table.reshape(-1).tolist(), False
+    for at in range(0, len(flat), 48):
+        for axis in range(3):
+            init.drift(axis, round(2.0 / 512 * 2**18))
+        ended = init.update(flat, at, 8)
+    assert ended
+    assert np.array(init.bias_q14) / 2**14 == pytest.approx(np.full(3, 22.0), abs=0.15)
+
+
+NUMBERS = st.integers(-(1 << 29) + 1, (1 << 29) - 1)
+
+
+@hypothesis_settings(max_examples=200)
+@given(st.tuples(*[st.integers(-(1 << 27), 1 << 27)] * 3), st.integers(0, (1 << 27) - 1))
+def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
+    found = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
+    exact = (sum(x * x for x in d) - rate * rate) / 2**24
+    # 2^-13 from the digits that are cut off, and the rounding of a small float.
+    assert found == pytest.approx(exact, rel=2e-4, abs=1e-9)
+
+
+@hypothesis_settings(max_examples=40, deadline=None)
+@given(
+    st.lists(st.tuples(*[NUMBERS] * 3), min_size=1, max_size=30),
+    st.integers(0, (1 << 29) - 1),
+    st.integers(1, 1 << 20),
+    st.integers(1, 1 << 24),
+)
+def test_no_intermediate_needs_more_than_31_bits_and_the_variance_stays_positive(means, rate, sigma, noise):
+    known = pseudo_filter.PseudoFilter()
+    known.bias_q16 = [SmallInt(0)] * 3
+    known.begin(
+        small_float.number(SmallInt(sigma), SmallInt(-10)), small_float.number(SmallInt(noise), SmallInt(-20))
+    )
+    for mean in means:
+        known.update([SmallInt(x) for x in mean], SmallInt(rate), SmallInt(0))
+        for axis in range(3):
+            assert value(known.variance(axis)) > 0.0
+            assert abs(known.bias_q16[axis]) <= 1 << 29
+
+
+@pytest.mark.parametrize("kind", [wire.BIAS_KIND_REST, wire.BIAS_KIND_TABLE])
+@pytest.mark.parametrize("stretch", [1, 1024])
+def test_the_whole_initialisation_stays_within_31_bits(kind, stretch):
+    extreme = np.full((2048, 6), 32767, dtype=np.int64)
+    extreme[::2] = -32768
+    table = rows(np.zeros((2048, 3)), 400.0, 2) if kind == wire.BIAS_KIND_REST else extreme
+    init = init_of(kind, SmallInt, 2000, bias_stretch=stretch, table_rate_udps=1_000_000_000)
+    init.filter.bias_q16 = [SmallInt(x) for x in init.filter.bias_q16]
+    assert fed(init, table, SmallInt)
+
+
+@hypothesis_settings(max_examples=200)
+@given(st.integers(-(1 << 38), 1 << 38), st.integers(1, (1 << 24) - 1))
+def test_the_mean_by_long_division_is_the_floor(total, divisor):
+    if abs(total) // divisor >= 1 << 15:
+        total %= divisor << 15
+    found = pseudo_init.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))
+    assert found == (total << 14) // divisor
