@@ -70,8 +70,8 @@ def load_record_config(path: Path) -> RecordConfig:
     Paths in it (output, vehicle, calibration) are relative to the file. Raises ConfigError at the first key
     that is unknown or of the wrong type.
     """
-    table = _load(path)
-    _only(table, ("record",), str(path))
+    table = load_toml(path)
+    only_keys(table, ("record",), str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
     for key in ("gnss_baud", "baud", "odometry_rate_hz", "clock_request_period"):
         if getattr(config, key) is not None and not getattr(config, key) > 0:
@@ -86,26 +86,26 @@ def load_vehicle(path: Path) -> Vehicle:
 
     Raises ConfigError when a key is unknown, missing or impossible.
     """
-    return vehicle_of(_load(path), path)
+    return vehicle_of(load_toml(path), path)
 
 
 def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     """`load_vehicle` of a document that is already parsed; path: where it stood, for the errors."""
-    _only(table, _MODEL_TABLES, str(path))
+    only_keys(table, _MODEL_TABLES, str(path))
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
-    body = _table(table["vehicle"], f"{path}: [vehicle]")
-    _only(body, ("wheel_radius", "track_width"), f"{path}: [vehicle]")
+    body = as_table(table["vehicle"], f"{path}: [vehicle]")
+    only_keys(body, ("wheel_radius", "track_width"), f"{path}: [vehicle]")
     sizes = read_table(body, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         value = getattr(sizes, item.name)
         if not (math.isfinite(value) and value > 0):
             raise ConfigError(f"{path}: [vehicle] {item.name} = {value}: must be above 0 (metres)")
     nodes: dict[str, NodeMount] = {}
-    for name, values in _table(table.get("nodes", {}), f"{path}: [nodes]").items():
+    for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
-        entries = _table(values, where)
-        _only(entries, ("side", "facing", "effects"), where)
+        entries = as_table(values, where)
+        only_keys(entries, ("side", "facing", "effects"), where)
         nodes[name] = _mount(entries, where)
     return Vehicle(sizes.wheel_radius, sizes.track_width, nodes)
 
@@ -121,7 +121,7 @@ def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
     for key in ("side", "facing"):
         value = table.get(key)
         if value is not None and value not in sides:
-            raise ConfigError(f"{where} {key} = {value!r}: write left or right{_near(str(value), sides)}")
+            raise ConfigError(f"{where} {key} = {value!r}: write left or right{near(str(value), sides)}")
     if ("side" in table) != ("facing" in table):
         missing = "facing" if "side" in table else "side"
         raise ConfigError(f"{where}: {missing} is missing; a node on a wheel has both side and facing")
@@ -134,10 +134,10 @@ def read_table(table: object, shape: type[_T], where: str) -> _T:
     where: file and table, for the error. Raises ConfigError when a key is unknown (with the nearest
     known one), missing, or its value has another type.
     """
-    entries = _table(table, where)
+    entries = as_table(table, where)
     hints = get_type_hints(shape)
     items = fields(cast(Any, shape))
-    _only(entries, [item.name for item in items], where)
+    only_keys(entries, [item.name for item in items], where)
     values: dict[str, Any] = {}
     for item in items:
         if item.name in entries:
@@ -156,7 +156,7 @@ def _value(value: object, hint: Any, where: str) -> Any:
         if value in get_args(hint):
             return value
         raise ConfigError(
-            f"{where} = {value!r}: write {' or '.join(get_args(hint))}{_near(str(value), get_args(hint))}"
+            f"{where} = {value!r}: write {' or '.join(get_args(hint))}{near(str(value), get_args(hint))}"
         )
     text = str(hint)
     if isinstance(value, bool) or hint is bool:
@@ -171,7 +171,8 @@ def _value(value: object, hint: Any, where: str) -> Any:
     raise ConfigError(f"{where} = {value!r}: must be {wanted}")
 
 
-def _load(path: Path) -> dict[str, Any]:
+def load_toml(path: Path) -> dict[str, Any]:
+    """A TOML document. Raises ConfigError: no such file, not readable, not TOML."""
     try:
         return tomllib.loads(path.read_text("utf-8"))
     except FileNotFoundError:
@@ -184,21 +185,22 @@ def _load(path: Path) -> dict[str, Any]:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
 
 
-def _table(value: object, where: str) -> dict[str, Any]:
+def as_table(value: object, where: str) -> dict[str, Any]:
+    """The value itself; raises ConfigError when it is no table. where: file and table, for the error."""
     if isinstance(value, dict):
         return value
     raise ConfigError(f"{where} = {value!r}: must be a table")
 
 
-def _only(table: object, known: Iterable[str], where: str) -> None:
+def only_keys(table: object, known: Iterable[str], where: str) -> None:
+    """Raises ConfigError at the first key that is not known, with the nearest one that is."""
     names = list(known)
-    for key in _table(table, where):
+    for key in as_table(table, where):
         if key not in names:
-            raise ConfigError(
-                f"{where}: unknown key {key!r}{_near(key, names)}; known are {', '.join(names)}"
-            )
+            raise ConfigError(f"{where}: unknown key {key!r}{near(key, names)}; known are {', '.join(names)}")
 
 
-def _near(word: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, list(known), 1, 0.5)
-    return f", did you mean {near[0]!r}?" if near else ""
+def near(word: str, known: Iterable[str]) -> str:
+    """ ", did you mean ...?" for an error about a word that is not known; "" where none is like it."""
+    close = difflib.get_close_matches(word, list(known), 1, 0.5)
+    return f", did you mean {close[0]!r}?" if close else ""

@@ -1,29 +1,41 @@
-"""One demo ride: power on two virtual nodes, let the real daemon record them over their serial ports."""
+"""A ride: power on virtual nodes, let the real daemon record them over their serial ports."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from hubodo.demo.scenario import SIDES, VEHICLE_TOML, Scenario
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
+from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
+from hubodo.model.node_motion import NodeMotion, Scatter
 from hubodo.model.virtual_node import VirtualNode
 from hubowire.messages import NODE_IDS
 
 Interpreter = Literal["micropython", "cpython"]
 
 RATE_HZ = 416
-# Between power-on and the drive: a node needs about a second to boot, the daemon to open its ports.
-_SETTLE = 3.0
+SETTLE = 4.0
+"""s between power-on and the drive: a node boots in one or two, the daemon looks for ports every second."""
 _TAIL = 1.0
-# By then both boards' processes have started.
-_POWER_ON_NS = 2_000_000_000
+_PATIENCE = 60.0
+_POWER_ON, _BOOT, _HURRY, _LATE = 1.0, 0.8, 1.5, 0.05
+
+
+@dataclass(frozen=True)
+class Rider:
+    """One node of a ride: what it feels, what its chip adds, how far its clocks are off."""
+
+    motion: NodeMotion
+    scatter: Scatter
+    odr_error: float = 0.0
+    clock_ppm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +49,24 @@ class RideResult:
     nodes: dict[str, dict[str, Any]]
 
 
+def choose_interpreter(wanted: str) -> Interpreter:
+    """What runs the firmware: `micropython`, `cpython`, or with `auto` the first if it is installed.
+
+    Says so on stderr where `auto` has to do without. Raises InterpreterMissing where `micropython` has to.
+    """
+    if wanted == "cpython":
+        return "cpython"
+    try:
+        find_node()
+        find_micropython()
+    except InterpreterMissing as error:
+        if wanted == "micropython":
+            raise
+        print(f"{error}; the same firmware files run on CPython instead", file=sys.stderr)
+        return "cpython"
+    return "micropython"
+
+
 def write_image(folder: Path, interpreter: Interpreter) -> Path:
     """The firmware as it is flashed; CPython, which cannot run MicroPython's bytecode, gets the sources."""
     image = build(firmware_folder(), None) if interpreter == "micropython" else sources(firmware_folder())
@@ -47,60 +77,110 @@ def write_image(folder: Path, interpreter: Interpreter) -> Path:
 
 
 def ride(
-    scenario: Scenario, out: Path, interpreter: Interpreter, tick: Callable[[float], None]
+    riders: Mapping[str, Rider],
+    vehicle_toml: str,
+    out: Path,
+    interpreter: Interpreter,
+    seed: int,
+    tick: Callable[[float], None],
+    rate_hz: int = RATE_HZ,
 ) -> RideResult:
     """Runs the drive in real time; `tick` gets the share done, 0 to 1, some times a second.
 
+    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on.
     Raises HubodoError when the daemon or a node fails.
     """
     firmware = write_image(out / "firmware", interpreter)
-    vehicle = out / "vehicle.toml"
-    vehicle.write_text(VEHICLE_TOML, "utf-8")
-    log = out / "drive.mcap"
-    duration = _SETTLE + scenario.drive.duration + _TAIL
+    vehicle, log = out / "vehicle.toml", out / "drive.mcap"
+    vehicle.write_text(vehicle_toml, "utf-8")
+    links = {name: out / f"tty-{name}" for name in riders}
+    duration = max(rider.motion.duration for rider in riders.values()) + _TAIL
     with ExitStack() as stack:
-        power_on_ns = time.monotonic_ns() + _POWER_ON_NS
+        # The daemon first: on a busy computer it takes longer to start than a node does to boot.
+        daemon = stack.enter_context(_Daemon(links, log, vehicle))
+        # The boards need about as long as the daemon did.
+        power_on_ns = time.monotonic_ns() + int(1e9 * (_POWER_ON + daemon.took))
         nodes = {}
-        for side in SIDES:
-            part = scenario.parts[side]
+        for name, rider in riders.items():
             node = VirtualNode(
-                scenario.motion(side, _SETTLE),
+                rider.motion,
                 firmware=firmware,
-                config={"node_id": NODE_IDS[side], "rate_hz": RATE_HZ},
-                odr_error=part.odr_error,
-                disturbance=part.errors,
-                seed=scenario.seed * 2 + NODE_IDS[side],
+                config={"node_id": NODE_IDS[name], "rate_hz": rate_hz},
+                odr_error=rider.odr_error,
+                disturbance=rider.scatter,
+                seed=seed * 2 + NODE_IDS[name],
                 interpreter=interpreter,
-                link_path=out / f"tty-{side}",
-                clock_ppm=part.clock_ppm,
-                unique_id=f"e66141{scenario.seed % 256:02x}000000{NODE_IDS[side]:02x}",
+                link_path=out / f"board-{name}",
+                clock_ppm=rider.clock_ppm,
+                unique_id=f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}",
                 clock="paced",
                 power_on_ns=power_on_ns,
             )
-            nodes[side] = stack.enter_context(node)
-        start_ns = time.time_ns() + (power_on_ns - time.monotonic_ns()) + int(_SETTLE * 1e9)
-        recorded = _record(
-            [f"{side}={node.link_path}" for side, node in nodes.items()], log, vehicle, duration, tick
-        )
-        stats = {str(side): dict(node.stats) for side, node in nodes.items()}
+            nodes[name] = stack.enter_context(node)
+        start_ns = time.time_ns() + (power_on_ns - time.monotonic_ns()) + int(SETTLE * 1e9)
+        _plug_in(nodes, links, power_on_ns)
+        while (gone := 1e-9 * (time.monotonic_ns() - power_on_ns)) < duration and daemon.running:
+            tick(min(max(gone / duration, 0.0), 1.0))
+            time.sleep(0.2)
+        recorded = daemon.stop()
+        stats = {name: dict(node.stats) for name, node in nodes.items()}
+    silent = [name for name in riders if name not in recorded["nodes"]]
+    if silent:
+        raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node; run it again with less load")
     return RideResult(log, vehicle, start_ns, recorded, stats)
 
 
-def _record(
-    ports: list[str], log: Path, vehicle: Path, duration: float, tick: Callable[[float], None]
-) -> dict[str, Any]:
-    words = [sys.executable, "-m", "hubodo.cli", "record", *ports, "-o", str(log), "--vehicle", str(vehicle)]
-    words += ["--duration", f"{duration:.1f}", "--json"]
-    started = time.monotonic()
-    daemon = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        while daemon.poll() is None:
-            tick(min((time.monotonic() - started) / duration, 1.0))
-            time.sleep(0.2)
-        said, complaint = daemon.communicate()
-    finally:
-        daemon.kill()
-    if daemon.returncode != 0:
-        raise HubodoError(f"hubodo record failed: {complaint.strip() or 'it said nothing'}")
-    found: dict[str, Any] = json.loads(said)
-    return found
+def _plug_in(nodes: Mapping[str, VirtualNode], links: Mapping[str, Path], power_on_ns: int) -> None:
+    """Connect the boards once they keep up with the wall clock.
+
+    A board that boots on a busy computer is late and makes up for it in a rush, which no real clock does.
+    """
+
+    def late(node: VirtualNode) -> float:
+        return 1e-9 * (time.monotonic_ns() - power_on_ns) - float(node.stats["t"])
+
+    time.sleep(max(0.0, 1e-9 * (power_on_ns - time.monotonic_ns())) + _BOOT)
+    end = time.monotonic() + _HURRY
+    while any(late(node) > _LATE for node in nodes.values()) and time.monotonic() < end:
+        time.sleep(0.05)
+    for name, node in nodes.items():
+        links[name].symlink_to(node.link_path)
+
+
+class _Daemon:
+    """`hubodo record` in a process of its own; ready once its log is there, which took `took` s."""
+
+    def __init__(self, links: Mapping[str, Path], log: Path, vehicle: Path) -> None:
+        ports = [f"{name}={link}" for name, link in links.items()]
+        words = [sys.executable, "-m", "hubodo.cli", "record", *ports, "-o", str(log)]
+        words += ["--vehicle", str(vehicle), "--wait", "--json"]
+        self._log, self.took = log, 0.0
+        self._process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    def __enter__(self) -> Self:
+        begin = time.monotonic()
+        while self.running and not self._log.exists() and time.monotonic() < begin + _PATIENCE:
+            time.sleep(0.05)
+        self.took = time.monotonic() - begin
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.wait()
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def stop(self) -> dict[str, Any]:
+        """Its account of what it recorded. Raises HubodoError with its complaint when it failed."""
+        if self.running:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            said, complaint = self._process.communicate(timeout=_PATIENCE)
+        except subprocess.TimeoutExpired:
+            raise HubodoError(f"hubodo record did not end within {_PATIENCE:.0f} s; run it again") from None
+        if self._process.returncode != 0:
+            raise HubodoError(f"hubodo record failed: {complaint.strip() or 'it said nothing'}")
+        found: dict[str, Any] = json.loads(said)
+        return found

@@ -1,15 +1,16 @@
-"""Drives: smooth speed and yaw rate of a vehicle over time, with the path they make."""
+"""Drives: smooth speed and yaw rate of a vehicle over time, and the path that they make."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from hubodo.model.frames import Array
-from hubodo.model.kinematics import BodyMotion, WheelMount
+from hubodo.model.inputs import Inputs
+from hubodo.model.smooth import through
 
 _STEP = 0.01
+_ROUNDED = 0.4
 
 
 @dataclass(frozen=True)
@@ -21,75 +22,7 @@ class Leg:
     yaw_rate: float = 0.0
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Speed and yaw rate of the body origin as functions of time that have smooth derivatives.
-
-    t: (N,) s, increasing from 0. speed: (N,) m/s. yaw_rate: (N,) rad/s.
-    """
-
-    t: Array
-    speed: Array
-    yaw_rate: Array
-    _speed: CubicSpline = field(init=False, repr=False, compare=False)
-    _yaw_rate: CubicSpline = field(init=False, repr=False, compare=False)
-    _distance: CubicSpline = field(init=False, repr=False, compare=False)
-    _heading: CubicSpline = field(init=False, repr=False, compare=False)
-
-    def __post_init__(self) -> None:
-        speed, yaw_rate = CubicSpline(self.t, self.speed), CubicSpline(self.t, self.yaw_rate)
-        for name, value in (
-            ("_speed", speed),
-            ("_yaw_rate", yaw_rate),
-            ("_distance", speed.antiderivative()),
-            ("_heading", yaw_rate.antiderivative()),
-        ):
-            object.__setattr__(self, name, value)
-
-    @property
-    def duration(self) -> float:
-        return float(self.t[-1])
-
-    def body(self, t: Array) -> BodyMotion:
-        """Motion of the body origin at times t, (N,) s; at rest before the start and after the end."""
-        inside = np.clip(t, self.t[0], self.t[-1])
-        moving = inside == t
-        return BodyMotion(
-            self._speed(inside),
-            np.where(moving, self._speed(inside, 1), 0.0),
-            self._yaw_rate(inside),
-            np.where(moving, self._yaw_rate(inside, 1), 0.0),
-        )
-
-    def heading(self, t: Array) -> Array:
-        """Heading (N,) rad at times t, anticlockwise from where the drive began."""
-        return np.asarray(self._heading(np.clip(t, self.t[0], self.t[-1])))
-
-    def wheel_angle(self, t: Array, mount: WheelMount, start: float = 0.0) -> Array:
-        """Wheel angle (N,) rad at times t, in closed form, so that it does not drift from the speeds."""
-        inside = np.clip(t, self.t[0], self.t[-1])
-        rolled = self._distance(inside) - mount.contact_y * self._heading(inside)
-        return np.asarray(start + rolled / mount.radius)
-
-    def path(self, heading: float = 0.0) -> tuple[Array, Array, Array, Array]:
-        """t, x, y (m, from the start) and heading (rad, anticlockwise from x) on a 10 ms grid."""
-        t = np.arange(self.t[0], self.t[-1] + 0.5 * _STEP, _STEP)
-        middle = t[:-1] + 0.5 * _STEP
-        # Simpson's rule on each step: the error is far below a micrometre for a vehicle's motion.
-        at = np.sort(np.concatenate([t, middle]))
-        course = heading + self._heading(np.minimum(at, self.t[-1]))
-        speed = self._speed(np.minimum(at, self.t[-1]))
-        vx, vy = speed * np.cos(course), speed * np.sin(course)
-        x = np.concatenate([[0.0], np.cumsum(_simpson(vx))])
-        y = np.concatenate([[0.0], np.cumsum(_simpson(vy))])
-        return t, x, y, course[::2]
-
-
-def _simpson(value: Array) -> Array:
-    return np.asarray(_STEP / 6.0 * (value[:-2:2] + 4.0 * value[1:-1:2] + value[2::2]))
-
-
-def scripted(legs: list[Leg], smoothing: float = 0.4) -> Drive:
+def scripted(legs: list[Leg], smoothing: float = _ROUNDED) -> Inputs:
     """A drive through legs of constant speed and yaw rate, rounded by a Gaussian of `smoothing` seconds.
 
     Raises ValueError for an empty list or a leg without duration.
@@ -102,10 +35,10 @@ def scripted(legs: list[Leg], smoothing: float = 0.4) -> Drive:
     width = smoothing / _STEP
     speed = gaussian_filter1d(np.array([item.speed for item in legs])[leg], width, mode="nearest")
     yaw_rate = gaussian_filter1d(np.array([item.yaw_rate for item in legs])[leg], width, mode="nearest")
-    return Drive(t, speed, yaw_rate)
+    return Inputs(through(t, speed), through(t, yaw_rate))
 
 
-def loop_drive(rng: np.random.Generator, rest: float = 8.0, moving: float = 60.0) -> Drive:
+def loop_drive(rng: np.random.Generator, rest: float = 8.0, moving: float = 60.0) -> Inputs:
     """A drive that begins and ends at rest and comes round about once, with random legs in between."""
     legs = [Leg(rest, 0.0)]
     left = moving
@@ -117,3 +50,40 @@ def loop_drive(rng: np.random.Generator, rest: float = 8.0, moving: float = 60.0
         left -= duration
     legs.append(Leg(4.0, 0.0))
     return scripted(legs)
+
+
+def random_drive(rng: np.random.Generator, duration: float, fastest: float = 2.5) -> Inputs:
+    """Random legs, both ways round, now and then a rest or a turn on the spot; begins and ends at rest.
+
+    duration: s. fastest: m/s.
+    """
+    # Four widths of the rounding: then it does rest.
+    legs = [Leg(min(max(0.05 * duration, 4.0 * _ROUNDED), 0.3 * duration), 0.0)]
+    left = duration - 2.0 * legs[0].duration
+    while left > 0.0:
+        length = min(left, float(rng.uniform(1.5, 6.0)))
+        speed = float(rng.choice([0.0, 0.3, 1.0], p=[0.1, 0.2, 0.7]) * rng.uniform(0.3, 1.0) * fastest)
+        # What a turn at speed may pull sideways, m/s².
+        limit = min(1.2, 2.0 / max(speed, 0.1))
+        yaw_rate = float(rng.choice([0.0, 1.0], p=[0.3, 0.7]) * rng.uniform(-limit, limit))
+        legs.append(Leg(length, speed, yaw_rate))
+        left -= length
+    legs.append(Leg(legs[0].duration, 0.0))
+    return scripted(legs)
+
+
+def path(inputs: Inputs, heading: float = 0.0) -> tuple[Array, Array, Array, Array]:
+    """t (s), x, y (m, from the start) and heading (rad, anticlockwise from x) on a 10 ms grid."""
+    start, end = inputs.speed.start, inputs.speed.end
+    t = np.arange(start, end + 0.5 * _STEP, _STEP)
+    # Simpson's rule on each step: the error is far below a micrometre for a vehicle's motion.
+    at = np.sort(np.concatenate([t, t[:-1] + 0.5 * _STEP]))
+    course = heading + inputs.yaw_rate.integral(at)
+    speed = inputs.speed(at)
+    x = np.concatenate([[0.0], np.cumsum(_simpson(speed * np.cos(course)))])
+    y = np.concatenate([[0.0], np.cumsum(_simpson(speed * np.sin(course)))])
+    return t, x, y, course[::2]
+
+
+def _simpson(value: Array) -> Array:
+    return np.asarray(_STEP / 6.0 * (value[:-2:2] + 4.0 * value[1:-1:2] + value[2::2]))

@@ -23,9 +23,6 @@ from __future__ import annotations
 import difflib
 import hashlib
 import math
-import os
-import re
-import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -33,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import ConfigError, InputError
+from hubodo.toml_file import toml_key, toml_number, toml_text, write_whole
 
 XYZ = ("x", "y", "z")
 NONORTHOGONALITY = ("xz", "xy", "yz", "yx", "zy", "zx")
@@ -145,30 +143,17 @@ def parse_calibration(text: str, path: Path) -> Calibration:
 
 def write_calibration(calibration: Calibration, path: Path) -> None:
     """Write the file whole or not at all; an existing file is replaced. Merge with `with_node` beforehand."""
-    text = calibration_toml(calibration)
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist; create it first")
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_whole(path, calibration_toml(calibration))
 
 
 def calibration_toml(calibration: Calibration) -> str:
     """The text of the file; numbers keep all their digits."""
     lines = ["# Written by hubodo calibrate; SI units, names of the model file, value and 1 sigma."]
     for name, node in calibration.nodes.items():
-        lines += ["", f"[nodes.{_key(name)}]"]
+        lines += ["", f"[nodes.{toml_key(name)}]"]
         if node.serial:
-            lines.append(f"serial = {_text(node.serial)}")
-        lines += _effect_lines(f"nodes.{_key(name)}.effects", node.effects)
+            lines.append(f"serial = {toml_text(node.serial)}")
+        lines += _effect_lines(f"nodes.{toml_key(name)}.effects", node.effects)
     return "\n".join([*lines, *_effect_lines("vehicle.effects", calibration.vehicle)]) + "\n"
 
 
@@ -194,14 +179,14 @@ def source_hash(path: Path) -> str:
 def _effect_lines(prefix: str, effects: Mapping[str, Effect]) -> list[str]:
     lines: list[str] = []
     for name, effect in effects.items():
-        lines += ["", f"[{prefix}.{_key(name)}]"]
+        lines += ["", f"[{prefix}.{toml_key(name)}]"]
         texts = {"method": effect.method, "source_sha256": effect.source_sha256, "date": effect.date}
-        lines += [f"{key} = {_text(text)}" for key, text in texts.items() if text]
+        lines += [f"{key} = {toml_text(text)}" for key, text in texts.items() if text]
         if effect.temperature is not None:
-            lines.append(f"temperature_min = {float(effect.temperature[0])!r}")
-            lines.append(f"temperature_max = {float(effect.temperature[1])!r}")
+            lines.append(f"temperature_min = {toml_number(effect.temperature[0])}")
+            lines.append(f"temperature_max = {toml_number(effect.temperature[1])}")
         lines += [
-            f"{_key(parameter)} = {{ value = {float(q.value)!r}, sigma = {float(q.sigma)!r} }}"
+            f"{toml_key(parameter)} = {{ value = {toml_number(q.value)}, sigma = {toml_number(q.sigma)} }}"
             for parameter, q in effect.parameters.items()
         ]
     return lines
@@ -251,14 +236,3 @@ def _check(path: Path, where: str, body: Any, known: Iterable[str]) -> None:
 def _near(name: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(name, list(known), 1)
     return f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _text(name)
-
-
-def _text(text: str) -> str:
-    escaped = "".join(
-        f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else f"\\{c}" if c in '\\"' else c for c in text
-    )
-    return f'"{escaped}"'

@@ -19,6 +19,8 @@ VERBS: tuple[str, ...] = (
     "warmup",
     "calibrate",
     "north",
+    "simulate",
+    "gap",
     "report",
 )
 

@@ -15,13 +15,12 @@ from rich.table import Table as TextTable
 
 from hubodo.config import load_vehicle
 from hubodo.demo.report import demo_page, facts_grid
-from hubodo.demo.ride import Interpreter, RideResult, ride
-from hubodo.demo.scenario import WHEEL_RADIUS, make_scenario
+from hubodo.demo.ride import Interpreter, RideResult, choose_interpreter, ride
+from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.errors import HubodoError, InputError
 from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
-from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
 from hubodo.report.page import Grid
 from hubodo.verbs.fuse import score_against_truth
 
@@ -128,14 +127,21 @@ def run(args: argparse.Namespace) -> Demo:
     if not 5.0 <= args.moving <= 3600.0:
         raise InputError(f"--moving {args.moving}: use 5 to 3600 s")
     started = time.monotonic()
-    interpreter = _interpreter(args.interpreter)
+    interpreter = choose_interpreter(args.interpreter)
     out = _fresh(args.output)
     scenario = make_scenario(args.seed, args.moving)
     note = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
         task = progress.add_task("two virtual nodes drive, in real time", total=1.0)
-        result = ride(scenario, out, interpreter, lambda share: progress.update(task, completed=share))
+        result = ride(
+            scenario.riders(),
+            VEHICLE_TOML,
+            out,
+            interpreter,
+            args.seed,
+            lambda share: progress.update(task, completed=share),
+        )
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
     recording = dataclasses.replace(recording, truth=truth)
@@ -164,22 +170,6 @@ def run(args: argparse.Namespace) -> Demo:
     )
     (out / "demo.json").write_text(json.dumps(demo.as_json(), indent=2) + "\n", "utf-8")
     return demo
-
-
-def _interpreter(wanted: str) -> Interpreter:
-    if wanted == "cpython":
-        return "cpython"
-    try:
-        find_node()
-        find_micropython()
-    except InterpreterMissing as error:
-        if wanted == "micropython":
-            raise
-        Console(stderr=True).print(
-            f"{error}; the same firmware files run on CPython instead", highlight=False
-        )
-        return "cpython"
-    return "micropython"
 
 
 def _fresh(folder: Path) -> Path:

@@ -297,7 +297,13 @@ class VirtualBoard:
             while self.settings.wait_for_host and self.running and not self.link.host_open:
                 self._serve_control(control, on_control, 10)
             power_on_ns = self.settings.power_on_ns
-            while power_on_ns is not None and self.running and time.monotonic_ns() < power_on_ns:
+            # A paced interpreter loads before that and waits for the clock by itself, so as not to be late.
+            while (
+                power_on_ns is not None
+                and not self.paced
+                and self.running
+                and time.monotonic_ns() < power_on_ns
+            ):
                 self._serve_control(control, on_control, 1)
             if self.running:
                 self._t0_ns = time.monotonic_ns() if power_on_ns is None else power_on_ns

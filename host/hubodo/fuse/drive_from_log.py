@@ -1,0 +1,56 @@
+"""The drive that a log tells of, as inputs of the forward model: from its reference, or through its fixes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hubodo.errors import InputError
+from hubodo.fuse.projection import local_frame
+from hubodo.log.recording import Recording, Table
+from hubodo.model.frames import Array
+from hubodo.model.inputs import Inputs
+from hubodo.model.smooth import smooth, through
+
+_FEWEST = 20
+_STEP = 0.02
+# m/s; at less than this a course says little about where the vehicle points, so the turn fades out.
+_CRAWL = 0.2
+
+
+def drive_from_reference(recording: Recording, where: str) -> Inputs:
+    """Speed and yaw rate of reference.csv without their noise, begun at 0 s.
+
+    Raises InputError when the log has none, or fewer than 20 rows.
+    """
+    table = _enough(recording.reference, "reference", where)
+    t = table.t - table.t[0]
+    inputs = Inputs(smooth(t, table["speed"]), smooth(t, table["yaw_rate"]))
+    if "temperature" in table:
+        inputs = Inputs(inputs.speed, inputs.yaw_rate, t, table["temperature"])
+    return inputs
+
+
+def drive_from_fixes(recording: Recording, where: str) -> Inputs:
+    """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
+
+    Raises InputError when the log has none, or fewer than 20; ConfigError without pyproj.
+    """
+    table = _enough(recording.gnss, "gnss", where)
+    latitude, longitude = table["latitude_deg"], table["longitude_deg"]
+    frame = local_frame(float(np.median(latitude)), float(np.median(longitude)))
+    t = table.t - table.t[0]
+    x, y = (smooth(t, place) for place in frame.to_local(latitude, longitude))
+    at: Array = np.arange(0.0, t[-1] + 0.5 * _STEP, _STEP)
+    vx, vy = x(at, 1), y(at, 1)
+    speed = np.hypot(vx, vy)
+    yaw_rate = (vx * y(at, 2) - vy * x(at, 2)) / (speed**2 + _CRAWL**2)
+    return Inputs(through(at, speed), through(at, yaw_rate))
+
+
+def _enough(table: Table | None, name: str, where: str) -> Table:
+    if table is None or len(table) < _FEWEST:
+        count = "none" if table is None else str(len(table))
+        raise InputError(
+            f"{where}: has {count} of the {_FEWEST} rows of {name} that a drive needs; name another log"
+        )
+    return table

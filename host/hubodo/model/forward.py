@@ -1,0 +1,229 @@
+"""The forward model of one node: what it reads, from what the vehicle does and the effects that are there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hubodo.config import NodeMount
+from hubodo.model.effects.base import Chain, Effect, Geometry, Noise
+from hubodo.model.frames import STANDARD_GRAVITY, Array, facing_sign, side_sign
+from hubodo.model.inputs import Body, Earth, Inputs, SpeedCorrection
+from hubodo.model.rolling import Rolling, roll
+
+_KEPT = 3
+
+Carried = Callable[[Array], tuple[Array, Array, Array]]
+"""At t, (N,) s: angular rate rad/s, its derivative and specific force m/s² in node axes, (3, N) each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What is true of a node besides effects.
+
+    angle: rad, its wheel at the log's start. attitude: rad, rotation vector of a node on the body against
+    its axes.
+    """
+
+    angle: float = 0.0
+    attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a node reads, (3, N) each: gyro rad/s, accel m/s²; and how its wheel turned, None on the body."""
+
+    gyro: Array
+    accel: Array
+    rolling: Rolling | None
+    body: Body
+
+
+@dataclass
+class NodeForward:
+    """Evaluates one node at its own time stamps, again and again.
+
+    inputs: of the vehicle. t: (N,) s since the log began, the stamps. mount: where the node sits.
+    wheel_radius, track_width: nominal, m. power_on: s, when the node was switched on. carried: what moves
+    the node where it is neither on a wheel nor on the vehicle.
+    """
+
+    inputs: Inputs
+    t: Array
+    mount: NodeMount
+    wheel_radius: float
+    track_width: float
+    power_on: float = 0.0
+    carried: Carried | None = None
+    _bodies: dict[tuple[float, float], Body] = field(default_factory=dict, repr=False)
+
+    def mean(
+        self,
+        effects: Iterable[Effect],
+        start: Start,
+        phase: Array | float = 0.0,
+        correction: SpeedCorrection | None = None,
+    ) -> Reading:
+        """The reading without anything random; phase: (N,) rad beside the wheel angle, see `roll`."""
+        effects = list(effects)
+        chain, rolling, body = self._sensed(effects, start, phase, correction)
+        for effect in effects:
+            effect.clip(chain)
+        return Reading(chain.gyro, chain.accel, rolling, body)
+
+    def sample(
+        self, effects: Iterable[Effect], start: Start, noise: Noise, rng: np.random.Generator
+    ) -> Reading:
+        """One draw of what the node would send."""
+        effects = list(effects)
+        chain, rolling, body = self._wandering(effects, start, rng)
+        transmit(chain, effects, noise, rng)
+        return Reading(chain.gyro, chain.accel, rolling, body)
+
+    def felt(self, effects: Iterable[Effect], start: Start, rng: np.random.Generator) -> Reading:
+        """One draw of what the sensor feels, before its noise and limits."""
+        chain, rolling, body = self._wandering(list(effects), start, rng)
+        return Reading(chain.gyro, chain.accel, rolling, body)
+
+    def geometry(self, effects: Iterable[Effect]) -> Geometry:
+        """Vehicle and wheel with the effects in them."""
+        geometry = Geometry(self.mount.side, self.wheel_radius, self.track_width)
+        for effect in effects:
+            geometry = effect.shape(geometry)
+        return geometry
+
+    def _wandering(
+        self, effects: list[Effect], start: Start, rng: np.random.Generator
+    ) -> tuple[Chain, Rolling | None, Body]:
+        chain, rolling, body = self._sensed(effects, start, 0.0)
+        for effect in effects:
+            effect.wander(chain, rng)
+        return chain, rolling, body
+
+    def _sensed(
+        self,
+        effects: list[Effect],
+        start: Start,
+        phase: Array | float,
+        correction: SpeedCorrection | None = None,
+    ) -> tuple[Chain, Rolling | None, Body]:
+        body = self._body(effects)
+        if correction is not None:
+            body = correction.apply(body)
+        geometry = self.geometry(effects)
+        rolling = None
+        if self.carried is not None:
+            rate, slope, force = self.carried(body.t)
+        elif geometry.side is None:
+            rate, slope, force = _on_body(body, geometry, start, self.inputs.earth)
+        else:
+            rolling = roll(body, geometry, start.angle, phase)
+            rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
+        if any(geometry.lever_arm):
+            force = force + _off_axle(rate, slope, geometry.lever_arm)
+        chain = Chain(body.t - self.power_on, body.temperature, rate, slope, force, rate, force)
+        chain.acceleration, chain.yaw_rate = body.acceleration, body.yaw_rate
+        if rolling is not None:
+            chain.angle, chain.spin = rolling.angle, rolling.spin
+        for effect in effects:
+            effect.mount(chain)
+        for effect in effects:
+            effect.low_pass(chain)
+        chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
+        for effect in effects:
+            effect.respond(chain)
+        for effect in effects:
+            effect.offset(chain)
+        return chain, rolling, body
+
+    def _body(self, effects: list[Effect]) -> Body:
+        """The vehicle at the true times of the samples; times that come again are not computed again."""
+        t = self.t
+        for effect in effects:
+            t = effect.true_time(t)
+        key = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
+        made = self._bodies.get(key)
+        if made is None:
+            while len(self._bodies) >= _KEPT:
+                self._bodies.pop(next(iter(self._bodies)))
+            made = self._bodies[key] = self.inputs.at(t)
+        return made
+
+
+def transmit(chain: Chain, effects: Iterable[Effect], noise: Noise, rng: np.random.Generator) -> None:
+    """From what the sensor feels to what is sent: noise, wild samples, limits, steps, repeats."""
+    effects = list(effects)
+    chain.gyro += noise.gyro * rng.standard_normal(chain.gyro.shape)
+    chain.accel += noise.accel * rng.standard_normal(chain.accel.shape)
+    for effect in effects:
+        effect.scatter(chain, noise, rng)
+    for effect in effects:
+        effect.clip(chain)
+    for effect in effects:
+        effect.digitize(chain)
+    for effect in effects:
+        effect.repeat(chain, rng)
+
+
+def _on_wheel(body: Body, rolling: Rolling, geometry: Geometry, facing: float) -> tuple[Array, Array, Array]:
+    """Angular rate, its derivative and specific force in node axes, (3, N) each.
+
+    Omega = theta' a + r z_b; f_s = C_sb (a_h + g z) + Omega' x rho + Omega x (Omega x rho).
+    """
+    side = side_sign(geometry.side or "left")
+    lean, upright = side * np.sin(geometry.camber), np.cos(geometry.camber)
+    cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
+    r, r_slope = body.yaw_rate, body.yaw_acceleration
+    rate, slope, force = (np.empty((3, len(r))) for _ in range(3))
+    across, across_slope = upright * r, upright * r_slope
+    turning = across * rolling.spin
+    rate[0], rate[1] = across * cos, (-facing) * across * sin
+    rate[2] = facing * (rolling.spin + lean * r)
+    slope[0] = across_slope * cos - turning * sin
+    slope[1] = -facing * (across_slope * sin + turning * cos)
+    slope[2] = facing * (rolling.spin_acceleration + lean * r_slope)
+    hub_y = 0.5 * side * geometry.track_width - side * geometry.radius * np.sin(geometry.camber)
+    ahead = body.acceleration - r_slope * hub_y + STANDARD_GRAVITY * np.sin(geometry.grade)
+    aside = r * (body.speed - r * hub_y)
+    upwards = STANDARD_GRAVITY * np.cos(geometry.grade)
+    up = upright * upwards - lean * aside
+    force[0] = cos * up + sin * ahead
+    force[1] = facing * (cos * ahead - sin * up)
+    force[2] = facing * (upright * aside + lean * upwards)
+    return rate, slope, force
+
+
+def _off_axle(rate: Array, slope: Array, arm: tuple[float, float, float]) -> Array:
+    """Omega' x rho + Omega (Omega . rho) - rho Omega²."""
+    x, y, z = arm
+    along = x * rate[0] + y * rate[1] + z * rate[2]
+    square = rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2
+    return np.stack(
+        [
+            slope[1] * z - slope[2] * y + rate[0] * along - x * square,
+            slope[2] * x - slope[0] * z + rate[1] * along - y * square,
+            slope[0] * y - slope[1] * x + rate[2] * along - z * square,
+        ]
+    )
+
+
+def _on_body(body: Body, geometry: Geometry, start: Start, earth: Earth | None) -> tuple[Array, Array, Array]:
+    """The same for a node fixed to the body at its origin, turned by start.attitude against its axes."""
+    zero = np.zeros_like(body.speed)
+    rate = np.stack([zero, zero, body.yaw_rate])
+    slope = np.stack([zero, zero, body.yaw_acceleration])
+    if earth is not None:
+        turning, turning_slope = earth.rate(body.heading, body.yaw_rate)
+        rate, slope = rate + turning, slope + turning_slope
+    force = np.stack(
+        [
+            body.acceleration + STANDARD_GRAVITY * np.sin(geometry.grade),
+            body.yaw_rate * body.speed,
+            zero + STANDARD_GRAVITY * np.cos(geometry.grade),
+        ]
+    )
+    turn = Rotation.from_rotvec(start.attitude).as_matrix().T
+    return turn @ rate, turn @ slope, turn @ force

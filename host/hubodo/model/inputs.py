@@ -1,0 +1,100 @@
+"""What drives the forward model: speed, yaw rate and temperature of the vehicle as functions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from hubodo.model.frames import Array
+from hubodo.model.smooth import Smooth
+
+EARTH_RATE = 7.2921159e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """Motion of the body origin at N times, each (N,).
+
+    speed m/s, acceleration m/s², jerk m/s³, distance m from the log's start; yaw_rate rad/s,
+    yaw_acceleration rad/s², yaw_jerk rad/s³, heading rad from the log's start; temperature °C.
+    """
+
+    t: Array
+    speed: Array
+    acceleration: Array
+    jerk: Array
+    distance: Array
+    yaw_rate: Array
+    yaw_acceleration: Array
+    yaw_jerk: Array
+    heading: Array
+    temperature: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Earth:
+    """The Earth turns under a bench.
+
+    latitude: rad. azimuth: rad, of the body's x axis at heading 0, clockwise from north.
+    """
+
+    latitude: float
+    azimuth: float = 0.0
+
+    def rate(self, heading: Array, yaw_rate: Array) -> tuple[Array, Array]:
+        """Its angular rate in body axes and the derivative of that, (3, N) each."""
+        across, up = EARTH_RATE * np.cos(self.latitude), EARTH_RATE * np.sin(self.latitude)
+        north = self.azimuth - heading
+        zero = np.zeros_like(heading)
+        rate = np.stack([across * np.cos(north), across * np.sin(north), zero + up])
+        return rate, np.stack([yaw_rate * rate[1], -yaw_rate * rate[0], zero])
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """speed: m/s and yaw_rate: rad/s of the body origin. temperature: °C at temperature_t, s; both (M,).
+
+    earth: only for nodes on the body, where an experiment is long and still enough to see it.
+    """
+
+    speed: Smooth
+    yaw_rate: Smooth
+    temperature_t: Array = field(default_factory=lambda: np.zeros(1))
+    temperature: Array = field(default_factory=lambda: np.full(1, 25.0))
+    earth: Earth | None = None
+
+    def at(self, t: Array) -> Body:
+        """Everything at times t, (N,) s since the log began."""
+        return Body(
+            t,
+            self.speed(t),
+            self.speed(t, 1),
+            self.speed(t, 2),
+            self.speed.integral(t),
+            self.yaw_rate(t),
+            self.yaw_rate(t, 1),
+            self.yaw_rate(t, 2),
+            self.yaw_rate.integral(t),
+            np.interp(t, self.temperature_t, self.temperature),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedCorrection:
+    """What is to be added to a speed input that was itself measured: m/s at times t, s, (M,) each."""
+
+    t: Array
+    speed: Array
+
+    def apply(self, body: Body) -> Body:
+        """The body with the speed corrected, and all that follows from it."""
+        step = np.diff(self.t)
+        slope = np.gradient(self.speed, self.t)
+        distance = np.concatenate([[0.0], np.cumsum(0.5 * step * (self.speed[1:] + self.speed[:-1]))])
+        return replace(
+            body,
+            speed=body.speed + np.interp(body.t, self.t, self.speed),
+            acceleration=body.acceleration + np.interp(body.t, self.t, slope),
+            distance=body.distance + np.interp(body.t, self.t, distance),
+        )

@@ -1,0 +1,271 @@
+"""The model file: vehicle, noise, inputs and effects in TOML, read with every key accounted for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hubodo.config import NodeMount, Vehicle, as_table, load_toml, near, only_keys, read_table, vehicle_of
+from hubodo.errors import ConfigError
+from hubodo.model.effects import BY_NAME, EFFECTS, Effect, Noise, effect_of, in_order
+from hubodo.model.effects.empirical import PREFIX
+from hubodo.toml_file import toml_key, toml_number, toml_text, write_whole
+
+_ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
+_RATES = ("gx", "gy", "gz")
+
+
+@dataclass(frozen=True, slots=True)
+class Scoped:
+    """An effect and whose it is: the node's of that name, or with None the vehicle's or every node's."""
+
+    effect: Effect
+    node: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class InputNames:
+    """What drives the model: channels by name (see `split_input`), or constants in m/s and rad/s.
+
+    speed_noise m/s, yaw_rate_noise rad/s: 1 sigma of one sample of the inputs themselves; without them in the
+    file the inputs count as exact.
+    """
+
+    speed: str | float = "reference.speed"
+    yaw_rate: str | float = "reference.yaw_rate"
+    speed_noise: float = 0.0
+    yaw_rate_noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a model file says. effects: sorted, those without a node first, then in the order of EFFECTS.
+
+    Raises ValueError for an effect of the vehicle under a node, or two of a name in one place.
+    """
+
+    vehicle: Vehicle
+    noise: Noise
+    inputs: InputNames = InputNames()
+    effects: tuple[Scoped, ...] = ()
+
+    def __post_init__(self) -> None:
+        nodes = [None, *self.vehicle.nodes]
+        places = [(item.node, item.effect.name) for item in self.effects]
+        for node, name in places:
+            if node not in nodes:
+                raise ValueError(f"{name}: the vehicle has no node {node!r}")
+            if node is not None and effect_of(name).level == "vehicle":
+                raise ValueError(f"{name} belongs to the vehicle, not to {node!r}")
+        if len(set(places)) < len(places):
+            raise ValueError(f"an effect stands twice in one place: {places}")
+        ordered = sorted(
+            self.effects, key=lambda it: (nodes.index(it.node), _place(it.effect.name), it.effect.name)
+        )
+        object.__setattr__(self, "effects", tuple(ordered))
+
+    def effects_of(self, node: str) -> tuple[Effect, ...]:
+        """The effects of one node in the order of EFFECTS; its own goes before one for all of that name.
+
+        A node that sits on no wheel has no effects of wheels. KeyError for a node that is not there.
+        """
+        on_wheel = self.vehicle.nodes[node].side is not None
+        found = {item.effect.name: item.effect for item in self.effects if item.node is None}
+        found |= {item.effect.name: item.effect for item in self.effects if item.node == node}
+        kept = in_order(found.values())
+        return tuple(effect for effect in kept if on_wheel or effect.level != "wheel")
+
+    def with_effects(self, *added: Scoped) -> Model:
+        """The same with these effects; each replaces the one of its name in the same place."""
+        places = {(item.node, item.effect.name) for item in added}
+        kept = [item for item in self.effects if (item.node, item.effect.name) not in places]
+        return replace(self, effects=(*kept, *added))
+
+
+def _place(name: str) -> int:
+    return _ORDER.get(name, len(_ORDER))
+
+
+def split_input(name: str) -> tuple[str, str]:
+    """("reference", column), (node, channel), or ("nodes", "") for both wheels together."""
+    if name == "nodes":
+        return name, ""
+    source, _, channel = name.removeprefix("nodes.").rpartition(".")
+    return source, channel
+
+
+def read_model(path: Path) -> Model:
+    """Read a model file; `[vehicle]` and `[imu]` are required.
+
+    Raises ConfigError with file, table, key and the nearest known word: unknown tables, keys, effects,
+    parameters or inputs; missing, infinite or impossible numbers; an effect where it cannot be.
+    """
+    table = load_toml(path)
+    vehicle = vehicle_of(table, path)
+    return Model(
+        vehicle, _noise(table, path), _inputs(table, path, vehicle), tuple(_all(table, path, vehicle))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Imu:
+    gyro_noise: float
+    accel_noise: float
+
+
+def _noise(table: Mapping[str, Any], path: Path) -> Noise:
+    if "imu" not in table:
+        raise ConfigError(
+            f"{path}: [imu] is missing; give gyro_noise (rad/s) and accel_noise (m/s²), 1 sigma"
+        )
+    imu = read_table(table["imu"], _Imu, f"{path}: [imu]")
+    for key in ("gyro_noise", "accel_noise"):
+        _above_zero(getattr(imu, key), f"{path}: [imu] {key}")
+    return Noise(imu.gyro_noise, imu.accel_noise)
+
+
+def _above_zero(value: float, where: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigError(f"{where} = {value}: must be a finite number above 0")
+
+
+def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputNames:
+    where = f"{path}: [inputs]"
+    entries = as_table(table.get("inputs", {}), where)
+    only_keys(entries, ("speed", "yaw_rate", "speed_noise", "yaw_rate_noise"), where)
+    inputs = read_table(entries, InputNames, where)
+    for key in ("speed_noise", "yaw_rate_noise"):
+        if not (math.isfinite(getattr(inputs, key)) and getattr(inputs, key) >= 0.0):
+            raise ConfigError(f"{where} {key} = {getattr(inputs, key)}: must be a finite number, 0 or more")
+    for key in ("speed", "yaw_rate"):
+        _check_input(getattr(inputs, key), f"{where} {key}", vehicle)
+    return inputs
+
+
+def _check_input(value: str | float, where: str, vehicle: Vehicle) -> None:
+    if not isinstance(value, str):
+        if not math.isfinite(value):
+            raise ConfigError(f"{where} = {value}: must be a finite number or the name of a channel")
+        return
+    known = ["reference.speed", "reference.yaw_rate", "nodes"]
+    known += [f"nodes.{node}.{rate}" for node in vehicle.nodes for rate in _RATES]
+    source, channel = split_input(value)
+    # A node that the vehicle does not list may still be in the log: only its channel can be checked here.
+    other = source not in ("", "reference", "nodes", *vehicle.nodes) and channel in _RATES
+    if value in known or (source in vehicle.nodes and channel in _RATES):
+        return
+    if not other or near(source, ["reference", *vehicle.nodes]):
+        raise ConfigError(
+            f"{where} = {value!r}: no such input{near(value, known)}; write a number, reference.speed, "
+            "reference.yaw_rate, nodes, or nodes.NAME.gz"
+        )
+
+
+def _all(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> Iterator[Scoped]:
+    yield from (Scoped(effect) for effect in _effects(table, f"{path}: [effects", None))
+    for name, mount in vehicle.nodes.items():
+        where = f"{path}: [nodes.{toml_key(name)}.effects"
+        yield from (Scoped(effect, name) for effect in _effects(table["nodes"][name], where, mount))
+
+
+def _effects(table: Mapping[str, Any], where: str, mount: NodeMount | None) -> Iterator[Effect]:
+    """mount: of the node whose effects they are, None for those of all."""
+    for name, values in as_table(table.get("effects", {}), f"{where}]").items():
+        here = f"{where}.{toml_key(name)}]"
+        if name not in BY_NAME and not name.startswith(PREFIX):
+            hint = near(name, BY_NAME)
+            raise ConfigError(f"{here}: no such effect{hint}; see the table of effects in the model's README")
+        try:
+            kind = effect_of(name)
+        except ValueError as error:
+            raise ConfigError(f"{here}: {error}") from None
+        if mount is not None and kind.level == "vehicle":
+            raise ConfigError(f"{here}: this is an effect of the vehicle; move it to [effects.{name}]")
+        if mount is not None and mount.side is None and kind.level == "wheel":
+            raise ConfigError(f"{here}: this is an effect of a wheel and the node is on none; remove it")
+        yield _effect(kind, as_table(values, here), here)
+
+
+def _effect(kind: type[Effect], values: Mapping[str, Any], where: str) -> Effect:
+    if not values:
+        raise ConfigError(f"{where}: empty; give {', '.join(kind.parameters())}, or remove the table")
+    effect = read_table(values, kind, where)
+    for key, value in effect.values().items():
+        says = problem(kind, key, value)
+        if says and key not in values:
+            raise ConfigError(f"{where}: {key} is missing; add it, in {kind.unit(key)}")
+        if says:
+            raise ConfigError(f"{where} {key} = {value}: {says} ({kind.unit(key)})")
+    return effect
+
+
+def problem(kind: type[Effect], name: str, value: float) -> str:
+    """What is wrong with a value of a parameter, in words; "" where nothing is."""
+    about = kind.__dataclass_fields__[name]
+    if not math.isfinite(value):
+        return "must be a finite number"
+    # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
+    if about.metadata["positive"] and (value < 0.0 or (value == 0.0 and about.default != 0.0)):
+        return "must be above 0"
+    if abs(value) > about.metadata["within"]:
+        return f"must lie within ±{about.metadata['within']:g}"
+    return ""
+
+
+def write_model(
+    model: Model, path: Path, comments: Mapping[tuple[str, str | None], str] | None = None
+) -> None:
+    """Write a model so that it reads back equal; an existing file is replaced.
+
+    comments: text above an effect, by (name, node or None). Raises InputError without the folder, ValueError
+    for an effect with a value that `read_model` would refuse.
+    """
+    write_whole(path, model_toml(model, comments))
+
+
+def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | None = None) -> str:
+    """The text of the file that `write_model` writes."""
+    noise, inputs, vehicle = model.noise, model.inputs, model.vehicle
+    lines = [
+        "[vehicle]",
+        _number("wheel_radius", vehicle.wheel_radius, "m"),
+        _number("track_width", vehicle.track_width, "m, between contacts"),
+        "",
+        "[imu]",
+        _number("gyro_noise", noise.gyro, "rad/s, 1 sigma per sample"),
+        _number("accel_noise", noise.accel, "m/s², 1 sigma per sample"),
+        "",
+        "[inputs]",
+        _input("speed", inputs.speed, "m/s"),
+        _input("yaw_rate", inputs.yaw_rate, "rad/s"),
+        _number("speed_noise", inputs.speed_noise, "m/s, 1 sigma per sample"),
+        _number("yaw_rate_noise", inputs.yaw_rate_noise, "rad/s, 1 sigma per sample"),
+    ]
+    for name, mount in vehicle.nodes.items():
+        lines += ["", f"[nodes.{toml_key(name)}]"]
+        if mount.side is not None:
+            lines += [f'side = "{mount.side}"', f'facing = "{mount.facing}"']
+    for item in model.effects:
+        prefix = "effects" if item.node is None else f"nodes.{toml_key(item.node)}.effects"
+        comment = (comments or {}).get((item.effect.name, item.node), "")
+        # TOML allows no control characters in a comment.
+        plain = ("".join(c if c.isprintable() else " " for c in line) for line in comment.splitlines())
+        lines += ["", *(f"# {line}" for line in plain)]
+        lines.append(f"[{prefix}.{toml_key(item.effect.name)}]")
+        for key, value in item.effect.values().items():
+            says = problem(type(item.effect), key, value)
+            if says:
+                raise ValueError(f"{item.effect.name} {key} = {value}: {says}")
+            lines.append(_number(key, value, item.effect.unit(key)))
+    return "\n".join(lines) + "\n"
+
+
+def _number(key: str, value: float, unit: str) -> str:
+    return f"{f'{key} = {toml_number(value)}':<40} # {unit}"
+
+
+def _input(key: str, value: str | float, unit: str) -> str:
+    return f"{key} = {toml_text(value)}" if isinstance(value, str) else _number(key, value, unit)

@@ -1,0 +1,288 @@
+"""`hubodo simulate`: a model and something to do with it, to a log."""
+
+import argparse
+import dataclasses
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table as TextTable
+
+from hubodo.demo.ride import SETTLE, Interpreter, Rider, choose_interpreter, ride
+from hubodo.errors import InputError
+from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
+from hubodo.log.convert import write_recording
+from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.log.mcap import read_recording
+from hubodo.log.recording import Recording, Table
+from hubodo.model import experiments
+from hubodo.model.bench import Programme
+from hubodo.model.drive import loop_drive, random_drive
+from hubodo.model.experiments import Experiment
+from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.model_file import Model, model_toml, read_model
+from hubodo.model.node_motion import NodeMotion, Scatter
+from hubodo.model.smooth import constant
+from hubodo.progress import progress_line
+from hubodo.sensors.calibration import read_calibration
+from hubodo.sensors.calibration_effects import with_calibration
+from hubowire.messages import NODE_IDS
+
+HELP = "draw a log from a model: what the nodes would measure on a drive, a table, a bench"
+EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
+
+DRIVES = ("random", "loop", "reference", "gnss", "rest", "turntable", "poses")
+_SHORTEST, _LONGEST = 5.0, 36000.0
+_RATES = (1.0, 10000.0)
+_VIRTUAL_RATES = (52, 104, 208, 416)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What was drawn, and where it stands. samples, effects: by node. notes: one line each."""
+
+    output: str
+    drive: str
+    seed: int
+    duration: float
+    distance: float | None
+    samples: Mapping[str, int]
+    effects: Mapping[str, tuple[str, ...]]
+    virtual: Mapping[str, Mapping[str, Any]] | None
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` prints it."""
+        made = dataclasses.asdict(self)
+        made["effects"] = {node: list(names) for node, names in self.effects.items()}
+        made["notes"] = list(self.notes)
+        return made
+
+    def render(self, console: Console) -> None:
+        """A row for each node, then the seed that draws it again."""
+        table = TextTable("node", "samples", "effects", title=f"{self.drive}, {self.duration:.1f} s")
+        for node, count in self.samples.items():
+            table.add_row(node, str(count), ", ".join(self.effects[node]) or "none")
+        console.print(table)
+        far = "" if self.distance is None else f"{self.distance:.1f} m, "
+        console.print(f"{far}seed {self.seed}\nlog: {self.output}", highlight=False, markup=False)
+        for text in self.notes:
+            console.print(f"note: {text}", highlight=False, markup=False, soft_wrap=True)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo simulate`."""
+    parser.add_argument("model", type=Path, metavar="MODEL.toml", help="vehicle, noise, nodes, effects")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="OUT",
+        help="log to write; a folder gets CSV files",
+    )
+    parser.add_argument(
+        "--drive", choices=DRIVES, default="random", help="what is done with the nodes (default: random)"
+    )
+    parser.add_argument(
+        "--from", dest="source", type=Path, metavar="LOG", help="log or CSV folder for reference and gnss"
+    )
+    parser.add_argument("--duration", type=float, default=120.0, help="s (default: 120)")
+    parser.add_argument("--rate", type=float, help="samples per second (default: 200; --virtual-node: 416)")
+    parser.add_argument("--reference-rate", type=float, default=50.0, help="Hz of reference (default: 50)")
+    parser.add_argument("--seed", type=int, default=1, help="draws drive and noise (default: 1)")
+    parser.add_argument(
+        "--temperature", type=float, nargs="+", metavar="DEG_C", help="one, or from first to last evenly"
+    )
+    parser.add_argument(
+        "--settle", type=float, metavar="S", help="with two temperatures: the time constant of a warm-up"
+    )
+    parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
+    parser.add_argument("--latitude_deg", type=float, metavar="L", help="let the Earth turn under the bench")
+    parser.add_argument(
+        "--azimuth_deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
+    )
+    parser.add_argument(
+        "--angles_deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
+    )
+    parser.add_argument("--stop", type=float, default=20.0, help="s that the table stands (default: 20)")
+    parser.add_argument("--turn", type=float, default=2.0, help="s that it turns (default: 2)")
+    parser.add_argument(
+        "--virtual-node", action="store_true", help="run the firmware on virtual boards, in real time"
+    )
+    choices = ["auto", "micropython", "cpython"]
+    parser.add_argument("--interpreter", choices=choices, default="auto", help="of --virtual-node")
+
+
+def run(args: argparse.Namespace) -> Simulated:
+    model = read_model(args.model)
+    _check(args, model)
+    notes: tuple[str, ...] = ()
+    if args.calibration:
+        model, notes = with_calibration(model, read_calibration(args.calibration))
+    experiment = _experiment(args, model)
+    with progress_line() as show:
+        if args.virtual_node:
+            recording, virtual = _virtual(args, model, experiment, show)
+        else:
+            show("simulating", 0.0)
+            rate = args.rate or 200.0
+            recording = experiments.simulate(model, experiment, rate, args.reference_rate, args.seed)
+            virtual = None
+        words = {
+            "simulated": args.drive,
+            "simulated.seed": str(args.seed),
+            "simulated.model": model_toml(model),
+        }
+        recording = dataclasses.replace(recording, metadata={**recording.metadata, **words})
+        if args.output.suffix == ".mcap":
+            write_recording(recording, args.output, progress=show)
+        else:
+            write_folder(recording, args.output, progress=show)
+    distance = None
+    if experiment.drives:
+        t = np.arange(0.0, experiment.duration, 0.01)
+        distance = float(np.sum(np.abs(experiment.inputs.speed(t))) * 0.01)
+    return Simulated(
+        str(args.output),
+        args.drive,
+        args.seed,
+        experiment.duration,
+        distance,
+        {name: len(table) for name, table in recording.nodes.items()},
+        {
+            name: tuple(effect.name for effect in experiments.node_effects(model, name, experiment))
+            for name in recording.nodes
+        },
+        virtual,
+        notes,
+    )
+
+
+def _check(args: argparse.Namespace, model: Model) -> None:
+    """What can be refused before anything is computed."""
+    for name, value, (low, high) in (
+        ("--duration", args.duration, (_SHORTEST, _LONGEST)),
+        ("--rate", args.rate or 200.0, _RATES),
+        ("--reference-rate", args.reference_rate, _RATES),
+        ("--stop", args.stop, (1.0, _LONGEST)),
+        ("--turn", args.turn, (0.1, _LONGEST)),
+        ("--settle", args.settle or 1.0, (1e-3, math.inf)),
+        ("--latitude_deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
+        ("--azimuth_deg", args.azimuth_deg, (-360.0, 360.0)),
+    ):
+        if not low <= value <= high:
+            raise InputError(f"{name} {value:g}: use {low:g} to {high:g}")
+    if args.seed < 0:
+        raise InputError(f"--seed {args.seed}: use 0 or more")
+    if args.output.exists():
+        raise InputError(f"{args.output}: exists already; choose another name, nothing is overwritten")
+    if not args.output.absolute().parent.is_dir():
+        raise InputError(f"{args.output}: its folder does not exist; create it first")
+    if args.temperature and (len(args.temperature) > 2 or not all(map(math.isfinite, args.temperature))):
+        raise InputError("--temperature: give one number, or the first and the last, in °C")
+    if args.settle and (not args.temperature or len(args.temperature) < 2):
+        raise InputError("--settle goes with two temperatures; give --temperature FIRST LAST")
+    needs_log = args.drive in ("reference", "gnss")
+    if needs_log != (args.source is not None):
+        raise InputError(
+            f"--drive {args.drive} needs --from LOG" if needs_log else "--from goes with reference or gnss"
+        )
+    if args.latitude_deg is not None and args.drive not in ("turntable", "poses"):
+        raise InputError(
+            "--latitude_deg goes with --drive turntable or poses; a drive hides the Earth's rate"
+        )
+    if args.virtual_node:
+        if args.drive in ("turntable", "poses"):
+            raise InputError(f"--virtual-node drives; it cannot do {args.drive}; leave one of them out")
+        strange = [name for name in model.vehicle.nodes if name not in NODE_IDS]
+        if strange:
+            raise InputError(
+                f"--virtual-node: no node is called {strange[0]!r} on the wire; use {', '.join(NODE_IDS)}"
+            )
+        if args.rate is not None and args.rate not in _VIRTUAL_RATES:
+            rates = ", ".join(map(str, _VIRTUAL_RATES))
+            raise InputError(f"--rate {args.rate:g}: the chip of a virtual node has {rates} Hz")
+
+
+def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
+    rng = np.random.default_rng([args.seed, 1])
+    latitude = None if args.latitude_deg is None else math.radians(args.latitude_deg)
+    duration = args.duration
+    if args.drive == "turntable":
+        angles = tuple(math.radians(angle) for angle in args.angles_deg)
+        earth = None if latitude is None else Earth(latitude, math.radians(args.azimuth_deg))
+        made = experiments.turntable(duration, Programme(angles, args.stop, args.turn), earth)
+    elif args.drive == "poses":
+        made = experiments.poses(duration, rng, latitude)
+    else:
+        made = Experiment(args.drive, _drive(args, rng))
+    made = experiments.with_constants(made, model)
+    if args.temperature:
+        made = experiments.warming(made, args.temperature[0], args.temperature[-1], args.settle)
+    return made
+
+
+def _drive(args: argparse.Namespace, rng: np.random.Generator) -> Inputs:
+    if args.drive == "random":
+        return random_drive(rng, args.duration)
+    if args.drive == "loop":
+        return loop_drive(rng, rest=1.0, moving=args.duration - 5.0)
+    if args.drive == "rest":
+        still = constant(0.0, 0.0, args.duration)
+        return Inputs(still, still)
+    recording = read_folder(args.source) if args.source.is_dir() else read_recording(args.source)
+    maker = drive_from_reference if args.drive == "reference" else drive_from_fixes
+    return maker(recording, str(args.source))
+
+
+def _virtual(
+    args: argparse.Namespace, model: Model, experiment: Experiment, show: Any
+) -> tuple[Recording, dict[str, Any]]:
+    """The drive through emulated chips, firmware, serial ports and the daemon; reference and truth added."""
+    interpreter: Interpreter = choose_interpreter(args.interpreter)
+    vehicle = model.vehicle
+    riders = {}
+    for name, mount in vehicle.nodes.items():
+        effects = experiments.node_effects(model, name, experiment)
+        start = experiments.start_of(model, name, experiment, args.seed)
+        motion = NodeMotion(
+            experiment.inputs,
+            mount,
+            vehicle.wheel_radius,
+            vehicle.track_width,
+            effects,
+            start,
+            SETTLE,
+            args.seed * 8 + NODE_IDS[name],
+        )
+        riders[name] = Rider(motion, Scatter(model.noise, effects))
+    plain = dataclasses.replace(model, effects=())
+    with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
+        result = ride(
+            riders,
+            model_toml(plain),
+            Path(folder),
+            interpreter,
+            args.seed,
+            lambda share: show("virtual nodes drive, in real time", share),
+            int(args.rate or 416),
+        )
+        recorded = read_recording(result.log)
+    begin = (result.start_ns - recorded.t_zero_ns) * 1e-9
+    reference = experiments.reference(model, experiment, args.reference_rate, args.seed)
+    recording = dataclasses.replace(
+        recorded,
+        reference=_later(reference, begin),
+        truth=_later(experiments.truth(experiment), begin) if experiment.drives else None,
+    )
+    return recording, result.nodes
+
+
+def _later(table: Table, by: float) -> Table:
+    return Table({**table.columns, "t": table.t + by})
