@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench papers accuracy setup clean
+.PHONY: demo test check bench papers accuracy gap-matrix setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -24,6 +24,7 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_hour.py
 	$(BIN)/python tests/bench/bench_fuse.py
 	$(BIN)/python tests/bench/bench_allan.py
+	$(BIN)/python tests/bench/bench_gap.py
 
 papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/shah.py
@@ -35,6 +36,9 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/odometry.py
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/allan_truth.py
+
+gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; an hour or more
+	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

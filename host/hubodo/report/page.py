@@ -27,6 +27,8 @@ th:first-child, td:first-child { text-align: left; }
 th { color: var(--dim); font-weight: 600; }
 .figure { margin-top: 0.8rem; background: #ffffff; border: 1px solid var(--line);
   border-radius: 6px; padding: 4px; }
+pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; padding: 0.8rem;
+  overflow-x: auto; }
 """
 
 
@@ -40,12 +42,13 @@ class Grid:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with words, then tables and figures."""
+    """A heading with words, then tables and figures; listing: text as it stands in a file."""
 
     title: str
     text: str = ""
     tables: Sequence[Grid] = ()
     figures: Sequence[go.Figure] = ()
+    listing: str = ""
 
 
 def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
@@ -76,15 +79,20 @@ def _figure(made: go.Figure) -> str:
     return f'<div class="figure">{drawn}</div>'
 
 
-def page(title: str, lead: str, sections: Sequence[Section]) -> str:
-    """The page as text: a title, one sentence that says the result, then the sections."""
-    parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>']
+def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> str:
+    """The page as text: a title, one sentence that says the result, then the sections.
+
+    hero: HTML, not escaped here, between that sentence and the sections.
+    """
+    parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>', hero]
     for section in sections:
         parts.append(f"<h2>{html.escape(section.title)}</h2>")
         if section.text:
             parts.append(f"<p>{html.escape(section.text)}</p>")
         parts += [_grid(grid) for grid in section.tables]
         parts += [_figure(made) for made in section.figures]
+        if section.listing:
+            parts.append(f"<pre>{html.escape(section.listing)}</pre>")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -1,0 +1,80 @@
+"""Fast screening: what each candidate would gain if the model were linear, all from one linearisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.gap.candidates import Candidate, all_directions, candidates, term_directions
+from hubodo.gap.linearised import Weights, linearise, solved
+from hubodo.gap.posterior import log_evidence
+from hubodo.gap.problem import Problem
+from hubodo.gap.state import State
+from hubodo.gap.terms import Term
+from hubodo.model.frames import Array
+
+
+@dataclass(frozen=True)
+class Screened:
+    """gain: of the log-likelihood. evidence: ln Bayes factor. value: (k,) of its coordinates, in scales.
+    information: (k, k) about them where they begin, zero for what is not seen there."""
+
+    candidate: Candidate
+    gain: float
+    evidence: float
+    value: Array
+    information: Array
+
+
+def screen(problem: Problem, state: State, weights: Weights) -> list[Screened]:
+    """Every candidate beside what the state has already, the best first."""
+    free = [term for term in state.terms if term.fitted]
+    directions = all_directions(problem, state)
+    own, basis = term_directions(problem, free)
+    linear = linearise(problem, state, [*directions, *own], weights)
+    gram = linear.gram
+    fitted = np.zeros((len(gram), basis.shape[1] + linear.nuisances))
+    fitted[len(directions) : len(directions) + len(own), : basis.shape[1]] = basis
+    fitted[linear.always, range(basis.shape[1], fitted.shape[1])] = 1.0
+    gram = _projected(gram, fitted)
+    fitted_keys = {term.key for term in free}
+    made = []
+    for candidate in candidates(problem, directions):
+        if candidate.term.key in fitted_keys:
+            continue
+        made.append(_judge(gram, linear.raw, candidate))
+    made.sort(key=lambda it: -it.evidence)
+    return made
+
+
+def _projected(gram: Array, fitted: Array) -> Array:
+    """The gram with moves along the columns of `fitted`, (D, f), taken out."""
+    if not fitted.shape[1]:
+        return gram
+    rows = fitted.T @ gram
+    inner = rows @ fitted
+    values, vectors = np.linalg.eigh(inner)
+    kept = values > 1e-6
+    half = (vectors[:, kept] / np.sqrt(values[kept])).T @ rows
+    return np.asarray(gram - half.T @ half)
+
+
+def _judge(gram: Array, raw: Array, candidate: Candidate) -> Screened:
+    """A candidate's gain, in the coordinates that the data see."""
+    basis = candidate.basis
+    count = len(basis)
+    information = basis.T @ gram[:count, :count] @ basis
+    covariance = solved(information, basis.T**2 @ raw[:count])
+    b = basis.T @ gram[:count, -1]
+    value = covariance @ b
+    gain = 0.5 * float(b @ value)
+    seen = np.diag(covariance) > 0.0
+    information = information * np.outer(seen, seen)
+    return Screened(candidate, gain, log_evidence(gain, value, information), value, information)
+
+
+def state_with(state: State, term: Term) -> State:
+    """The state with one term more; it takes the place of a given one of the same effect and scope."""
+    kept = [other for other in state.terms if other.key != term.key]
+    return State((*kept, term), state.starts, state.paths)

@@ -1,0 +1,101 @@
+"""The search: round after round, the effect that earns its place is added, until none does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.gap.linearised import Weights, settle, weights
+from hubodo.gap.problem import NodeData, Problem
+from hubodo.gap.refit import Refit, refit
+from hubodo.gap.round import EMPIRICAL, Round, look
+from hubodo.gap.screening import state_with
+from hubodo.gap.state import State
+from hubodo.gap.terms import Term
+from hubodo.model.effects import EFFECTS
+from hubodo.model.forward import Start
+
+_MOST = 8
+
+Say = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Found:
+    """The search's result. rounds: in order; each but the last added its best."""
+
+    start: Refit
+    rounds: tuple[Round, ...]
+    final: Refit
+    weights: Weights
+
+
+def search(
+    problem: Problem,
+    state: State,
+    accept: Collection[str] = (),
+    reject: Collection[str] = (),
+    say: Say = lambda words, share: None,
+) -> Found:
+    """Add effects until nothing earns its place.
+
+    accept: names that are added first, in the scope that fits best, whatever else there is. reject: names
+    that are not to be added.
+    """
+    start, _ = settle(problem, state)
+    weighed = reweigh(problem, start)
+    current = begin = refit(problem, start, weighed)
+    rounds: list[Round] = []
+    wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
+    for number in range(_MOST + 1):
+        say(f"round {number + 1}: every effect in every scope", number / (_MOST + 1))
+        others = {effect.name for effect in EFFECTS if effect.name != wanted[0]} if wanted else set[str]()
+        made = look(problem, current.state, weighed, {*reject, *others, *([EMPIRICAL] if wanted else [])})
+        best = made.best
+        if wanted and best is None and made.rivals:
+            best = made.rivals[0]
+        rounds.append(made)
+        if wanted and best is None:
+            wanted.pop(0)
+            continue
+        wanted = wanted[1:]
+        if best is None or number == _MOST:
+            break
+        state = state_with(current.state if best.refit is None else best.refit.state, best.term)
+        weighed = reweigh(problem, settle(problem, state)[0])
+        current = refit(problem, state, weighed)
+    return Found(begin, tuple(rounds), current, weighed)
+
+
+def reweigh(problem: Problem, state: State) -> Weights:
+    """Weights from the state's own residual and its wheels' own walks."""
+    state, walks = settle(problem, state)
+    return weights(problem, state, walks)
+
+
+def initial_state(problem: Problem) -> State:
+    """The model file's own effects, given; nodes on the body turned so that gravity is where they feel it."""
+    terms = []
+    for item in problem.model.effects:
+        level = item.effect.level
+        terms.append(
+            Term(item.effect, item.node or ("vehicle" if level == "vehicle" else "all"), fitted=False)
+        )
+    starts = {node.name: _attitude(node) for node in problem.nodes if not node.on_wheel}
+    return State(tuple(terms), starts)
+
+
+def _attitude(node: NodeData) -> Start:
+    up = np.median(node.y[3:], axis=1)
+    size = float(np.linalg.norm(up))
+    if size < 1.0:
+        return Start()
+    z = up / size
+    # The node reads R^T z: the smallest turn that does it.
+    axis = np.cross(z, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, z[2]))
+    turn = axis / sine * angle if sine > 1e-9 else np.array([angle, 0.0, 0.0])
+    return Start(attitude=(float(turn[0]), float(turn[1]), float(turn[2])))

@@ -1,0 +1,93 @@
+"""How the channels answer each effect: columns of the linearised model, by differences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.gap.problem import NodeData, Problem
+from hubodo.gap.state import State, effects_of, predict_node, speed_correction, stacked
+from hubodo.model.effects import Effect, in_order
+from hubodo.model.forward import Start
+from hubodo.model.frames import Array
+
+_STEP = 1e-3
+ATTITUDE_SCALE = 0.05
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One way to move the model: one coordinate of an effect on one node, from where it stands there.
+
+    node "": the vehicle, felt by every node. scale: length of the move that counts as one.
+    """
+
+    effect: Effect
+    node: str
+    coordinate: int
+
+    @property
+    def scale(self) -> float:
+        return float(self.effect.coordinate_scales()[self.coordinate])
+
+    def moved(self, by: float) -> Effect:
+        """The effect, `by` scales further."""
+        coordinates = self.effect.coordinates().copy()
+        coordinates[self.coordinate] += by * self.scale
+        return self.effect.at(coordinates)
+
+
+def columns(problem: Problem, state: State, directions: Sequence[Direction]) -> dict[str, Array]:
+    """For each node (P, 6, N) float32: change of its channels for a move by a scale along each direction."""
+    effects = effects_of(problem, state.terms)
+    correction = speed_correction(problem, effects)
+    base = {
+        node.name: stacked(predict_node(node, effects[node.name].values(), state, correction))
+        for node in problem.nodes
+    }
+    made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in problem.nodes}
+    for k, direction in enumerate(directions):
+        there = direction.moved(_STEP)
+        moved: dict[str, Mapping[type[Effect], Effect]] = {
+            name: _with(of, there) if direction.node in ("", name) else of for name, of in effects.items()
+        }
+        if problem.measured_by:
+            correction = speed_correction(problem, moved)
+        for node in problem.nodes:
+            if problem.measured_by or direction.node in ("", node.name):
+                change = stacked(predict_node(node, moved[node.name].values(), state, correction))
+                change -= base[node.name]
+                made[node.name][k] = change / _STEP
+    return made
+
+
+def _with(effects: Mapping[type[Effect], Effect], there: Effect) -> dict[type[Effect], Effect]:
+    return {type(effect): effect for effect in in_order({**effects, type(there): there}.values())}
+
+
+def phase_column(problem: Problem, node: NodeData, state: State) -> Array:
+    """(6, N) per rad: change of the channels when the wheel is further round than it is thought to be."""
+    effects = effects_of(problem, state.terms)
+    correction = speed_correction(problem, effects)
+    start, path = state.starts.get(node.name, Start()), state.paths.get(node.name, 0.0)
+    ahead, behind = (
+        stacked(node.forward.mean(effects[node.name].values(), start, path + by, correction))
+        for by in (_STEP, -_STEP)
+    )
+    return (ahead - behind) / (2.0 * _STEP)
+
+
+def attitude_columns(problem: Problem, node: NodeData, state: State) -> Array:
+    """(3, 6, N): change of the channels for turns of a node on the body by ATTITUDE_SCALE about each axis."""
+    effects = list(effects_of(problem, state.terms)[node.name].values())
+    attitude = np.array(state.starts.get(node.name, Start()).attitude)
+    base = stacked(node.forward.mean(effects, Start(attitude=tuple(attitude))))
+    made = []
+    for axis in range(3):
+        turned = attitude.copy()
+        turned[axis] += _STEP * ATTITUDE_SCALE
+        there = stacked(node.forward.mean(effects, Start(attitude=tuple(turned))))
+        made.append((there - base) / _STEP)
+    return np.stack(made)

@@ -1,0 +1,249 @@
+"""The workflow: search, reconsider each name beside its rivals, measure what shrank on data not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from hubodo.gap.held_out import Split, split
+from hubodo.gap.linearised import Weights
+from hubodo.gap.problem import Problem, build
+from hubodo.gap.refit import Refit, refit
+from hubodo.gap.remaining import remaining
+from hubodo.gap.result import GapResult, Named, Shrink, Value, Verdict, by_channel
+from hubodo.gap.round import Rival, Round, look
+from hubodo.gap.search import Found, Say, initial_state, reweigh, search
+from hubodo.gap.size import Trace, floor, gap, traces
+from hubodo.gap.state import State
+from hubodo.gap.terms import ALL, VEHICLE, Term
+from hubodo.gap.words import manoeuvre, where_words
+from hubodo.log.recording import Recording
+from hubodo.model.effects.empirical import PREFIX
+from hubodo.model.model_file import Model, Scoped
+
+# A rival with more than this share of the probability cannot be told apart.
+_ALIKE = 0.05
+# Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand.
+_NEAR = 3.0
+# Confidence is no more than this where something fits better, or where structure without a name is near that
+# is so many times larger: what the term of a library leaves of it could pass for an effect.
+_DOUBTED, _SHADOW = 0.8, 3.0
+_RECONSIDERED = 3
+_MANY = 4
+# Effects in scopes that are tried: what a p-value is multiplied by.
+_TRIED = 80
+
+
+def find_gap(
+    recording: Recording,
+    model: Model,
+    *,
+    accept: Collection[str] = (),
+    reject: Collection[str] = (),
+    where: str = "log",
+    say: Say = lambda words, share: None,
+) -> GapResult:
+    """Where a log and a model disagree, what is missing, and the model with it.
+
+    accept: names of effects that are added before anything is searched. reject: names not considered.
+    Raises InputError when the log has not what the model needs.
+    """
+    problem = build(recording, model, where)
+    say("following the wheels", 0.02)
+    begin = initial_state(problem)
+    found = search(problem, begin, accept, reject, say)
+    say("reconsidering each name", 0.75)
+    found, rounds = reconsider(problem, found, reject)
+    say("measuring on what was not fitted", 0.9)
+    return _result(problem, begin, found, rounds)
+
+
+def reconsider(
+    problem: Problem, found: Found, reject: Collection[str]
+) -> tuple[Found, dict[tuple[str, str], Round]]:
+    """Each effect that was found is taken out and looked for again beside all the others.
+
+    What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
+    """
+    rounds: dict[tuple[str, str], Round] = {}
+    terms = [term for term in found.final.state.terms if term.fitted]
+    if len(terms) == 1 or len(terms) > _MANY:
+        # Alone it was judged beside all the others already; of so many, each as it was when it was found.
+        own = {made.best.label: made for made in found.rounds if made.best is not None}
+        return found, {term.key: own[term.key] for term in terms if term.key in own}
+    final, weighed = found.final, found.weights
+    for _ in range(_RECONSIDERED):
+        changed = False
+        rounds = {}
+        for term in [term for term in final.state.terms if term.fitted]:
+            without = [other for other in final.state.terms if other.key != term.key]
+            made = look(problem, final.state.with_terms(without), weighed, reject)
+            rounds[term.key] = made
+            best = made.best
+            if best is not None and best.label == term.key:
+                continue
+            swapped = final.state.with_terms(without)
+            if best is not None:
+                swapped = replace(swapped, terms=(*without, best.term))
+            weighed = reweigh(problem, swapped)
+            final, changed = refit(problem, swapped, weighed), True
+            break
+        if not changed:
+            break
+    kept = {term.key for term in final.state.terms if term.fitted}
+    return replace(found, final=final, weights=weighed), {k: v for k, v in rounds.items() if k in kept}
+
+
+def _result(
+    problem: Problem, begin: State, found: Found, rounds: Mapping[tuple[str, str], Round]
+) -> GapResult:
+    held = split(problem)
+    final_weights = found.weights
+    terms = [term for term in found.final.state.terms if term.fitted]
+    given = [term for term in found.final.state.terms if not term.fitted]
+    states = [_stage(problem, begin, terms[:k], final_weights) for k in range(len(terms))] + [found.final]
+    steps = [traces(problem, one.state, final_weights) for one in states]
+    outside = [_trained(problem, one, final_weights, held) for one in states]
+    named = []
+    for k, term in enumerate(terms):
+        near = [term.scope, *(node.name for node in problem.nodes if term.scope == ALL)]
+        shadow = any(
+            other.effect.name.startswith(PREFIX)
+            and other.scope in near
+            and _gain_of_key(rounds, other) > _SHADOW * _gain_of_key(rounds, term)
+            for other in terms
+        )
+        one = _named(
+            problem, term, found.final, rounds.get(term.key), steps[k : k + 2], outside[k : k + 2], shadow
+        )
+        named += by_channel(one) if one.effect.startswith(PREFIX) else [one]
+    lowest = floor(steps[-1], final_weights)
+    whole = Shrink(gap(steps[0]), gap(steps[-1]), lowest)
+    left, unexplained = remaining(problem, found.final, final_weights, steps[-1])
+    verdict: Verdict
+    if named:
+        verdict = "partly_explained" if unexplained else "explained"
+    else:
+        verdict = "unexplained" if unexplained else "no_gap"
+    return GapResult(
+        verdict,
+        whole,
+        Shrink(outside[0], outside[-1]),
+        held.kind,
+        tuple(named),
+        tuple(left),
+        problem.warnings,
+        _with(problem.model, [*given, *terms]),
+        found,
+        tuple(steps),
+    )
+
+
+def _stage(problem: Problem, begin: State, terms: Sequence[Term], weighed: Weights) -> Refit:
+    """The model as it was with only the first effects found, fitted anew."""
+    keys = {term.key for term in terms}
+    kept = [term for term in begin.terms if term.key not in keys]
+    return refit(problem, begin.with_terms([*kept, *terms]), weighed, rounds=2)
+
+
+def _trained(problem: Problem, one: Refit, weighed: Weights, held: Split) -> float:
+    """The gap on what was held out, with the terms fitted to the rest."""
+    trained = refit(problem, one.state, held.without(weighed), rounds=2)
+    return gap(traces(problem, trained.state, weighed), held.inside)
+
+
+def _named(
+    problem: Problem,
+    term: Term,
+    final: Refit,
+    made: Round | None,
+    steps: Sequence[Mapping[str, Trace]],
+    outside: Sequence[float],
+    in_shadow: bool,
+) -> Named:
+    by_name: dict[str, float] = {}
+    rivals: Sequence[Rival] = () if made is None else made.rivals
+    for rival in rivals:
+        by_name[rival.term.effect.name] = by_name.get(rival.term.effect.name, 0.0) + rival.probability
+    name = term.effect.name
+    confidence = by_name.get(name, 1.0)
+    if any(it.gain > _gain_of(rivals, term) + _NEAR for it in rivals):
+        # Something else fits better, and is only thought less likely beforehand.
+        confidence = min(confidence, _DOUBTED)
+    if in_shadow:
+        confidence = min(confidence, _DOUBTED)
+    others = sorted(((share, other) for other, share in by_name.items() if other != name), reverse=True)
+    own = next((rival for rival in rivals if rival.label == term.key), None)
+    near = {it.term.effect.name for it in rivals if own is not None and own.gain - it.gain < _NEAR}
+    alike = tuple(other for share, other in others if share > _ALIKE or other in near)
+    gain = 0.0 if own is None else own.gain / (own.refit.tempering if own.refit else 1.0)
+    words = own.proposal.where if own is not None and own.proposal is not None else ""
+    words = words or where_words(problem, *steps)
+    if alike:
+        words += "; " + manoeuvre(name, alike)
+    freedom = max(1, len(term.effect.coordinates()))
+    return Named(
+        name,
+        term.scope,
+        _parameters(term, final, own),
+        Shrink(gap(steps[0]), gap(steps[1])),
+        Shrink(outside[0], outside[1]),
+        float(min(1.0, _TRIED * max(chi2.sf(2.0 * gain, freedom), 1e-300))),
+        float(min(confidence, 1.0)),
+        words,
+        (others[0][1], float(others[0][0])) if others else None,
+        alike,
+        tuple((it.term.effect.name, it.term.scope, it.gain, it.probability) for it in rivals),
+        term,
+    )
+
+
+def _gain_of(rivals: Sequence[Rival], term: Term) -> float:
+    return next((it.gain for it in rivals if it.label == term.key), float("inf"))
+
+
+def _gain_of_key(rounds: Mapping[tuple[str, str], Round], term: Term) -> float:
+    made = rounds.get(term.key)
+    return 0.0 if made is None else next((it.gain for it in made.rivals if it.label == term.key), 0.0)
+
+
+def _parameters(term: Term, final: Refit, own: Rival | None) -> dict[str, Value]:
+    """Values with sigmas: those of the fit, carried from its coordinates to the parameters."""
+    effect = term.effect
+    values = effect.values()
+    if own is not None and own.proposal is not None:
+        return {
+            name: Value(value, own.proposal.sigmas.get(name), effect.unit(name))
+            for name, value in values.items()
+        }
+    place = final.place(term)
+    scales = effect.coordinate_scales()
+    robust, plain = final.robust[place, place], final.covariance[place, place]
+    whole = (robust if np.trace(robust) > np.trace(plain) else plain) * np.outer(scales, scales)
+    jacobian = np.empty((len(values), len(scales)))
+    for k, scale in enumerate(scales):
+        further, back = effect.coordinates().copy(), effect.coordinates().copy()
+        further[k] += 1e-4 * scale
+        back[k] -= 1e-4 * scale
+        ahead, behind = effect.at(further).values(), effect.at(back).values()
+        jacobian[:, k] = [(ahead[name] - behind[name]) / (2e-4 * scale) for name in values]
+    frozen = np.flatnonzero(np.diag(plain) <= 0.0)
+    if len(frozen) and len(frozen) < len(scales):
+        # What cannot be seen may still be there, as large as usual, and shifts what is seen.
+        seen = np.setdiff1d(np.arange(len(scales)), frozen)
+        gram = final.gram[place, place]
+        shift = np.linalg.pinv(gram[np.ix_(seen, seen)], hermitian=True) @ gram[np.ix_(seen, frozen)]
+        whole[np.ix_(seen, seen)] += shift @ shift.T * np.outer(scales[seen], scales[seen])
+    sigmas = np.sqrt(np.diag(jacobian @ whole @ jacobian.T))
+    return {
+        name: Value(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))
+        for (name, value), sigma in zip(values.items(), sigmas, strict=True)
+    }
+
+
+def _with(model: Model, terms: Sequence[Term]) -> Model:
+    scoped = [Scoped(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in terms]
+    return replace(model, effects=()).with_effects(*scoped)

@@ -1,0 +1,220 @@
+"""The gap as one page: what is missing and what to do for everybody, then the figures that show it."""
+
+from __future__ import annotations
+
+import html
+
+import numpy as np
+
+from hubodo.gap.account import (
+    handy,
+    missing_words,
+    probability,
+    runner_up_words,
+    shrunk,
+    sure,
+    verdict,
+    what_to_do,
+    with_sigma,
+)
+from hubodo.gap.problem import CHANNELS
+from hubodo.gap.regimes import course
+from hubodo.gap.result import GapResult, Named, Shrink
+from hubodo.report.gap_figures import (
+    channels_that_matter,
+    evidence_figure,
+    regime_figure,
+    residual_figure,
+    steps_figure,
+    stretches_figure,
+)
+from hubodo.report.page import Grid, Section, page
+
+_STYLE = """<style>
+.cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 0.9rem; }
+.card { border: 1px solid var(--line); border-radius: 10px; padding: 0.8rem 1rem; }
+.card h3 { margin: 0 0 0.3rem; font-size: 0.9rem; color: var(--dim); font-weight: 600; }
+.card p { margin: 0.4rem 0 0; font-size: 0.9rem; } .card .dim { font-size: 0.82rem; }
+.big { font-size: 1.9rem; font-weight: 650; font-variant-numeric: tabular-nums; line-height: 1.2; }
+.big small { color: var(--dim); font-weight: 400; }
+.meter { height: 0.55rem; border-radius: 99px; background: var(--line); margin-top: 0.5rem;
+  overflow: hidden; }
+.meter i { display: block; height: 100%; border-radius: 99px; background: #1b6ca8; }
+.missing { border-left: 5px solid #d1495b; margin: 0.9rem 0; } .missing.fine { border-left-color: #2e7d5b; }
+.missing b { font-size: 1.12rem; } code { font-size: 0.92em; }
+.badge { display: inline-block; border-radius: 99px; padding: 0.1rem 0.8rem; font-size: 0.85rem;
+  font-weight: 650; color: #fff; margin-bottom: 0.6rem; }
+ul.todo { margin: 0.3rem 0 0; padding-left: 1.2rem; }
+</style>"""
+_BADGES = {
+    "no_gap": ("no gap", "#2e7d5b"),
+    "explained": ("explained", "#1b6ca8"),
+    "partly_explained": ("partly explained", "#a66a00"),
+    "unexplained": ("unexplained", "#b3261e"),
+}
+
+
+def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
+    """The page as text. log, model: names of what was compared. written: the text of the model with what was
+    added."""
+    chosen = channels_that_matter(result)
+    courses = {name: course(trace.node) for name, trace in result.steps[0].items()}
+    sections = [
+        Section(
+            "The gap, step by step",
+            "The gap is the size of what the model cannot account for, in units of the noise that the model "
+            "file declares: a perfect model has 1, or where the noise is not as declared, the dotted line. "
+            f"Held out, that is left out of the fit, were {result.held_out}.",
+            [_steps_table(result)] if result.found else [],
+            [steps_figure(result)] if result.found else [],
+        ),
+        Section(
+            "What is left over, before and after" if result.found else "What is left over",
+            "Measured less predicted, in the channels that matter most.",
+            figures=[residual_figure(result, chosen)] if chosen else [],
+        ),
+        Section(
+            "What it goes with",
+            "The same residuals, averaged over whatever shows them most clearly. With a model that is "
+            "complete they are flat lines at zero.",
+            figures=[regime_figure(result, chosen, courses)] if chosen else [],
+        ),
+        Section("When", "The gap of all channels along the log.", figures=[stretches_figure(result)]),
+        *(_evidence(named) for named in result.found),
+        Section(
+            "Every channel",
+            "Root mean square of the residual in units of the declared noise. Noise: what scatters from one "
+            "sample to the next, which no effect can take away.",
+            [_channel_table(result)],
+        ),
+        _remaining(result),
+        Section(
+            "The model that was written",
+            "model.toml beside this page; it can be used wherever a model file is asked for.",
+            listing=written,
+        ),
+    ]
+    return page(f"The gap between {model} and {log}", verdict(result), sections, _hero(result))
+
+
+def _hero(result: GapResult) -> str:
+    words, colour = _BADGES[result.verdict]
+    parts = [_STYLE, f'<span class="badge" style="background:{colour}">{words}</span>']
+    cards = [
+        _gap_card("Gap on the data that was fitted", result.gap, result.gap.floor),
+        _gap_card("Gap on data that was not fitted", result.held_out_gap, result.gap.floor),
+        _sure_card(result),
+    ]
+    parts.append(f'<div class="cards">{"".join(cards)}</div>')
+    parts += [_missing(named) for named in result.found]
+    advice = "".join(f"<li>{html.escape(line)}</li>" for line in what_to_do(result))
+    parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
+    if result.warnings:
+        lines = "".join(f"<li>{html.escape(line)}</li>" for line in result.warnings)
+        parts.append(f'<div class="card missing"><h3>Warnings</h3><ul class="todo">{lines}</ul></div>')
+    return "".join(parts)
+
+
+def _gap_card(title: str, size: Shrink, floor: float | None) -> str:
+    lowest = min(1.0 if floor is None else floor, size.after)
+    excess = size.before**2 - lowest**2
+    share = (size.before**2 - size.after**2) / excess if excess > 1e-9 else 0.0
+    words = shrunk(size.before, size.after, floor)
+    said = html.escape(words or "nothing beyond noise was explained")
+    width = 100.0 * min(max(share, 0.0), 1.0)
+    meter = f'<div class="meter"><i style="width:{width:.0f}%"></i></div>' if words else ""
+    least = "" if floor is None else f"; here noise alone makes {floor:.2f}"
+    return (
+        f'<div class="card"><h3>{title}</h3><div class="big"><small>{_figure(size.before)} →</small> '
+        f"{_figure(size.after)}</div>{meter}<p>{said}</p>"
+        f'<p class="dim">1 is a perfect model{least}</p></div>'
+    )
+
+
+def _figure(value: float) -> str:
+    return f"{value:.1f}" if value >= 20.0 else f"{value:.2f}" if value >= 1.5 else f"{value:.3f}"
+
+
+def _sure_card(result: GapResult) -> str:
+    if not result.found:
+        rounds = result.search.rounds
+        nothing = rounds[-1].nothing if rounds else 1.0
+        return (
+            f'<div class="card"><h3>How sure</h3><div class="big">{probability(nothing)}</div>'
+            f"<p>that no known effect is missing</p></div>"
+        )
+    least = min(result.found, key=lambda named: named.confidence)
+    others = " for each name" if len(result.found) > 1 else ""
+    return (
+        f'<div class="card"><h3>How sure</h3><div class="big">{probability(least.confidence)}</div>'
+        f"<p>{'at least, ' if others else ''}{sure(least.confidence)}{others}</p>"
+        f'<p class="dim">{html.escape(runner_up_words(least))}</p></div>'
+    )
+
+
+def _missing(named: Named) -> str:
+    values = ", ".join(f"{name} {handy(it)}" for name, it in named.parameters.items())
+    alike = ""
+    if named.inseparable_from:
+        alike = f"<p>This log cannot tell it from {html.escape(', '.join(named.inseparable_from))}.</p>"
+    words = missing_words(named)
+    return (
+        f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
+        f"<code>{html.escape(named.effect)}</code><p>{html.escape(values)}</p>"
+        f'<p class="dim">{html.escape(sure(named.confidence))} ({probability(named.confidence)}); seen in '
+        f"{html.escape(named.where)}</p>{alike}</div>"
+    )
+
+
+def _steps_table(result: GapResult) -> Grid:
+    rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
+    for named in result.found:
+        values = ", ".join(
+            f"{name} {with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
+            for name, it in named.parameters.items()
+        )
+        rows.append(
+            (
+                f"+ {named.effect} ({named.scope})",
+                values,
+                _figure(named.gap.after),
+                _figure(named.held_out_gap.after),
+                probability(named.confidence),
+            )
+        )
+    return Grid(("model", "value ± 1 sigma", "gap", "held out", "confidence"), rows)
+
+
+def _evidence(named: Named) -> Section:
+    return Section(
+        f"Why {named.effect}",
+        "Every effect was tried in every scope, the best were fitted in full, and each is judged by how much "
+        "likelier it makes the data for the freedom it takes. Gain: in the logarithm of the likelihood.",
+        figures=[evidence_figure(named)],
+    )
+
+
+def _channel_table(result: GapResult) -> Grid:
+    first, last = result.steps[0], result.steps[-1]
+    rows: list[tuple[str, ...]] = []
+    for name, trace in first.items():
+        found = result.search.weights.noise[name].found
+        for row in range(len(CHANNELS)):
+            if not trace.node.used[row]:
+                rows.append((f"{name}.{CHANNELS[row]}", "not measured", "", ""))
+                continue
+            values = (
+                trace.residual[row] / trace.declared[row],
+                last[name].residual[row] / last[name].declared[row],
+                found[row] / last[name].declared[row],
+            )
+            sizes = (f"{float(np.sqrt(np.mean(value**2))):.3f}" for value in values)
+            rows.append((f"{name}.{CHANNELS[row]}", *sizes))
+    return Grid(("channel", "before", "after", "noise"), rows)
+
+
+def _remaining(result: GapResult) -> Section:
+    if not result.remaining:
+        return Section("What remains", "Nothing that stands out from noise.")
+    rows = [(left.channel, left.where, left.looks_like) for left in result.remaining]
+    return Section("What remains", "", [Grid(("channel", "where", "what it looks like"), rows)])

@@ -1,0 +1,205 @@
+"""`hubodo gap`: what a model lacks to explain a log, and the model with it added."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table as TextTable
+
+from hubodo.config import near
+from hubodo.errors import InputError
+from hubodo.gap.account import (
+    comments,
+    probability,
+    runner_up_words,
+    shrunk,
+    sure,
+    verdict,
+    what_to_do,
+    with_sigma,
+)
+from hubodo.gap.explain import Explanation, explain
+from hubodo.gap.result import GapResult
+from hubodo.gap.round import EMPIRICAL
+from hubodo.gap.workflow import find_gap
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.mcap import read_recording
+from hubodo.model.effects import BY_NAME
+from hubodo.model.model_file import model_toml, read_model
+from hubodo.progress import progress_line
+from hubodo.report.gap_page import gap_page
+from hubodo.toml_file import write_whole
+
+HELP = "what a model lacks to explain a log: the missing effects by name, and the model with them"
+EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
+FILES = ("gap.json", "model.toml", "report.html")
+
+
+@dataclass(frozen=True)
+class Gap:
+    """What was found, where it was written, and why some effects were not chosen."""
+
+    result: GapResult
+    output: str
+    explained: tuple[Explanation, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """`gap.json`, with what --explain asked for."""
+        made = gap_json(self.result)
+        if self.explained:
+            made["explain"] = _plain([it.as_json() for it in self.explained])
+        return made
+
+    def render(self, console: Console) -> None:
+        """The verdict, the gap, what was found, what remains, what to do."""
+        result = self.result
+
+        def say(text: str) -> None:
+            console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+        say(verdict(result))
+        whole, outside = result.gap, result.held_out_gap
+        least = "" if whole.floor is None else f" (noise alone: {whole.floor:.3f})"
+        words = shrunk(whole.before, whole.after, whole.floor)
+        say(f"gap {whole.before:.3f} → {whole.after:.3f}{least}{'; ' + words if words else ''}")
+        say(f"held out {outside.before:.3f} → {outside.after:.3f}; {result.held_out}")
+        if result.found:
+            console.print(_found_table(result))
+        for named in result.found:
+            say(f"{named.effect}: {named.where}")
+            say(f"  {sure(named.confidence)} ({probability(named.confidence)}); {runner_up_words(named)}")
+            if named.inseparable_from:
+                say(f"  this log cannot tell it from {', '.join(named.inseparable_from)}")
+        for left in result.remaining:
+            say(f"left in {left.channel}, {left.where}: {left.looks_like}")
+        for line in what_to_do(result):
+            say(f"→ {line}")
+        for it in self.explained:
+            say(it.summary)
+            if it.rows:
+                console.print(_explain_table(it))
+        for line in result.warnings:
+            say(f"warning: {line}")
+        say(", ".join(str(Path(self.output) / name) for name in FILES))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo gap`."""
+    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs")
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
+    )
+    for option, words in (
+        ("--accept", "add this effect first, whatever else is found; again for more"),
+        ("--reject", f"do not consider this effect, or {EMPIRICAL}: no term without a name; again for more"),
+        ("--explain", "say why this effect was not chosen; again for more"),
+    ):
+        parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
+
+
+def run(args: argparse.Namespace) -> Gap:
+    """Read, search, write the three files."""
+    for option in ("accept", "reject", "explain"):
+        _known(option, getattr(args, option))
+    both = sorted(set(args.accept) & set(args.reject))
+    if both:
+        raise InputError(f"--accept and --reject both name {both[0]}; choose one")
+    _free(args.output, args.model)
+    model = read_model(args.model)
+    read = read_folder if args.log.is_dir() else read_recording
+    with progress_line() as show:
+        recording = read(args.log, progress=show)
+        result = find_gap(
+            recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
+        )
+        show("writing the report", 0.97)
+        written = _model_text(result, args)
+        html = gap_page(result, log=args.log.name, model=args.model.name, written=written)
+    args.output.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
+    for name, content in zip(FILES, (text + "\n", written, html), strict=True):
+        write_whole(args.output / name, content)
+    return Gap(
+        result,
+        str(args.output),
+        tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
+    )
+
+
+def gap_json(result: GapResult) -> dict[str, Any]:
+    """What `gap.json` holds: numbers that are none are null."""
+    made = _plain(result.as_json())
+    assert isinstance(made, dict)
+    return made
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _known(option: str, names: Iterable[str]) -> None:
+    known = (*BY_NAME, EMPIRICAL) if option == "reject" else tuple(BY_NAME)
+    for name in names:
+        if name not in known:
+            hint = near(name, known) or f"; they are {', '.join(known)}"
+            raise InputError(f"--{option} {name}: no such effect{hint}")
+
+
+def _free(output: Path, model: Path) -> None:
+    """Refuses a folder whose model.toml is not an earlier result."""
+    if output.exists() and not output.is_dir():
+        raise InputError(f"{output}: is a file; name a folder for {', '.join(FILES)}")
+    there = output / "model.toml"
+    if there.exists() and (there.samefile(model) if model.exists() else False):
+        raise InputError(f"{there}: is the model that is read; name another folder with -o")
+    if there.exists() and not (output / "gap.json").exists():
+        raise InputError(f"{there}: exists and is no result of gap; name another folder with -o")
+
+
+def _model_text(result: GapResult, args: argparse.Namespace) -> str:
+    head = [
+        f"# {args.model.name} with what hubodo gap found in {args.log.name}: gap {result.gap.before:.3f} → "
+        f"{result.gap.after:.3f}.",
+        f"# {verdict(result)}",
+    ]
+    return "\n".join(head) + "\n\n" + model_toml(result.model, comments(result, args.log.name))
+
+
+def _found_table(result: GapResult) -> TextTable:
+    table = TextTable("effect", "of", "parameters", "confidence", "gap", "held out")
+    for named in result.found:
+        values = "\n".join(
+            f"{name} {with_sigma(it.value, it.sigma)} {'' if it.unit == '1' else it.unit}".rstrip()
+            for name, it in named.parameters.items()
+        )
+        table.add_row(
+            named.effect,
+            named.scope,
+            values,
+            probability(named.confidence),
+            f"{named.gap.before:.3f} → {named.gap.after:.3f}",
+            f"{named.held_out_gap.before:.3f} → {named.held_out_gap.after:.3f}",
+        )
+    return table
+
+
+def _explain_table(it: Explanation) -> TextTable:
+    table = TextTable("round", "of", "gain", "ln Bayes factor", "probability", "beaten by", title=it.effect)
+    for row in it.rows:
+        share = "not refitted" if row.probability is None else probability(row.probability)
+        table.add_row(
+            str(row.round), row.scope, f"{row.gain:.1f}", f"{row.evidence:.1f}", share, row.beaten_by
+        )
+    return table

@@ -1,0 +1,121 @@
+"""What one answer is worth against the truth: pure functions; nothing here knows a workflow."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+SURE = 0.9
+EMPIRICAL = "empirical:"
+_ANGLES = {"phase"}
+_CHANNEL = re.compile(r"(?:\b(left|right)\.)?\b(g[xyz]|a[xyz])\b")
+Json = Mapping[str, Any]
+
+
+def names(result: Json) -> list[str]:
+    """What was named, in order, empirical terms included."""
+    return [found["effect"] for found in result["found"]]
+
+
+def first(result: Json) -> str:
+    """The first name, `nothing` where there is none."""
+    return str((names(result) or ["nothing"])[0])
+
+
+def named_first(result: Json, truth: Json) -> bool:
+    return first(result) == truth["effects"][0]["name"]
+
+
+def exact(result: Json, truth: Json) -> bool:
+    """All that is hidden is named, in any scope, and nothing else."""
+    return set(names(result)) == {effect["name"] for effect in truth["effects"]}
+
+
+def jaccard(result: Json, truth: Json) -> float:
+    """Names in both over names in either; 1 where both are empty."""
+    found, true = set(names(result)), {effect["name"] for effect in truth["effects"]}
+    return len(found & true) / len(found | true) if found | true else 1.0
+
+
+def scope_right(result: Json, truth: Json) -> bool:
+    """The first that is hidden is named first, and where it is."""
+    true = truth["effects"][0]
+    return named_first(result, truth) and result["found"][0]["scope"] == true["scope"]
+
+
+def sure_and_wrong(result: Json, truth: Json) -> list[str]:
+    """Names of the vocabulary that are not true, with a confidence above SURE and without the truth beside
+    them as inseparable."""
+    true = {effect["name"] for effect in truth["effects"]}
+    return [
+        found["effect"]
+        for found in result["found"]
+        if found["effect"] not in true
+        and not found["effect"].startswith(EMPIRICAL)
+        and found["confidence"] > SURE
+        and not true & set(found["inseparable_from"])
+    ]
+
+
+def in_the_set(result: Json, truth: Json) -> bool:
+    """The truth is named first, or called inseparable from what is."""
+    if not result["found"]:
+        return False
+    head = result["found"][0]
+    return truth["effects"][0]["name"] in (head["effect"], *head["inseparable_from"])
+
+
+def admits_doubt(result: Json, truth: Json) -> bool:
+    """Both of a pair are given, or none with confidence."""
+    if not result["found"]:
+        return True
+    head = result["found"][0]
+    given = {head["effect"], *head["inseparable_from"]}
+    return {truth["effects"][0]["name"], truth["other"]} <= given or head["confidence"] <= SURE
+
+
+def deviations(result: Json, truth: Json) -> tuple[list[float], int]:
+    """Errors, in reported sigmas, of the parameters of what is found where it is; how many had no sigma."""
+    made, skipped = [], 0
+    for true in truth["effects"]:
+        for found in result["found"]:
+            if (found["effect"], found["scope"]) != (true["name"], true["scope"]):
+                continue
+            for key, value in true["parameters"].items():
+                given = found["parameters"].get(key)
+                if given is None or not given["sigma"]:
+                    skipped += 1
+                    continue
+                error = given["value"] - value
+                if key in _ANGLES:
+                    error = float(np.angle(np.exp(1j * error)))
+                made.append(error / given["sigma"])
+    return made, skipped
+
+
+def closed(gap: Mapping[str, float], oracle: Mapping[str, float], least: float = 1e-4) -> float | None:
+    """Share of what the oracle closes of the held-out gap; None where the oracle closes less than `least`."""
+    possible = oracle["before"] - oracle["after"]
+    return None if possible < least else (gap["before"] - gap["after"]) / possible
+
+
+def described(result: Json, truth: Json) -> tuple[bool, bool]:
+    """Whether an empirical term, or what is said to remain, has the channel; and has one of the words too."""
+    true = truth["outside"]
+    texts = [
+        (found["effect"], found["scope"], f"{found['effect']} {found['where']}")
+        for found in result["found"]
+        if found["effect"].startswith(EMPIRICAL)
+    ]
+    texts += [(left["channel"], "", f"{left['where']} {left['looks_like']}") for left in result["remaining"]]
+    channel = dependence = False
+    for place, scope, text in texts:
+        nodes = {"all": ("left", "right")}.get(scope, (scope,))
+        here = {f"{node or other}.{axis}" for node, axis in _CHANNEL.findall(place) for other in nodes}
+        if here & set(true["channels"]):
+            channel = True
+            dependence |= any(re.search(rf"\b{re.escape(word)}", text.lower()) for word in true["words"])
+    return channel, dependence

@@ -1,0 +1,58 @@
+"""Cases of the matrix and runs of the verb, shared by the tests of `hubodo gap`."""
+
+import io
+import json
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+
+from hubodo.cli import main
+from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.log.recording import Recording, Table
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run of the verb left: exit code, both streams, and the folder it wrote."""
+
+    code: int
+    out: str
+    err: str
+    folder: Path
+
+    @property
+    def result(self):
+        return json.loads((self.folder / "gap.json").read_text("utf-8"))
+
+    @property
+    def names(self):
+        return [(it["effect"], it["scope"]) for it in self.result["found"]]
+
+
+def gap(folder, model, log, *words):
+    """`hubodo gap` in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = main(["gap", str(model), str(log), "-o", str(folder), *words])
+    return Run(code, out.getvalue(), err.getvalue(), Path(folder))
+
+
+def changed(case, folder, nodes=lambda name, columns: columns, reference=lambda columns: columns):
+    """A copy of a case's CSV folder; nodes and reference get the columns of a file and give new ones."""
+    read = read_folder(case)
+    made = Recording(
+        {name: Table(nodes(name, dict(table.columns))) for name, table in read.nodes.items()},
+        reference=Table(reference(dict(read.reference.columns))),
+    )
+    write_folder(made, folder)
+    return folder
+
+
+def changed_model(case, path, *swaps):
+    """A copy of a case's model.toml with (old, new) texts exchanged."""
+    text = (Path(case) / "model.toml").read_text("utf-8")
+    for old, new in swaps:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text, "utf-8")
+    return path

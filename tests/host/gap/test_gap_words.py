@@ -1,0 +1,66 @@
+"""What a series goes with is said rightly: spin, turns, revolutions, temperature, time, tones."""
+
+import numpy as np
+import pytest
+
+from hubodo.gap.regimes import Course, Regimes, when
+
+T = np.arange(0.0, 100.0, 0.01)
+SPIN = 8.0 + 4.0 * np.sin(0.2 * T) + 2.0 * np.sin(0.71 * T + 1.0)
+ANGLE = np.cumsum(SPIN) * 0.01
+YAW = 0.5 * np.sin(0.13 * T) + 0.3 * np.sin(0.55 * T)
+WARM = 25.0 + 4.0 * np.sin(0.031 * T)
+COURSE = Course(
+    T,
+    ANGLE,
+    SPIN,
+    np.gradient(SPIN, T),
+    0.3 * SPIN,
+    np.gradient(0.3 * SPIN, T),
+    YAW,
+    np.gradient(YAW, T),
+    WARM,
+)
+CASES = {
+    "all the time": np.ones_like(T),
+    "in proportion to the spin": SPIN,
+    "with the square of the spin": SPIN**2,
+    "only while the spin rate changes": np.gradient(SPIN, T),
+    "in turns": YAW,
+    "in turns at speed": YAW * SPIN,
+    "with the temperature": WARM - 25.0,
+    "more and more with time": T,
+    "once per revolution": np.cos(ANGLE + 1.0),
+    "once per revolution, in turns": YAW * np.cos(ANGLE + 1.0),
+    "once per revolution, with the square of the spin": SPIN**2 * np.cos(ANGLE),
+    "twice per revolution": np.sin(2.0 * ANGLE),
+    "as it settles after the start, in some 15 s": -np.expm1(-T / 15.0),
+    "from 83 s on": (T >= 83.0).astype(float),
+    "as a tone at 12.5 Hz": np.sin(2.0 * np.pi * 12.5 * T + 0.3),
+}
+
+
+@pytest.mark.parametrize("words", CASES)
+def test_a_change_is_told_by_what_made_it(words):
+    assert Regimes(COURSE).of(CASES[words]).words == words
+
+
+@pytest.mark.parametrize("words", CASES)
+def test_it_is_told_below_the_noise_too(words):
+    seed = 7
+    noise = np.random.default_rng(seed).standard_normal(len(T))
+    change = CASES[words] / np.sqrt(np.mean(CASES[words] ** 2))
+    assert Regimes(COURSE).of(0.5 * change + noise, 1.0).words == words, seed
+
+
+def test_noise_goes_with_nothing():
+    seed = 8
+    noise = np.random.default_rng(seed).standard_normal(len(T))
+    found = Regimes(COURSE).of(noise, 1.0)
+    assert found.share < 0.3
+    assert found.words.startswith("at no particular time") or "among others" in found.words, seed
+
+
+def test_a_short_stretch_is_named():
+    assert when(T, np.where((T > 20.0) & (T < 30.0), np.sin(T), 0.0)) == "between 20 and 30 s"
+    assert when(T, np.ones_like(T)) == ""
