@@ -16,11 +16,14 @@ import serial
 from hubodo.errors import HubodoError
 from hubodo.flash.image import ARCHITECTURES, digests
 from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
-from hubowire.messages import Hello, Reboot, RebootMode
+from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
 _COMMAND_TIMEOUT = 60.0
 _COMES_BACK = 6.0
 _PROMPT = b">>> "
+_RAW_PROMPT = b"\r\n>"
+# Ends a line that was begun, then ctrl-B: a REPL that took the 0x01 of a frame for ctrl-A is in raw mode.
+_ASK_PROMPT = b"\r\x02"
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
 _LOOK = "import sys;print([sys.platform,getattr(sys.implementation,'_mpy',0),sys.version])"
@@ -90,26 +93,26 @@ class FlashBoard:
             raise FlashError(f"{self.port}: {reason} ({error})") from None
         with contextlib.suppress(*_LINK_GONE), link:
             link.write(b"\0" + request)
-            self._wait_prompt(link, 2.0)
+            self._wait_for((_PROMPT, _RAW_PROMPT), link, 2.0)
         end = time.monotonic() + _COMES_BACK
         while time.monotonic() < end:
             with (
                 contextlib.suppress(*_LINK_GONE),
                 serial.Serial(self.port, timeout=0.1, exclusive=True) as link,
             ):
-                link.write(b"\r")
-                if self._wait_prompt(link, 1.0):
+                link.write(_ASK_PROMPT)
+                if self._wait_for((_PROMPT,), link, 1.0):
                     return
             time.sleep(0.2)
         # No prompt: mpremote's own ways of getting one come next, and their error says more.
 
     @staticmethod
-    def _wait_prompt(link: serial.Serial, timeout: float) -> bool:
+    def _wait_for(prompts: tuple[bytes, ...], link: serial.Serial, timeout: float) -> bool:
         end = time.monotonic() + timeout
         seen = b""
-        while time.monotonic() < end and not seen.endswith(_PROMPT):
+        while time.monotonic() < end and not seen.endswith(prompts):
             seen = (seen + link.read(4096))[-64:]
-        return seen.endswith(_PROMPT)
+        return seen.endswith(prompts)
 
     def held(self, names: list[str]) -> dict[str, str]:
         """SHA-256 of those files that the board holds."""
@@ -163,18 +166,26 @@ class FlashBoard:
         self._run("reset")
 
     def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
-        """Node id and `Hello` of the firmware that runs now."""
+        """Node id and `Hello` of the firmware that runs now.
+
+        The first may have gone by before the port was open: a node that is heard is asked for another.
+        """
+        request = encode_frame(Frame(GetHello.type_id, 0, 0, encode(GetHello())))
         decoder = FrameDecoder()
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             try:
                 with serial.Serial(self.port, timeout=0.2, exclusive=True) as link:
+                    asked = False
                     while time.monotonic() < end:
                         for frame in decoder.feed(link.read(link.in_waiting or 1)):
                             if frame.type_id == Hello.type_id:
                                 hello = decode(frame.type_id, frame.payload)
                                 assert isinstance(hello, Hello)
                                 return frame.node, hello
+                            if not asked:
+                                asked = True
+                                link.write(b"\0" + request)
             except _LINK_GONE:
                 time.sleep(0.2)
         raise FlashError(

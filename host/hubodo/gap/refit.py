@@ -93,7 +93,7 @@ def refit(problem: Problem, state: State, weights: Weights, rounds: int = _ROUND
 
 def _look(problem: Problem, state: State, weights: Weights) -> tuple[Refit, Array]:
     """Everything at one state, and the step (K + nuisances,) from there."""
-    free = [term for term in state.terms if term.fitted]
+    free = [term for term in state.terms if term.moves]
     directions, basis = term_directions(problem, free)
     linear = linearise(problem, state, directions, weights)
     whole = np.zeros((len(directions) + linear.nuisances + 1, basis.shape[1] + linear.nuisances + 1))
@@ -118,7 +118,7 @@ def _stepped(problem: Problem, made: Refit, step: Array) -> State:
     own = step[:count] * min(1.0, _LONGEST / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9))
     parts = [own[made.place(term)] for term in made.free]
     fitted = iter(moved(made.free, parts))
-    terms = tuple(next(fitted) if term.fitted else term for term in made.state.terms)
+    terms = tuple(next(fitted) if term.moves else term for term in made.state.terms)
     starts = dict(made.state.starts)
     bodies = [node for node in problem.nodes if not node.on_wheel]
     for node, turn in zip(bodies, step[count:].reshape(-1, 3), strict=True):

@@ -29,7 +29,7 @@ class Screened:
 
 def screen(problem: Problem, state: State, weights: Weights) -> list[Screened]:
     """Every candidate beside what the state has already, the best first."""
-    free = [term for term in state.terms if term.fitted]
+    free = [term for term in state.terms if term.moves]
     directions = all_directions(problem, state)
     own, basis = term_directions(problem, free)
     linear = linearise(problem, state, [*directions, *own], weights)

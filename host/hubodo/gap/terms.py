@@ -28,6 +28,11 @@ class Term:
     def key(self) -> tuple[str, str]:
         return self.effect.name, self.scope
 
+    @property
+    def moves(self) -> bool:
+        """Whether a fit of the channels moves it: what shows only in scatter has a fit of its own."""
+        return self.fitted and self.effect.shows == "mean"
+
     def at(self, coordinates: Array) -> Term:
         return replace(self, effect=self.effect.at(coordinates))
 
