@@ -150,7 +150,7 @@ class Regimes:
     def _sudden(self, series: Array, spread: float, power: float) -> Iterator[tuple[str, float]]:
         """A step, an interval, a tone."""
         t = self.course.t
-        edges = windows(t, _SECOND).astype(np.intp)
+        edges = windows(t, _SECOND)
         sums = np.add.reduceat(series, edges[:-1])
         before, count = np.cumsum(sums), edges[1:].astype(float)
         after, rest = before[-1] - before, count[-1] - count
@@ -179,7 +179,7 @@ class Regimes:
 
 def when(t: Array, series: Array, noise: Array | float = 0.0) -> str:
     """The one stretch in which nearly all the power of a series lies, in words; "" where it is spread out."""
-    edges = windows(t, _SECOND).astype(np.intp)
+    edges = windows(t, _SECOND)
     spread = np.broadcast_to(np.square(noise), series.shape)
     power = np.maximum(np.add.reduceat(series**2 - spread, edges[:-1]), 0.0)
     total = np.concatenate([[0.0], np.cumsum(power)])

@@ -12,6 +12,7 @@ from hubodo.gap.linearised import Weights
 from hubodo.gap.noise import declared_noise
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict, stacked
+from hubodo.gap.walk import smoothed, walked
 from hubodo.gap.wheel_phase import WINDOW, windows
 from hubodo.model.effects import BY_NAME
 from hubodo.model.frames import Array
@@ -79,21 +80,7 @@ def _followed(node: NodeData, rest: Array, weights: Weights, drift: float) -> Ar
         weight = noise.fresh / noise.found[row] ** 2
         information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
         mean = np.add.reduceat(weight * rest[row], edges[:-1]) / information
-        made[row] = np.interp(node.t, middle, smoothed_walk(mean, 1.0 / information, np.diff(middle), drift))
+        steps = np.diff(middle)
+        walk = walked(mean, 1.0 / information, steps, drift, start=drift * WINDOW)
+        made[row] = np.interp(node.t, middle, smoothed(walk, steps, drift))
     return made
-
-
-def smoothed_walk(mean: Array, variance: Array, steps: Array, drift: float) -> Array:
-    """A random walk from zero seen in noise, (K,): Kalman filter and Rauch-Tung-Striebel smoother."""
-    x, v = 0.0, drift * WINDOW
-    seen, spread = np.empty_like(mean), np.empty_like(mean)
-    for k, (z, r) in enumerate(zip(mean.tolist(), variance.tolist(), strict=True)):
-        if k:
-            v += drift * float(steps[k - 1])
-        x += v / (v + r) * (z - x)
-        v *= r / (v + r)
-        seen[k], spread[k] = x, v
-    for k in range(len(mean) - 2, -1, -1):
-        share = spread[k] / (spread[k] + drift * steps[k])
-        seen[k] += share * (seen[k + 1] - seen[k])
-    return seen

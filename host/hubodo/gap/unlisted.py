@@ -12,6 +12,7 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from hubodo.gap.innovations import winsorised
 from hubodo.gap.problem import CHANNELS, NodeData, Problem
@@ -20,6 +21,7 @@ from hubodo.gap.state import State, effects_of, predict
 from hubodo.gap.terms import Term
 from hubodo.model.effects.base import Chain
 from hubodo.model.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
+from hubodo.model.forward import Reading
 from hubodo.model.frames import Array
 
 _PERIODIC = [f"cos({k}*theta)" for k in range(1, 7)] + [
@@ -73,7 +75,8 @@ def unlisted(problem: Problem, state: State, rests: Sequence[Rest]) -> list[Stru
     return sorted(made, key=lambda it: -it.evidence)
 
 
-def _scene(node: NodeData, reading) -> Chain:  # type: ignore[no-untyped-def]
+def _scene(node: NodeData, reading: Reading) -> Chain:
+    """What terms are made of: the model's own wheel angle, spin, forces and the vehicle's motion."""
     body, rolling = reading.body, reading.rolling
     zero = np.zeros((3, len(node.t)))
     chain = Chain(body.t, body.temperature, zero, zero, reading.accel, zero, zero)
@@ -104,10 +107,10 @@ def _tried(node: NodeData, chain: Chain, expression: str, z: Array, weight: Arra
     if not channels:
         return None
     effect = empirical(f"{PREFIX}{','.join(channels)} ~ {expression}")()
-    tried = log(len(LIBRARY) + 2.0) + (
-        log(len(node.t) / 2.0) if "t" in expression.replace("theta", "") else 0.0
-    )
-    searched = tried if expression.startswith(("cos(2*pi", "step")) else log(len(LIBRARY) + 2.0)
+    # Looked for among the terms; a tone or a step also among the frequencies or times it could have.
+    searched = log(len(LIBRARY) + 2.0)
+    if expression.startswith(("cos(2*pi", "step")):
+        searched += log(len(node.t) / 2.0)
     return Structure(
         Term(effect, node.name), expression, tuple(channels), sum(shares), paid - searched, tuple(shares)
     )
@@ -148,8 +151,6 @@ def _tones(node: NodeData, z: Array) -> list[str]:
 
 
 def _refined(t: Array, z: Array, frequency: float, width: float) -> float:
-    from scipy.optimize import minimize_scalar
-
     def less(f: float) -> float:
         return -float(abs(np.vdot(np.exp(2j * np.pi * f * t), z)))
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.gap.problem import NodeData
+from hubodo.gap.walk import smoothed as walk_smoothed
+from hubodo.gap.walk import walked
 from hubodo.model.forward import Reading
 from hubodo.model.frames import Array, facing_sign
 
@@ -82,38 +84,18 @@ def _unwrapped(phase: Array, variance: Array) -> Array:
 
 
 def smoothed(phases: WindowPhases, walk: float) -> tuple[Array, float]:
-    """The path through the windows, (K,) rad, and the walk (rad²/s) that they ask for, at least `walk`.
+    """The path through the windows, (K,) rad, and the walk, rad²/s, that they ask for, at least `walk`.
 
-    A random walk seen in noise, Kalman filter and Rauch-Tung-Striebel smoother; its intensity is the one that
-    makes the innovations most likely.
+    The intensity is the one that makes the innovations most likely.
     """
+    steps = np.diff(phases.t)
     grid = walk * np.geomspace(1.0, 1e10, 21)
-    likelihoods = [_filter(phases, q)[0] for q in grid]
-    at = int(np.argmax(likelihoods))
+    tried = [walked(phases.phase, phases.variance, steps, q) for q in grid]
+    at = int(np.argmax([one.score for one in tried]))
     # The declared walk is believed unless another is clearly likelier.
-    best = float(grid[at]) if likelihoods[at] > likelihoods[0] + _CLEARLY else walk
-    _, mean, variance, step = _filter(phases, best)
-    path = mean.copy()
-    for k in range(len(path) - 2, -1, -1):
-        path[k] += variance[k] / (variance[k] + best * step[k]) * (path[k + 1] - mean[k])
-    return path, best
-
-
-def _filter(phases: WindowPhases, q: float) -> tuple[float, Array, Array, Array]:
-    step = np.diff(phases.t)
-    mean, variance = np.empty_like(phases.phase), np.empty_like(phases.phase)
-    x, v, score = float(phases.phase[0]), float(phases.variance[0]), 0.0
-    mean[0], variance[0] = x, v
-    z, r = phases.phase.tolist(), phases.variance.tolist()
-    for k in range(1, len(z)):
-        v += q * step[k - 1]
-        s = v + r[k]
-        innovation = z[k] - x
-        score -= 0.5 * (innovation * innovation / s + np.log(s))
-        x += v / s * innovation
-        v *= r[k] / s
-        mean[k], variance[k] = x, v
-    return score, mean, variance, step
+    if tried[at].score <= tried[0].score + _CLEARLY:
+        at = 0
+    return walk_smoothed(tried[at], steps, float(grid[at])), float(grid[at])
 
 
 def on_samples(node: NodeData, phases: WindowPhases, path: Array) -> Array:

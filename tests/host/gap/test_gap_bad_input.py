@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from gap_runs import changed, changed_model, gap
 
 

@@ -1,9 +1,9 @@
 """The workflow on a bench at rest, and on a drive whose inputs are what its own gyros measured."""
 
 import numpy as np
-from gap_runs import changed_model, gap
 
 from gap_matrix.make_case import make
+from gap_runs import changed_model, gap
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.recording import Recording, Table
 

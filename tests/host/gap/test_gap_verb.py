@@ -3,9 +3,8 @@
 import json
 import tomllib
 
-from gap_runs import gap
-
 from gap_matrix.make_case import make
+from gap_runs import gap
 from hubodo.gap.account import MEANING
 from hubodo.model.effects import BY_NAME
 

@@ -9,7 +9,8 @@ import numpy as np
 from hubodo.gap.innovations import winsorised
 from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
 from hubodo.gap.terms import Term
-from hubodo.gap.wheel_phase import windows
+from hubodo.gap.walk import walked
+from hubodo.gap.wheel_phase import WINDOW, windows
 from hubodo.model.effects import BY_NAME
 from hubodo.model.frames import Array
 
@@ -52,7 +53,7 @@ def _curve(rest: Rest) -> Array:
     """(28,) gain of ln likelihood of one node for each k of the grid."""
     total = np.zeros(len(_GRID))
     for mean, variance, steps in _means(rest):
-        scores = np.array([_likelihood(mean, variance, steps, k**2) for k in (0.0, *_GRID)])
+        scores = np.array([walked(mean, variance, steps, q, q * WINDOW).score for q in (0.0, *_GRID**2)])
         total += scores[1:] - scores[0]
     return total
 
@@ -75,7 +76,7 @@ def _steady(rest: Rest, k: float) -> bool:
     """
     sizes = []
     for mean, variance, steps in _means(rest):
-        z = _innovations(mean, variance, steps, k**2)
+        z = walked(mean, variance, steps, k**2, k**2 * WINDOW).innovation
         slack = _STEADY * np.sqrt(1.0 / len(z))
         if np.mean(z**4) / np.mean(z**2) ** 2 - 3.0 > slack * np.sqrt(24.0) + 0.2:
             return False
@@ -87,32 +88,6 @@ def _steady(rest: Rest, k: float) -> bool:
             return False
         sizes.append(float(np.mean(z**2)))
     return bool(max(sizes) < 1.0 + _STEADY * np.sqrt(2.0 / len(z)) + 0.3)
-
-
-def _innovations(mean: Array, variance: Array, steps: Array, q: float) -> Array:
-    """(K,) innovations in sigma of the walk that `_likelihood` follows."""
-    x, v = 0.0, q * float(steps[0])
-    made = np.empty_like(mean)
-    growth = [*(q * steps).tolist(), 0.0]
-    for i, (z, r, more) in enumerate(zip(mean.tolist(), variance.tolist(), growth, strict=True)):
-        s = v + r
-        made[i] = (z - x) / np.sqrt(s)
-        x += v / s * (z - x)
-        v = v * r / s + more
-    return made
-
-
-def _likelihood(mean: Array, variance: Array, steps: Array, q: float) -> float:
-    """ln likelihood of means that a walk from zero makes, seen with these variances."""
-    x, v, score = 0.0, q * float(steps[0]) if len(steps) else 0.0, 0.0
-    growth = [*(q * steps).tolist(), 0.0]
-    for z, r, more in zip(mean.tolist(), variance.tolist(), growth, strict=True):
-        s = v + r
-        innovation = z - x
-        score -= 0.5 * (innovation * innovation / s + np.log(s))
-        x += v / s * innovation
-        v = v * r / s + more
-    return float(score)
 
 
 def _refined(curve: Array, at: int) -> tuple[float, float]:

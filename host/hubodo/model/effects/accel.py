@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.model.effects.base import Chain, Effect, Shows, parameter
-from hubodo.model.effects.triad import cross_axis
+from hubodo.model.effects.triad import CrossAxis, ScaleFactor
 
 
 @dataclass(frozen=True)
@@ -24,32 +24,23 @@ class AccelBias(Effect):
 
 
 @dataclass(frozen=True)
-class AccelScaleFactor(Effect):
+class AccelScaleFactor(ScaleFactor):
     """Reads (1 + e) times the specific force, each axis its own e."""
 
     name: ClassVar[str] = "accel_scale_factor"
-    x: float = parameter("1", 0.01)
-    y: float = parameter("1", 0.01)
-    z: float = parameter("1", 0.01)
 
     def respond(self, chain: Chain) -> None:
-        chain.accel += np.array([[self.x], [self.y], [self.z]]) * chain.force
+        chain.accel += self.more(chain.force)
 
 
 @dataclass(frozen=True)
-class AccelNonorthogonality(Effect):
+class AccelNonorthogonality(CrossAxis):
     """Cross-axis terms of the accelerometer after Avrutov."""
 
     name: ClassVar[str] = "accel_nonorthogonality"
-    xz: float = parameter("rad", 0.01)
-    xy: float = parameter("rad", 0.01)
-    yz: float = parameter("rad", 0.01)
-    yx: float = parameter("rad", 0.01)
-    zy: float = parameter("rad", 0.01)
-    zx: float = parameter("rad", 0.01)
 
     def respond(self, chain: Chain) -> None:
-        chain.accel += cross_axis(self) @ chain.force
+        chain.accel += self.matrix() @ chain.force
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.model.effects.base import Chain, Effect, Noise, Shows, parameter
-from hubodo.model.effects.triad import cross_axis
+from hubodo.model.effects.triad import CrossAxis, ScaleFactor
 from hubodo.model.frames import Array
 from hubodo.model.one_pole import one_pole
 
@@ -30,32 +30,23 @@ class GyroLag(Effect):
 
 
 @dataclass(frozen=True)
-class GyroScaleFactor(Effect):
+class GyroScaleFactor(ScaleFactor):
     """Reads (1 + e) times the rate, each axis its own e."""
 
     name: ClassVar[str] = "gyro_scale_factor"
-    x: float = parameter("1", 0.01)
-    y: float = parameter("1", 0.01)
-    z: float = parameter("1", 0.01)
 
     def respond(self, chain: Chain) -> None:
-        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * chain.rate
+        chain.gyro += self.more(chain.rate)
 
 
 @dataclass(frozen=True)
-class GyroNonorthogonality(Effect):
+class GyroNonorthogonality(CrossAxis):
     """Cross-axis terms of the gyro after Avrutov."""
 
     name: ClassVar[str] = "gyro_nonorthogonality"
-    xz: float = parameter("rad", 0.01)
-    xy: float = parameter("rad", 0.01)
-    yz: float = parameter("rad", 0.01)
-    yx: float = parameter("rad", 0.01)
-    zy: float = parameter("rad", 0.01)
-    zx: float = parameter("rad", 0.01)
 
     def respond(self, chain: Chain) -> None:
-        chain.gyro += cross_axis(self) @ chain.rate
+        chain.gyro += self.matrix() @ chain.rate
 
 
 @dataclass(frozen=True)

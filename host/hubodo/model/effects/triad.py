@@ -1,31 +1,37 @@
-"""The cross-axis matrix of a triad, shared by gyro and accelerometer."""
+"""What gyro and accelerometer have alike: the cross-axis terms of a triad."""
 
-from typing import Protocol
+from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.model.effects.base import Effect, parameter
 from hubodo.model.frames import Array
 
 
-class CrossAxis(Protocol):
-    """Six small angles; δxz is how much of y the x axis reads, and so on."""
+@dataclass(frozen=True)
+class CrossAxis(Effect):
+    """Six small angles after Avrutov; xz is how much of y the x axis reads, and so on."""
 
-    @property
-    def xz(self) -> float: ...
-    @property
-    def xy(self) -> float: ...
-    @property
-    def yz(self) -> float: ...
-    @property
-    def yx(self) -> float: ...
-    @property
-    def zy(self) -> float: ...
-    @property
-    def zx(self) -> float: ...
+    xz: float = parameter("rad", 0.01)
+    xy: float = parameter("rad", 0.01)
+    yz: float = parameter("rad", 0.01)
+    yx: float = parameter("rad", 0.01)
+    zy: float = parameter("rad", 0.01)
+    zx: float = parameter("rad", 0.01)
+
+    def matrix(self) -> Array:
+        """N, (3, 3): rows [0, δxz, -δxy], [-δyz, 0, δyx], [δzy, -δzx, 0]."""
+        return np.array([[0.0, self.xz, -self.xy], [-self.yz, 0.0, self.yx], [self.zy, -self.zx, 0.0]])
 
 
-def cross_axis(angles: CrossAxis) -> Array:
-    """N of Avrutov, (3, 3): rows [0, δxz, -δxy], [-δyz, 0, δyx], [δzy, -δzx, 0]."""
-    return np.array(
-        [[0.0, angles.xz, -angles.xy], [-angles.yz, 0.0, angles.yx], [angles.zy, -angles.zx, 0.0]]
-    )
+@dataclass(frozen=True)
+class ScaleFactor(Effect):
+    """(1 + e) times what is there, each axis its own e."""
+
+    x: float = parameter("1", 0.01)
+    y: float = parameter("1", 0.01)
+    z: float = parameter("1", 0.01)
+
+    def more(self, there: Array) -> Array:
+        """(3, N), what is read beyond what is there."""
+        return np.array([[self.x], [self.y], [self.z]]) * there

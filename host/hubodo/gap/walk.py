@@ -1,0 +1,52 @@
+"""A random walk seen in noise: Kalman filter with its likelihood, and Rauch-Tung-Striebel smoother."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log, sqrt
+
+import numpy as np
+
+from hubodo.model.frames import Array
+
+UNKNOWN = 1e6
+
+
+@dataclass(frozen=True)
+class Walked:
+    """score: ln likelihood, up to a constant. mean, variance: (K,) filtered. innovation: (K,) in sigma."""
+
+    score: float
+    mean: Array
+    variance: Array
+    innovation: Array
+
+
+def walked(seen: Array, variance: Array, steps: Array, intensity: float, start: float = UNKNOWN) -> Walked:
+    """The walk behind values seen, (K,), with these variances, (K,).
+
+    steps: (K-1,) s between them. intensity: unit² per second. start: variance about zero before the first.
+    """
+    x, v, score = 0.0, start, 0.0
+    mean, spread, innovation = [], [], []
+    growth = [0.0, *(intensity * steps).tolist()]
+    for z, r, more in zip(seen.tolist(), variance.tolist(), growth, strict=True):
+        v += more
+        s = v + r
+        off = z - x
+        score -= 0.5 * (off * off / s + log(s))
+        innovation.append(off / sqrt(s))
+        x += v / s * off
+        v *= r / s
+        mean.append(x)
+        spread.append(v)
+    return Walked(score, np.array(mean), np.array(spread), np.array(innovation))
+
+
+def smoothed(walk: Walked, steps: Array, intensity: float) -> Array:
+    """(K,) the walk as all values show it."""
+    made = walk.mean.copy()
+    for k in range(len(made) - 2, -1, -1):
+        share = walk.variance[k] / (walk.variance[k] + intensity * steps[k])
+        made[k] += share * (made[k + 1] - walk.mean[k])
+    return made
