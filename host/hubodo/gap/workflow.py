@@ -26,8 +26,9 @@ from hubodo.model.model_file import Model, Scoped
 
 # A rival with more than this share of the probability cannot be told apart.
 _ALIKE = 0.05
-# Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand.
-_NEAR = 3.0
+# Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
+# whole gain is this faint, the prior alone would decide between them.
+_NEAR, _FAINT = 3.0, 40.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is so many times larger: what the term of a library leaves of it could pass for an effect.
 _DOUBTED, _SHADOW = 0.8, 3.0
@@ -113,7 +114,7 @@ def _result(
         shadow = any(
             other.effect.name.startswith(PREFIX)
             and other.scope in near
-            and _gain_of_key(rounds, other) > _SHADOW * _gain_of_key(rounds, term)
+            and _gain_of(rounds, other) > _SHADOW * _gain_of(rounds, term)
             for other in terms
         )
         one = _named(
@@ -169,15 +170,16 @@ def _named(
     for rival in rivals:
         by_name[rival.term.effect.name] = by_name.get(rival.term.effect.name, 0.0) + rival.probability
     name = term.effect.name
+    own = next((rival for rival in rivals if rival.label == term.key), None)
+    gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
+    behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
+    near = {other for other, by in behind.items() if by < _NEAR}
     confidence = by_name.get(name, 1.0)
-    if any(it.gain > _gain_of(rivals, term) + _NEAR for it in rivals):
-        # Something else fits better, and is only thought less likely beforehand.
-        confidence = min(confidence, _DOUBTED)
-    if in_shadow:
+    # What fits better may only be thought less likely beforehand.
+    better = any(by < -_NEAR for by in behind.values())
+    if better or in_shadow or (near and own is not None and own.gain < _FAINT):
         confidence = min(confidence, _DOUBTED)
     others = sorted(((share, other) for other, share in by_name.items() if other != name), reverse=True)
-    own = next((rival for rival in rivals if rival.label == term.key), None)
-    near = {it.term.effect.name for it in rivals if own is not None and own.gain - it.gain < _NEAR}
     alike = tuple(other for share, other in others if share > _ALIKE or other in near)
     gain = 0.0 if own is None else own.gain / (own.refit.tempering if own.refit else 1.0)
     words = own.proposal.where if own is not None and own.proposal is not None else ""
@@ -201,11 +203,7 @@ def _named(
     )
 
 
-def _gain_of(rivals: Sequence[Rival], term: Term) -> float:
-    return next((it.gain for it in rivals if it.label == term.key), float("inf"))
-
-
-def _gain_of_key(rounds: Mapping[tuple[str, str], Round], term: Term) -> float:
+def _gain_of(rounds: Mapping[tuple[str, str], Round], term: Term) -> float:
     made = rounds.get(term.key)
     return 0.0 if made is None else next((it.gain for it in made.rivals if it.label == term.key), 0.0)
 
