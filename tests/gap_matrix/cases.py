@@ -42,10 +42,12 @@ def setup(
     duration: float | None = None,
     known: Sequence[str] = (),
     vibration: float | None = None,
+    speed_noise: float = 0.0005,
 ) -> Setup:
     """Everything from the seed; the same seed with another hidden effect is the same drive and noise.
 
-    duration: s, else one of drives.DURATIONS. vibration: of both nodes, else drawn.
+    duration: s, else one of drives.DURATIONS. vibration: of both nodes, else drawn. speed_noise: m/s, of the
+    reference.
     """
     rng, on_road, chips = (_rng(seed, k) for k in (0, 1, 2))
     if duration is None:
@@ -75,6 +77,7 @@ def setup(
         drive=drive,
         taken={side: sensor.sample_times(drive.duration, noise[side], chips) for side in SIDES},
         known=tuple(effects.draw(name, _rng(seed, 5, *name.encode())) for name in known),
+        speed_noise=speed_noise,
     )
 
 

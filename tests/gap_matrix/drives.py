@@ -61,7 +61,7 @@ def _ease(x: Array) -> Array:
 
 def _gate(rng, t, top):
     """1 while it may move, 0 at the start, at the end and at a few stops; 1.3 to 3.4 m/s² from `top` m/s."""
-    ramps = iter(top * rng.uniform(0.55, 1.4, 20))
+    ramps = iter(top * rng.uniform(0.55, 1.4, max(20, 4 + int(t[-1] / 17.0))))
     gate = _ease((t - rng.uniform(2.0, 5.0)) / next(ramps))
     gate = gate * _ease((t[-1] - rng.uniform(0.5, 2.5) - t) / next(ramps))
     for _ in range(max(1, int(t[-1] / rng.uniform(35.0, 70.0)))):

@@ -33,13 +33,14 @@ def make(
     duration: float | None = None,
     known: Sequence[str] = (),
     vibration: float | None = None,
+    speed_noise: float = 0.0005,
 ) -> list[effects.Effect]:
     """Writes a case and gives what is hidden in it.
 
     names: none, one or more, each with its own dose. strength: of STRENGTHS, or nats. factor: times the
     typical size instead. ValueError as `Meter.dose`.
     """
-    setup = cases.setup(seed, kind, duration, known, vibration)
+    setup = cases.setup(seed, kind, duration, known, vibration, speed_noise)
     drawn = [cases.hidden_effect(setup, name, scope) for name in names]
     target = STRENGTHS[strength] if isinstance(strength, str) else strength
     meter = Meter(setup) if drawn else None

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.gap.linearised import Weights
 from hubodo.gap.noise import ChannelNoise
 from hubodo.gap.problem import Problem
 from hubodo.gap.size import Masks
+from hubodo.gap.wander import Weights
 
 _STRETCH = 10.0
 _LEAST, _MOST = 0.15, 0.45

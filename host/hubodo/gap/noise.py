@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.model.effects import Effect
-from hubodo.model.forward import Reading
-from hubodo.model.frames import Array
+from hubodo.model.forward import Reading, Start
+from hubodo.model.frames import Array, facing_sign, side_sign
+from hubodo.model.smooth import Smooth
 
 _BINS = 6
 _LEAST_IN_BIN = 400
@@ -58,42 +60,60 @@ def _scatter(rest: Array, members: NDArray[np.intp]) -> Array:
     return np.asarray(kept.mean(axis=1) / _TRIMMED_MEAN / np.sqrt(2.0))
 
 
-def declared_noise(
-    problem: Problem, node: NodeData, reading: Reading, effects: Iterable[Effect] = ()
-) -> Array:
-    """(6, N): what the model file declares, with the inputs' noise as far as it passes the smoothing."""
-    noise, inputs = problem.model.noise, problem.model.inputs
-    v, v_slope = _passed(problem.inputs.speed, inputs.speed_noise)
-    r, _ = _passed(problem.inputs.yaw_rate, inputs.yaw_rate_noise)
-    body = reading.body
+@dataclass(frozen=True)
+class InputAnswers:
+    """Change of the channels, (6, N) each, per m/s of speed, m/s² of acceleration, rad/s of yaw rate; a
+    wheel's angle stays as it is."""
+
+    speed: Array
+    acceleration: Array
+    yaw_rate: Array
+
+
+def input_answers(node: NodeData, reading: Reading, start: Start) -> InputAnswers:
+    """What an error of the inputs does to a node; effects change that little and are left out."""
+    body, rolling = reading.body, reading.rolling
+    speed, acceleration, yaw_rate = (np.zeros_like(node.y) for _ in range(3))
+    if rolling is None:
+        acceleration[3], speed[4] = 1.0, body.yaw_rate
+        yaw_rate[2], yaw_rate[4] = 1.0, body.speed
+        turn = np.kron(np.eye(2), Rotation.from_rotvec(start.attitude).as_matrix().T)
+        return InputAnswers(turn @ speed, turn @ acceleration, turn @ yaw_rate)
+    facing = facing_sign(node.mount.facing or "left")
+    y = 0.5 * side_sign(node.mount.side or "left") * node.forward.track_width
+    cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
+    speed[2], speed[5] = facing / node.forward.wheel_radius, facing * body.yaw_rate
+    acceleration[3], acceleration[4] = sin, facing * cos
+    yaw_rate[0], yaw_rate[1], yaw_rate[2] = cos, -facing * sin, -facing * y / node.forward.wheel_radius
+    yaw_rate[5] = facing * (body.speed - 2.0 * y * body.yaw_rate)
+    return InputAnswers(speed, acceleration, yaw_rate)
+
+
+def sensor_noise(problem: Problem, effects: Iterable[Effect] = ()) -> Array:
+    """(6, 1): what the model file declares of the sensors, with what effects add to it."""
+    noise = problem.model.noise
     gyro, accel = noise.gyro**2, noise.accel**2
     for effect in effects:
         more = effect.spread(noise)
         gyro, accel = gyro + more[0], accel + more[1]
-    squares = np.repeat(np.array([gyro] * 3 + [accel] * 3)[:, None], len(node.t), axis=1)
-    if reading.rolling is not None:
-        cos, sin = np.cos(reading.rolling.angle), np.sin(reading.rolling.angle)
-        squares[0] += (r * cos) ** 2
-        squares[1] += (r * sin) ** 2
-        squares[2] += (v / node.forward.wheel_radius) ** 2
-        squares[3] += (v_slope * sin) ** 2
-        squares[4] += (v_slope * cos) ** 2
-        squares[5] += (body.yaw_rate * v) ** 2 + (body.speed * r) ** 2
-    else:
-        squares[:3] += r**2
-        squares[3:] += v_slope**2 + (body.yaw_rate * v) ** 2 + (body.speed * r) ** 2
+    return np.asarray(np.sqrt(np.array([gyro] * 3 + [accel] * 3))[:, None])
+
+
+def input_noise(problem: Problem, node: NodeData, reading: Reading, start: Start) -> Array:
+    """(6, N): 1 sigma of what the declared noise of the inputs makes, as far as it passes the smoothing."""
+    v, v_slope = _passed(problem.inputs.speed, problem.speed_noise)
+    r, _ = _passed(problem.inputs.yaw_rate, problem.yaw_rate_noise)
+    answers = input_answers(node, reading, start)
+    squares = (answers.speed * v) ** 2 + (answers.acceleration * v_slope) ** 2 + (answers.yaw_rate * r) ** 2
     return np.asarray(np.sqrt(squares))
 
 
-def _passed(source: object, declared: float) -> tuple[float, float]:
+def _passed(source: Smooth, declared: float) -> tuple[float, float]:
     """1 sigma of the declared noise that is left in a smoothed input and in its slope."""
-    noise = float(getattr(source, "noise", 0.0))
-    if noise <= 0.0 or declared <= 0.0:
+    if source.noise <= 0.0:
         return 0.0, 0.0
-    share = declared / noise
-    return share * float(getattr(source, "value_noise", 0.0)), share * float(
-        getattr(source, "slope_noise", 0.0)
-    )
+    share = declared / source.noise
+    return share * source.value_noise, share * source.slope_noise
 
 
 def _bins(spin: Array) -> list[NDArray[np.intp]]:

@@ -16,7 +16,7 @@ from hubodo.log.recording import Recording, Table
 from hubodo.model.forward import NodeForward
 from hubodo.model.frames import Array, facing_sign
 from hubodo.model.inputs import Inputs
-from hubodo.model.model_file import Model
+from hubodo.model.model_file import Model, split_input
 from hubodo.model.smooth import Smooth, constant, smooth
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
@@ -64,17 +64,40 @@ class NodeData:
 class Problem:
     """Everything a search for effects works on.
 
-    measured_by: nodes whose z gyro is the speed input, () when the log has a reference. warnings: one line
-    each.
+    speed_period, yaw_rate_period: s between samples of the inputs. measured_by: nodes whose z gyro is the
+    speed input, () when the log has a reference. warnings: one line each.
     """
 
     model: Model
     nodes: tuple[NodeData, ...]
     inputs: Inputs
-    input_period: float
+    speed_period: float
+    yaw_rate_period: float
     duration: float
     measured_by: tuple[str, ...]
     warnings: tuple[str, ...]
+
+    @property
+    def speed_noise(self) -> float:
+        """m/s: 1 sigma of a sample of the speed input; none is left where it is one level.
+
+        What gyros measured and for which nothing is declared has the noise of gyros.
+        """
+        if self.inputs.speed.noise <= 0.0:
+            return 0.0
+        of_gyros = (
+            self.model.noise.gyro * self.model.vehicle.wheel_radius / max(len(self.measured_by), 1) ** 0.5
+        )
+        return self.model.inputs.speed_noise or (of_gyros if self.measured_by else 0.0)
+
+    @property
+    def yaw_rate_noise(self) -> float:
+        """rad/s: the same of the yaw rate."""
+        if self.inputs.yaw_rate.noise <= 0.0:
+            return 0.0
+        source = self.model.inputs.yaw_rate
+        of_gyros = isinstance(source, str) and split_input(source)[0] != "reference"
+        return self.model.inputs.yaw_rate_noise or (self.model.noise.gyro if of_gyros else 0.0)
 
 
 def build(recording: Recording, model: Model, where: str = "log") -> Problem:
@@ -135,7 +158,14 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
         raise InputError(f"{where}: no channel of any node changes; nothing was measured")
     warnings += check(nodes, inputs, measured_by, where)
     return Problem(
-        model, tuple(nodes), inputs, _period(recording, model), last - first, measured_by, tuple(warnings)
+        model,
+        tuple(nodes),
+        inputs,
+        _period(recording, model.inputs.speed),
+        _period(recording, model.inputs.yaw_rate),
+        last - first,
+        measured_by,
+        tuple(warnings),
     )
 
 
@@ -219,9 +249,8 @@ def _behind(t: Array, values: Array) -> Smooth:
     return smooth(t, values)
 
 
-def _period(recording: Recording, model: Model) -> float:
-    """s between samples of the speed input."""
-    name = model.inputs.speed
+def _period(recording: Recording, name: str | float) -> float:
+    """s between samples of an input."""
     stem = name.removeprefix("nodes.").partition(".")[0] if isinstance(name, str) else ""
     table = recording.files().get(stem) or next(iter(recording.nodes.values()))
     return float(np.median(np.diff(table.t)))

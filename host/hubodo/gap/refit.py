@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hubodo.gap.candidates import moved, term_directions
-from hubodo.gap.linearised import Linearised, Weights, linearise, settle, solved
+from hubodo.gap.linearised import Linearised, linearise, settle, solved
 from hubodo.gap.problem import Problem
 from hubodo.gap.sensitivity import ATTITUDE_SCALE
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
+from hubodo.gap.wander import Weights
 from hubodo.model.forward import Start
 from hubodo.model.frames import Array
 
@@ -125,4 +126,4 @@ def _stepped(problem: Problem, made: Refit, step: Array) -> State:
         old = np.array(starts.get(node.name, Start()).attitude)
         new = old + np.clip(turn, -4.0, 4.0) * ATTITUDE_SCALE
         starts[node.name] = Start(attitude=(float(new[0]), float(new[1]), float(new[2])))
-    return State(terms, starts, made.state.paths)
+    return replace(made.state, terms=terms, starts=starts)

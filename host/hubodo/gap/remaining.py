@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from hubodo.gap.linearised import Weights
 from hubodo.gap.problem import CHANNELS, Problem
 from hubodo.gap.refit import Refit
 from hubodo.gap.result import Left
@@ -14,6 +13,7 @@ from hubodo.gap.scatter.base import rests
 from hubodo.gap.scatter.wild import spiky_channels
 from hubodo.gap.size import Trace
 from hubodo.gap.unlisted import unlisted
+from hubodo.gap.wander import Weights
 from hubodo.model.effects import BY_NAME
 
 _NOISY = 1.15
@@ -29,7 +29,9 @@ def remaining(
     for name, trace in traced.items():
         found = weights.noise[name].found
         for row in np.flatnonzero(trace.node.used):
-            ratio = float(np.sqrt(np.mean((found[row] / trace.declared[row]) ** 2)))
+            # From sample to sample the noise of the inputs, which are smooth, is not seen.
+            sensor = np.sqrt(trace.declared[row] ** 2 - trace.inputs[row] ** 2)
+            ratio = float(np.sqrt(np.mean((found[row] / sensor) ** 2)))
             if ratio > _NOISY or ratio < 1.0 / _NOISY:
                 size = "larger" if ratio > 1.0 else "smaller"
                 one = float(np.sqrt(np.mean(found[row] ** 2)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hubodo.gap.linearised import Weights, settle
+from hubodo.gap.linearised import settle
 from hubodo.gap.posterior import NOTHING, UNLISTED, WIDE, log_evidence, posterior, priors
 from hubodo.gap.problem import Problem
 from hubodo.gap.refit import Refit, refit
@@ -17,6 +17,7 @@ from hubodo.gap.screening import Screened, screen, state_with
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
 from hubodo.gap.unlisted import Structure, unlisted
+from hubodo.gap.wander import Weights
 from hubodo.model.effects import EFFECTS
 from hubodo.model.effects.empirical import PREFIX
 from hubodo.model.frames import Array

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.gap.candidates import Candidate, all_directions, candidates, term_directions
-from hubodo.gap.linearised import Weights, linearise, solved
+from hubodo.gap.linearised import linearise, solved
 from hubodo.gap.posterior import log_evidence
 from hubodo.gap.problem import Problem
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
+from hubodo.gap.wander import Weights
 from hubodo.model.frames import Array
 
 
@@ -77,4 +78,4 @@ def _judge(gram: Array, raw: Array, candidate: Candidate) -> Screened:
 def state_with(state: State, term: Term) -> State:
     """The state with one term more; it takes the place of a given one of the same effect and scope."""
     kept = [other for other in state.terms if other.key != term.key]
-    return State((*kept, term), state.starts, state.paths)
+    return state.with_terms([*kept, term])

@@ -7,17 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.gap.linearised import Weights, settle, weights
+from hubodo.gap.linearised import settle, weights
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.refit import Refit, refit
 from hubodo.gap.round import EMPIRICAL, Round, look
 from hubodo.gap.screening import state_with
+from hubodo.gap.size import gap, traces
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
+from hubodo.gap.wander import Weights
 from hubodo.model.effects import EFFECTS
 from hubodo.model.forward import Start
 
 _MOST = 8
+# A fit may leave the gap this much larger: what is missing still may fit ill beside it.
+_NO_WORSE = 1.25
 
 Say = Callable[[str, float], None]
 
@@ -60,13 +64,24 @@ def search(
         if wanted and best is None:
             wanted.pop(0)
             continue
-        wanted = wanted[1:]
+        asked, wanted = bool(wanted), wanted[1:]
         if best is None or number == _MOST:
             break
         state = state_with(current.state if best.refit is None else best.refit.state, best.term)
-        weighed = reweigh(problem, settle(problem, state)[0])
-        current = refit(problem, state, weighed)
+        fresh = reweigh(problem, settle(problem, state)[0])
+        tried = refit(problem, state, fresh)
+        if best.term.moves and not asked and _grown(problem, current, tried, fresh):
+            # The wheel was lost on the way: what needs that is no explanation.
+            rounds.pop()
+            reject = {*reject, best.term.effect.name}
+            continue
+        current, weighed = tried, fresh
     return Found(begin, tuple(rounds), current, weighed)
+
+
+def _grown(problem: Problem, before: Refit, after: Refit, weighed: Weights) -> bool:
+    was, made = (gap(traces(problem, one.state, weighed)) for one in (before, after))
+    return made > _NO_WORSE * was
 
 
 def reweigh(problem: Problem, state: State) -> Weights:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -12,8 +13,12 @@ from hubodo.gap.state import State, effects_of, predict_node, speed_correction, 
 from hubodo.model.effects import Effect, in_order
 from hubodo.model.forward import Start
 from hubodo.model.frames import Array
+from hubodo.model.inputs import Later
 
+# Of a scale: at the end of a long log even a small step of a radius turns the wheel far.
+_MOVE = 1e-6
 _STEP = 1e-3
+_LATE_STEP = 1e-4
 ATTITUDE_SCALE = 0.05
 
 
@@ -49,7 +54,7 @@ def columns(problem: Problem, state: State, directions: Sequence[Direction]) -> 
     }
     made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in problem.nodes}
     for k, direction in enumerate(directions):
-        there = direction.moved(_STEP)
+        there = direction.moved(_MOVE)
         moved: dict[str, Mapping[type[Effect], Effect]] = {
             name: _with(of, there) if direction.node in ("", name) else of for name, of in effects.items()
         }
@@ -59,7 +64,7 @@ def columns(problem: Problem, state: State, directions: Sequence[Direction]) -> 
             if problem.measured_by or direction.node in ("", node.name):
                 change = stacked(predict_node(node, moved[node.name].values(), state, correction))
                 change -= base[node.name]
-                made[node.name][k] = change / _STEP
+                made[node.name][k] = change / _MOVE
     return made
 
 
@@ -69,25 +74,36 @@ def _with(effects: Mapping[type[Effect], Effect], there: Effect) -> dict[type[Ef
 
 def phase_column(problem: Problem, node: NodeData, state: State) -> Array:
     """(6, N) per rad: change of the channels when the wheel is further round than it is thought to be."""
+    path = state.paths.get(node.name, np.zeros(1))
+    return _slope(problem, node, lambda by: replace(state, paths={**state.paths, node.name: path + by}))
+
+
+def late_column(problem: Problem, node: NodeData, state: State) -> Array:
+    """(6, N) per s: change of the channels when the stamps are later than they are thought to be."""
     effects = effects_of(problem, state.terms)
-    correction = speed_correction(problem, effects)
-    start, path = state.starts.get(node.name, Start()), state.paths.get(node.name, 0.0)
-    ahead, behind = (
-        stacked(node.forward.mean(effects[node.name].values(), start, path + by, correction))
-        for by in (_STEP, -_STEP)
+    own, before = effects[node.name].values(), speed_correction(problem, effects)
+    late, early = (
+        stacked(predict_node(node, own, state, Later(by, before))) for by in (_LATE_STEP, -_LATE_STEP)
     )
-    return (ahead - behind) / (2.0 * _STEP)
+    return (late - early) / (2.0 * _LATE_STEP)
 
 
 def attitude_columns(problem: Problem, node: NodeData, state: State) -> Array:
     """(3, 6, N): change of the channels for turns of a node on the body by ATTITUDE_SCALE about each axis."""
-    effects = list(effects_of(problem, state.terms)[node.name].values())
     attitude = np.array(state.starts.get(node.name, Start()).attitude)
-    base = stacked(node.forward.mean(effects, Start(attitude=tuple(attitude))))
-    made = []
-    for axis in range(3):
-        turned = attitude.copy()
-        turned[axis] += _STEP * ATTITUDE_SCALE
-        there = stacked(node.forward.mean(effects, Start(attitude=tuple(turned))))
-        made.append((there - base) / _STEP)
-    return np.stack(made)
+
+    def turned(axis: Array, by: float) -> State:
+        x, y, z = (attitude + by * axis).tolist()
+        return replace(state, starts={**state.starts, node.name: Start(attitude=(x, y, z))})
+
+    return np.stack([_slope(problem, node, partial(turned, axis)) for axis in np.eye(3) * ATTITUDE_SCALE])
+
+
+def _slope(problem: Problem, node: NodeData, at: Callable[[float], State]) -> Array:
+    """(6, N): change of the channels along `at`, per unit."""
+    state = at(0.0)
+    effects = effects_of(problem, state.terms)
+    correction = speed_correction(problem, effects)
+    own = effects[node.name].values()
+    ahead, behind = (stacked(predict_node(node, own, at(by), correction)) for by in (_STEP, -_STEP))
+    return (ahead - behind) / (2.0 * _STEP)

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.gap.linearised import Weights
-from hubodo.gap.noise import declared_noise
+from hubodo.gap.noise import input_noise, sensor_noise
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict, stacked
-from hubodo.gap.walk import smoothed, walked
-from hubodo.gap.wheel_phase import WINDOW, windows
+from hubodo.gap.wander import Weights, wandered
 from hubodo.model.effects import BY_NAME
+from hubodo.model.forward import Start
 from hubodo.model.frames import Array
 
 Masks = Mapping[str, NDArray[np.bool_]]
@@ -22,32 +21,30 @@ Masks = Mapping[str, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class Trace:
-    """One node: what it read beyond the model, the noise declared, and what the model reads, (6, N)."""
+    """One node, (6, N) each: what it read beyond the model, the noise declared, that of the inputs in it, and
+    what the model reads."""
 
     node: NodeData
     residual: Array
     declared: Array
+    inputs: Array
     predicted: Array
 
 
 def traces(problem: Problem, state: State, weights: Weights) -> dict[str, Trace]:
     """The residual of each node at a state, with what wanders at random followed as far as it is modelled."""
     readings, effects = predict(problem, state), effects_of(problem, state.terms)
+    beside = wandered(problem, state, readings, weights)
     made = {}
     for node in problem.nodes:
-        own = effects[node.name]
-        predicted = stacked(readings[node.name])
+        own, reading = effects[node.name], readings[node.name]
+        predicted = stacked(reading) + beside[node.name].walks
         if BY_NAME["sample_repeat"] in own:
             fresh = weights.noise[node.name].fresh
             predicted = predicted[:, np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))]
-        rest = node.y - predicted
-        drift = sum(effect.drift() for effect in own.values())
-        if drift > 0.0:
-            wander = _followed(node, rest, weights, drift)
-            predicted[:3] += wander
-            rest[:3] -= wander
-        declared = declared_noise(problem, node, readings[node.name], own.values())
-        made[node.name] = Trace(node, rest, declared, predicted)
+        inputs = input_noise(problem, node, reading, state.starts.get(node.name, Start()))
+        declared = np.hypot(sensor_noise(problem, own.values()), inputs)
+        made[node.name] = Trace(node, node.y - predicted, declared, inputs, predicted)
     return made
 
 
@@ -62,25 +59,10 @@ def gap(traced: Mapping[str, Trace], inside: Masks | None = None) -> float:
 
 
 def floor(traced: Mapping[str, Trace], weights: Weights) -> float:
-    """The gap that would be left if nothing but noise were: its scatter from sample to sample."""
+    """The gap that would be left if nothing but noise were: the scatter from sample to sample, and that of
+    the inputs as it is declared."""
     total, count = 0.0, 0
     for name, trace in traced.items():
-        spare = weights.noise[name].found[trace.node.used] / trace.declared[trace.node.used]
-        total, count = total + float(np.sum(spare**2)), count + spare.size
+        spare = np.hypot(weights.noise[name].found, trace.inputs) / trace.declared
+        total, count = total + float(np.sum(spare[trace.node.used] ** 2)), count + spare[trace.node.used].size
     return float(np.sqrt(total / count)) if count else float("nan")
-
-
-def _followed(node: NodeData, rest: Array, weights: Weights, drift: float) -> Array:
-    """(3, N): a walk of intensity drift, (rad/s)²/s, through the window means of the gyros' residual."""
-    edges = windows(node.t)
-    middle = np.add.reduceat(node.t, edges[:-1]) / np.diff(edges)
-    noise = weights.noise[node.name]
-    made = np.empty((3, len(node.t)))
-    for row in range(3):
-        weight = noise.fresh / noise.found[row] ** 2
-        information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
-        mean = np.add.reduceat(weight * rest[row], edges[:-1]) / information
-        steps = np.diff(middle)
-        walk = walked(mean, 1.0 / information, steps, drift, start=drift * WINDOW)
-        made[row] = np.interp(node.t, middle, smoothed(walk, steps, drift))
-    return made

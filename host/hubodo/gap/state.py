@@ -12,17 +12,19 @@ from hubodo.gap.terms import Term, effects_on
 from hubodo.model.effects import Effect
 from hubodo.model.forward import Reading, Start
 from hubodo.model.frames import Array, facing_sign
-from hubodo.model.inputs import SpeedCorrection
+from hubodo.model.inputs import Correction, SpeedCorrection
 
 
 @dataclass(frozen=True)
 class State:
     """terms: the effects. starts: wheel angle or attitude of each node. paths: for each wheel node (N,) rad,
-    the angle that the wheel turned and the model with its inputs does not know."""
+    the angle that the wheel turned and the model with its inputs does not know. late: for each node (N,) s,
+    by how much its stamps are late, where clocks are declared to differ."""
 
     terms: tuple[Term, ...] = ()
     starts: Mapping[str, Start] = field(default_factory=dict)
     paths: Mapping[str, Array] = field(default_factory=dict)
+    late: Mapping[str, Array] = field(default_factory=dict)
 
     def with_terms(self, terms: Sequence[Term]) -> State:
         return replace(self, terms=tuple(terms))
@@ -49,11 +51,11 @@ def predict(problem: Problem, state: State) -> dict[str, Reading]:
 
 
 def predict_node(
-    node: NodeData, effects: Iterable[Effect], state: State, correction: SpeedCorrection | None = None
+    node: NodeData, effects: Iterable[Effect], state: State, correction: Correction | None = None
 ) -> Reading:
     """What one node should have read, (3, N) each."""
     start, path = state.starts.get(node.name, Start()), state.paths.get(node.name, 0.0)
-    return node.forward.mean(effects, start, path, correction)
+    return node.forward.mean(effects, start, path, correction, state.late.get(node.name, 0.0))
 
 
 def stacked(reading: Reading) -> Array:

@@ -63,7 +63,7 @@ def unlisted(problem: Problem, state: State, rests: Sequence[Rest]) -> list[Stru
         reading = readings[node.name]
         chain = _scene(node, reading)
         weight = np.where(rest.noise.fresh & ~node.clipped, 1.0 / rest.noise.found, 0.0)
-        z = winsorised(rest.residual * weight)
+        z = winsorised((rest.residual - rest.inputs) * weight)
         present = {effect.name for effect in effects[node.name]}
         fixed = [*LIBRARY, *_tones(node, z), *_steps(node, z)]
         for expression in fixed:

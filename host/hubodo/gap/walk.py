@@ -43,6 +43,21 @@ def walked(seen: Array, variance: Array, steps: Array, intensity: float, start: 
     return Walked(score, np.array(mean), np.array(spread), np.array(innovation))
 
 
+def scores(seen: Array, variance: Array, steps: Array, intensities: Array, starts: Array) -> Array:
+    """(G,) the score of `walked` for each intensity, with its start."""
+    x, v, total = np.zeros_like(intensities), starts.astype(float), np.zeros_like(intensities)
+    growth = np.concatenate([[0.0], steps])[:, None] * intensities
+    for z, r, more in zip(seen.tolist(), variance.tolist(), growth, strict=True):
+        v = v + more
+        s = v + r
+        off = z - x
+        total -= 0.5 * (off * off / s + np.log(s))
+        share = v / s
+        x = x + share * off
+        v = share * r
+    return total
+
+
 def smoothed(walk: Walked, steps: Array, intensity: float) -> Array:
     """(K,) the walk as all values show it."""
     made = walk.mean.copy()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.gap.problem import NodeData
+from hubodo.gap.walk import UNKNOWN, scores, walked
 from hubodo.gap.walk import smoothed as walk_smoothed
-from hubodo.gap.walk import walked
 from hubodo.model.forward import Reading
 from hubodo.model.frames import Array, facing_sign
 
@@ -90,12 +90,14 @@ def smoothed(phases: WindowPhases, walk: float) -> tuple[Array, float]:
     """
     steps = np.diff(phases.t)
     grid = walk * np.geomspace(1.0, 1e10, 21)
-    tried = [walked(phases.phase, phases.variance, steps, q) for q in grid]
-    at = int(np.argmax([one.score for one in tried]))
+    tried = scores(phases.phase, phases.variance, steps, grid, np.full_like(grid, UNKNOWN))
+    at = int(np.argmax(tried))
     # The declared walk is believed unless another is clearly likelier.
-    if tried[at].score <= tried[0].score + _CLEARLY:
+    if tried[at] <= tried[0] + _CLEARLY:
         at = 0
-    return walk_smoothed(tried[at], steps, float(grid[at])), float(grid[at])
+    likeliest = float(grid[at])
+    followed = walked(phases.phase, phases.variance, steps, likeliest)
+    return walk_smoothed(followed, steps, likeliest), likeliest
 
 
 def on_samples(node: NodeData, phases: WindowPhases, path: Array) -> Array:

@@ -9,7 +9,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from hubodo.gap.held_out import Split, split
-from hubodo.gap.linearised import Weights
 from hubodo.gap.problem import Problem, build
 from hubodo.gap.refit import Refit, refit
 from hubodo.gap.remaining import remaining
@@ -19,6 +18,7 @@ from hubodo.gap.search import Found, Say, initial_state, reweigh, search
 from hubodo.gap.size import Trace, floor, gap, traces
 from hubodo.gap.state import State
 from hubodo.gap.terms import ALL, VEHICLE, Term
+from hubodo.gap.wander import Weights
 from hubodo.gap.words import manoeuvre, where_words
 from hubodo.log.recording import Recording
 from hubodo.model.effects.empirical import PREFIX
@@ -30,10 +30,12 @@ _ALIKE = 0.05
 # whole gain is this faint, the prior alone would decide between them.
 _NEAR, _FAINT = 3.0, 40.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
-# is so many times larger: what the term of a library leaves of it could pass for an effect.
-_DOUBTED, _SHADOW = 0.8, 3.0
+# is larger by this factor: what the term of a library leaves of it could pass for an effect.
+_DOUBTED, _SHADOW = 0.8, 1.0
 _RECONSIDERED = 3
 _MANY = 4
+# A gap so much larger than that of noise alone is not explained, whatever was found.
+_NOISE_ALONE = 1.5
 # Effects in scopes that are tried: what a p-value is multiplied by.
 _TRIED = 80
 
@@ -124,6 +126,7 @@ def _result(
     lowest = floor(steps[-1], final_weights)
     whole = Shrink(gap(steps[0]), gap(steps[-1]), lowest)
     left, unexplained = remaining(problem, found.final, final_weights, steps[-1])
+    unexplained |= whole.after > _NOISE_ALONE * lowest
     verdict: Verdict
     if named:
         verdict = "partly_explained" if unexplained else "explained"

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.config import NodeMount
 from hubodo.model.effects.base import Chain, Effect, Geometry, Noise
 from hubodo.model.frames import STANDARD_GRAVITY, Array, facing_sign, side_sign
-from hubodo.model.inputs import Body, Earth, Inputs, SpeedCorrection
+from hubodo.model.inputs import Body, Correction, Earth, Inputs
 from hubodo.model.rolling import Rolling, roll
 
 _KEPT = 3
@@ -58,18 +58,22 @@ class NodeForward:
     track_width: float
     power_on: float = 0.0
     carried: Carried | None = None
-    _bodies: dict[tuple[float, float], Body] = field(default_factory=dict, repr=False)
+    _bodies: dict[int, Body] = field(default_factory=dict, repr=False)
 
     def mean(
         self,
         effects: Iterable[Effect],
         start: Start,
         phase: Array | float = 0.0,
-        correction: SpeedCorrection | None = None,
+        correction: Correction | None = None,
+        late: Array | float = 0.0,
     ) -> Reading:
-        """The reading without anything random; phase: (N,) rad beside the wheel angle, see `roll`."""
+        """The reading without anything random.
+
+        phase: (N,) rad beside the wheel angle, see `roll`. late: (N,) s, by how much the stamps are.
+        """
         effects = list(effects)
-        chain, rolling, body = self._sensed(effects, start, phase, correction)
+        chain, rolling, body = self._sensed(effects, start, phase, correction, late)
         for effect in effects:
             effect.clip(chain)
         return Reading(chain.gyro, chain.accel, rolling, body)
@@ -108,9 +112,10 @@ class NodeForward:
         effects: list[Effect],
         start: Start,
         phase: Array | float,
-        correction: SpeedCorrection | None = None,
+        correction: Correction | None = None,
+        late: Array | float = 0.0,
     ) -> tuple[Chain, Rolling | None, Body]:
-        body = self._body(effects)
+        body = self._body(effects, late)
         if correction is not None:
             body = correction.apply(body)
         geometry = self.geometry(effects)
@@ -139,12 +144,12 @@ class NodeForward:
             effect.offset(chain)
         return chain, rolling, body
 
-    def _body(self, effects: list[Effect]) -> Body:
+    def _body(self, effects: list[Effect], late: Array | float) -> Body:
         """The vehicle at the true times of the samples; times that come again are not computed again."""
-        t = self.t
+        t = self.t - late if np.any(late) else self.t
         for effect in effects:
             t = effect.true_time(t)
-        key = (float(t[0]), float(t[-1])) if len(t) else (0.0, 0.0)
+        key = hash(t.tobytes())
         made = self._bodies.get(key)
         if made is None:
             while len(self._bodies) >= _KEPT:

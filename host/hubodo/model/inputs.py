@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -77,6 +78,37 @@ class Inputs:
             self.yaw_rate(t, 2),
             self.yaw_rate.integral(t),
             np.interp(t, self.temperature_t, self.temperature),
+        )
+
+
+class Correction(Protocol):
+    """What changes the motion that the inputs give."""
+
+    def apply(self, body: Body) -> Body: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """Stamps that are late by so many s, few enough that the motion bends little meanwhile.
+
+    before: what is applied first.
+    """
+
+    by: float
+    before: Correction | None = None
+
+    def apply(self, body: Body) -> Body:
+        """The body where it was `by` before."""
+        if self.before is not None:
+            body = self.before.apply(body)
+        return replace(
+            body,
+            speed=body.speed - self.by * body.acceleration,
+            acceleration=body.acceleration - self.by * body.jerk,
+            distance=body.distance - self.by * body.speed,
+            yaw_rate=body.yaw_rate - self.by * body.yaw_acceleration,
+            yaw_acceleration=body.yaw_acceleration - self.by * body.yaw_jerk,
+            heading=body.heading - self.by * body.yaw_rate,
         )
 
 

@@ -16,6 +16,7 @@ from hubodo.toml_file import toml_key, toml_number, toml_text, write_whole
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")
+_SPREADS = ("speed_noise", "yaw_rate_noise", "clock_sigma")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +32,15 @@ class InputNames:
     """What drives the model: channels by name (see `split_input`), or constants in m/s and rad/s.
 
     speed_noise m/s, yaw_rate_noise rad/s: 1 sigma of one sample of the inputs themselves; without them in the
-    file the inputs count as exact.
+    file the inputs count as exact. clock_sigma: s, 1 sigma of how well the stamps of each node and those of
+    the inputs agree; 0 for one common clock.
     """
 
     speed: str | float = "reference.speed"
     yaw_rate: str | float = "reference.yaw_rate"
     speed_noise: float = 0.0
     yaw_rate_noise: float = 0.0
+    clock_sigma: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -135,9 +138,9 @@ def _above_zero(value: float, where: str) -> None:
 def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputNames:
     where = f"{path}: [inputs]"
     entries = as_table(table.get("inputs", {}), where)
-    only_keys(entries, ("speed", "yaw_rate", "speed_noise", "yaw_rate_noise"), where)
+    only_keys(entries, ("speed", "yaw_rate", *_SPREADS), where)
     inputs = read_table(entries, InputNames, where)
-    for key in ("speed_noise", "yaw_rate_noise"):
+    for key in _SPREADS:
         if not (math.isfinite(getattr(inputs, key)) and getattr(inputs, key) >= 0.0):
             raise ConfigError(f"{where} {key} = {getattr(inputs, key)}: must be a finite number, 0 or more")
     for key in ("speed", "yaw_rate"):
@@ -244,6 +247,8 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         _number("speed_noise", inputs.speed_noise, "m/s, 1 sigma per sample"),
         _number("yaw_rate_noise", inputs.yaw_rate_noise, "rad/s, 1 sigma per sample"),
     ]
+    if inputs.clock_sigma > 0.0:
+        lines.append(_number("clock_sigma", inputs.clock_sigma, "s, between the nodes and the inputs"))
     for name, mount in vehicle.nodes.items():
         lines += ["", f"[nodes.{toml_key(name)}]"]
         if mount.side is not None:

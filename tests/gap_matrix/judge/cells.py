@@ -12,11 +12,11 @@ import numpy as np
 from gap_matrix import alike, effects, outside
 from gap_matrix.dose import MEDIUM, STRENGTHS, STRONG
 
-TABLES = ("singles", "nulls", "pairs", "open", "alike", "controls")
+TABLES = ("singles", "nulls", "pairs", "open", "alike", "controls", "long")
 SEEDS = {"development": effects.DEVELOPMENT_SEEDS, "test": effects.TEST_SEEDS}
 PAIR_LIST_SEED = 20
 # Each table begins elsewhere in its thousand seeds; where a drive cannot show an effect, the spares follow.
-_FIRST = {"singles": 0, "nulls": 400, "pairs": 600, "open": 700, "alike": 800, "controls": 900}
+_FIRST = {"singles": 0, "nulls": 400, "pairs": 600, "open": 700, "alike": 800, "controls": 900, "long": 980}
 _SPARES, _APART = 4, 37
 CONTROLLED = (
     "gyro_temperature", "gyro_g_sensitivity", "gyro_scale_factor", "node_misalignment",
@@ -27,7 +27,8 @@ CONTROLLED = (
 @dataclass(frozen=True)
 class Cell:
     """One log to diagnose. name: effect, pair or kind. variant: strength or drive. seeds: the first that can
-    show what is hidden is taken. hidden: names and nats. options: for `cases.setup`."""
+    show what is hidden is taken. hidden: names and nats. factor: times the typical size, instead of nats.
+    options: for `cases.setup`."""
 
     table: str
     name: str
@@ -35,6 +36,7 @@ class Cell:
     drive: int
     seeds: tuple[int, ...]
     hidden: tuple[tuple[str, float], ...] = ()
+    factor: float | None = None
     options: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -65,6 +67,7 @@ def cells(wanted: Wanted) -> list[Cell]:
         "open": _open,
         "alike": _alike,
         "controls": _controls,
+        "long": _long,
     }
     return [cell for table in TABLES if table in wanted.tables for cell in makers[table](wanted)]
 
@@ -152,3 +155,18 @@ def _controls(wanted: Wanted) -> Iterator[Cell]:
     for drive in range(wanted.drives):
         seeds = _seeds(wanted, "controls", 90 + drive)
         yield Cell("controls", "nothing", "permuted temperature", drive, seeds)
+
+
+def _long(wanted: Wanted) -> Iterator[Cell]:
+    """Ten minutes, 3 % of radius, 5 mm/s of noise in the reference: a wheel is lost within seconds."""
+    for drive in range(wanted.drives):
+        yield Cell(
+            "long",
+            "wheel_radius",
+            "3 %, 5 mm/s, 600 s",
+            drive,
+            _seeds(wanted, "long", drive),
+            (("wheel_radius", 0.0),),
+            factor=10.0,
+            options={"duration": 600.0, "speed_noise": 0.005},
+        )

@@ -11,7 +11,7 @@ import numpy as np
 from gap_matrix import alike, cases, outside, recording
 from gap_matrix.cases import Setup
 from gap_matrix.dose import Meter
-from gap_matrix.effects import SIDES, Effect
+from gap_matrix.effects import SIDES, Effect, scaled
 from gap_matrix.judge.cells import Cell
 from gap_matrix.sensor import Record
 
@@ -50,7 +50,9 @@ def _make(cell: Cell, seed: int, folder: Path) -> dict[str, Any]:
         return truth
     meter = Meter(setup) if cell.hidden else None
     dosed = [
-        meter.dose(cases.hidden_effect(setup, name), nats) for name, nats in cell.hidden if meter is not None
+        _dosed(meter, cases.hidden_effect(setup, name), nats, cell.factor)
+        for name, nats in cell.hidden
+        if meter is not None
     ]
     hidden = [effect for effect, _ in dosed]
     truth = _truth(setup, hidden, [gain for _, gain in dosed])
@@ -62,6 +64,13 @@ def _make(cell: Cell, seed: int, folder: Path) -> dict[str, Any]:
         records = permuted(setup, {node: cases.record(setup, node, hidden) for node in SIDES})
         recording.write(setup, hidden, folder / "permuted", truth, records)
     return truth
+
+
+def _dosed(meter: Meter, effect: Effect, nats: float, factor: float | None) -> tuple[Effect, float]:
+    if factor is None:
+        return meter.dose(effect, nats)
+    made = scaled(effect, factor)
+    return made, meter.gain(made)
 
 
 def _look_alike(cell: Cell, seed: int, folder: Path) -> dict[str, Any]:

@@ -25,6 +25,7 @@ def all_tables(rows: Sequence[Row]) -> Iterator[str]:
         "open": _open,
         "alike": _alike,
         "controls": _controls,
+        "long": _long,
     }
     for table in TABLES:
         here = [row for row in rows if row["table"] == table]
@@ -236,3 +237,14 @@ def _controls(rows: Sequence[Row]) -> str:
     if nulls:
         out.append(f"  temperature permuted in blocks, nothing hidden: false alarms {share(nulls)}")
     return "\n".join(out)
+
+
+def _long(rows: Sequence[Row]) -> str:
+    return "\n".join(
+        [
+            f"Long: {', '.join(sorted({row['name'] + ', ' + row['variant'] for row in rows}))}",
+            f"  named, and nothing else     {_share(rows, score.exact)}",
+            f"  named first, scope right    {_share(rows, score.scope_right)}",
+            f"  parameters                  {_parameters(rows)}",
+        ]
+    )

@@ -6,12 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 
-from hubodo.gap.linearised import Weights
-from hubodo.gap.noise import ChannelNoise, declared_noise
+import numpy as np
+
+from hubodo.gap.noise import ChannelNoise, input_answers, input_noise, sensor_noise
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict, stacked
 from hubodo.gap.terms import ALL, Term
+from hubodo.gap.wander import Weights, wandered, window_variances
 from hubodo.model.effects import Effect
+from hubodo.model.forward import Start
 from hubodo.model.frames import Array
 
 
@@ -31,11 +34,14 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Rest:
-    """What a node shows beyond the model. residual: (6, N). declared: (6, N), 1 sigma that
-    the model file asks for. effects: what the model gives the node."""
+    """What a node shows beyond the model. residual: (6, N), with what walks at random followed. inputs:
+    (6, N), what of it the noise of the inputs may have made; input_variance: (6,) of that in a window's mean.
+    declared: (6, N), 1 sigma that the model file asks for. effects: what the model gives the node."""
 
     node: NodeData
     residual: Array
+    inputs: Array
+    input_variance: Array
     noise: ChannelNoise
     declared: Array
     effects: Mapping[type[Effect], Effect]
@@ -44,11 +50,18 @@ class Rest:
 def rests(problem: Problem, state: State, weighed: Weights) -> list[Rest]:
     """What each node shows beyond the model."""
     readings, effects = predict(problem, state), effects_of(problem, state.terms)
+    beside = wandered(problem, state, readings, weighed)
     made = []
+    speed, yaw_rate = window_variances(problem)
     for node in problem.nodes:
         reading, own = readings[node.name], effects[node.name]
-        declared = declared_noise(problem, node, reading)
-        made.append(Rest(node, node.y - stacked(reading), weighed.noise[node.name], declared, own))
+        start = state.starts.get(node.name, Start())
+        inputs, answers = input_noise(problem, node, reading, start), input_answers(node, reading, start)
+        in_means = speed * np.mean(answers.speed**2, axis=1) + yaw_rate * np.mean(answers.yaw_rate**2, axis=1)
+        declared = np.hypot(sensor_noise(problem), inputs)
+        residual = node.y - stacked(reading) - beside[node.name].walks
+        noise = weighed.noise[node.name]
+        made.append(Rest(node, residual, beside[node.name].inputs, in_means, noise, declared, own))
     return made
 
 

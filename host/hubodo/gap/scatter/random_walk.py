@@ -9,14 +9,14 @@ import numpy as np
 from hubodo.gap.innovations import winsorised
 from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
 from hubodo.gap.terms import Term
-from hubodo.gap.walk import walked
+from hubodo.gap.walk import scores, walked
 from hubodo.gap.wheel_phase import WINDOW, windows
 from hubodo.model.effects import BY_NAME
 from hubodo.model.frames import Array
 
 NAME = "gyro_rate_random_walk"
 _GRID = np.geomspace(1e-6, 3e-2, 28)
-# White input noise and rounding leave a little more than sensor noise in the means.
+# Rounding leaves a little more than sensor noise in the means.
 _WORTH = 3.0
 # A walk can pass for any slow drift: it has to be better than those by more than chance.
 _RELUCTANCE = 2.0
@@ -53,8 +53,9 @@ def _curve(rest: Rest) -> Array:
     """(28,) gain of ln likelihood of one node for each k of the grid."""
     total = np.zeros(len(_GRID))
     for mean, variance, steps in _means(rest):
-        scores = np.array([walked(mean, variance, steps, q, q * WINDOW).score for q in (0.0, *_GRID**2)])
-        total += scores[1:] - scores[0]
+        tried = np.array([0.0, *_GRID**2])
+        found = scores(mean, variance, steps, tried, tried * WINDOW)
+        total += found[1:] - found[0]
     return total
 
 
@@ -66,7 +67,8 @@ def _means(rest: Rest) -> Iterator[tuple[Array, Array, Array]]:
     for row in np.flatnonzero(rest.node.used[:3]):
         weight = (rest.noise.fresh & ~rest.node.clipped[row]) / rest.noise.found[row] ** 2
         information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
-        yield np.add.reduceat(weight * tamed[row], edges[:-1]) / information, 1.0 / information, steps
+        mean = np.add.reduceat(weight * tamed[row], edges[:-1]) / information
+        yield mean, 1.0 / information + rest.input_variance[row], steps
 
 
 def _steady(rest: Rest, k: float) -> bool:

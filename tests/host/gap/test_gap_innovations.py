@@ -1,0 +1,121 @@
+"""The filter of everything that wanders, against the same Gaussian written down as one large matrix."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hubodo.gap.innovations import Share, Walk, innovations
+from hubodo.gap.walk import scores, smoothed, walked
+
+WINDOW, BLOCK, COLUMNS = 0.5, 3, 2
+# A wheel whose first angle is unknown, something slow, and something that is new in each window.
+WALKS = (Walk(0.02, start=1e5), Walk(0.1, start=0.01), Walk(0.0, start=0.3, white=True))
+SEEDS = (1, 2, 3)
+
+
+def drawn(seed):
+    """Two nodes of uneven rates, one with nothing in two windows; what each feels of the walks differs."""
+    rng = np.random.default_rng(seed)
+    shares = []
+    for counts, at, feels in (((4, 3, 5, 4, 2, 4, 3), (0, 1), (0, 2)), ((3, 0, 2, 4, 4, 0, 5), (1,), (1, 2))):
+        edges = np.concatenate([[0], np.cumsum(counts)])
+        n = edges[-1]
+        shares.append(
+            Share(
+                edges,
+                rng.standard_normal((len(at), 6, n)).astype(np.float32),
+                at,
+                rng.standard_normal((6, n)),
+                rng.uniform(0.5, 2.0, (6, n)),
+                rng.standard_normal((len(feels), 6, n)),
+                feels,
+                0.3
+                * rng.standard_normal((len(feels), len(counts))).cumsum(axis=1)
+                * [[feels[0] == 0], [0.0]],
+            )
+        )
+    return shares
+
+
+def dense(shares):
+    """(y, X, A, S, path): all readings, columns, answers to walks in their windows, and the walks' prior."""
+    windows, count = len(shares[0].edges) - 1, len(WALKS)
+    ys, xs, answers = [], [], []
+    path = np.zeros((windows, count))
+    for share in shares:
+        path[:, list(share.feels)] = share.paths.T
+        for k in range(windows):
+            for n in range(share.edges[k], share.edges[k + 1]):
+                for row in range(6):
+                    w = share.weight[row, n]
+                    ys.append(w * share.rest[row, n])
+                    x, a = np.zeros(COLUMNS), np.zeros((windows, count))
+                    x[list(share.at)] = w * share.columns[:, row, n]
+                    a[k, list(share.feels)] = w * share.answers[:, row, n]
+                    xs.append(x)
+                    answers.append(a.ravel())
+    prior = np.zeros((windows, count, windows, count))
+    for c, walk in enumerate(WALKS):
+        later = np.minimum.outer(np.arange(windows), np.arange(windows))
+        one = np.eye(windows) * walk.start if walk.white else walk.start + walk.intensity * WINDOW * later
+        prior[:, c, :, c] = one
+    size = windows * count
+    return np.array(ys), np.array(xs), np.array(answers), prior.reshape(size, size), path.ravel()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
+    shares = drawn(seed)
+    # Residuals of more than six sigma would be pulled in.
+    shares = [replace(share, rest=share.rest / np.abs(share.rest * share.weight).max()) for share in shares]
+    y, x, a, prior, path = dense(shares)
+    found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK)
+    whole = np.eye(len(y)) + a @ prior @ a.T
+    # The residual was taken about the path: the reading beside the model without it.
+    both = np.column_stack([x, y + a @ path])
+    np.testing.assert_allclose(found.grams.sum(axis=0), both.T @ np.linalg.solve(whole, both), rtol=2e-5)
+    assert found.logs == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-6)
+    assert len(found.grams) == 3
+    # Nothing that was taken out can have added to what a column says.
+    assert found.raw[-1] == pytest.approx(y @ y, rel=1e-5)
+    assert (np.diag(found.grams.sum(axis=0))[:-1] < found.raw[:-1]).all()
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_the_walks_are_where_the_gaussian_expects_them(seed):
+    shares = drawn(seed)
+    shares = [replace(share, rest=share.rest / np.abs(share.rest * share.weight).max()) for share in shares]
+    y, _, a, prior, path = dense(shares)
+    found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK, smooth=True)
+    whole = np.eye(len(y)) + a @ prior @ a.T
+    expected = prior @ a.T @ np.linalg.solve(whole, y + a @ path) - path
+    np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_single_walk_scores_and_is_smoothed_as_the_gaussian_says(seed):
+    rng = np.random.default_rng(seed)
+    seen, variance, steps = rng.standard_normal(12), rng.uniform(0.1, 1.0, 12), rng.uniform(0.4, 0.6, 11)
+    intensities, starts = np.array([0.0, 0.05, 2.0]), np.array([0.3, 0.1, 5.0])
+    at = np.concatenate([[0.0], np.cumsum(steps)])
+    made = scores(seen, variance, steps, intensities, starts)
+    for one, q, start in zip(made, intensities, starts, strict=True):
+        prior = start + q * np.minimum.outer(at, at)
+        whole = prior + np.diag(variance)
+        density = -0.5 * (seen @ np.linalg.solve(whole, seen) + np.linalg.slogdet(whole)[1])
+        assert one == pytest.approx(density, abs=1e-9)
+        walk = walked(seen, variance, steps, q, start)
+        assert walk.score == pytest.approx(density, abs=1e-9)
+        np.testing.assert_allclose(smoothed(walk, steps, q), prior @ np.linalg.solve(whole, seen), atol=1e-9)
+
+
+def test_nothing_that_wanders_leaves_plain_products():
+    shares = [
+        replace(share, answers=share.answers[:0], feels=(), paths=share.paths[:0]) for share in drawn(1)
+    ]
+    y, x, _, _, _ = dense([replace(share, answers=share.answers, feels=()) for share in shares])
+    both = np.column_stack([x, y])
+    found = innovations(shares, (), COLUMNS, WINDOW, BLOCK)
+    np.testing.assert_allclose(found.grams.sum(axis=0), both.T @ both, rtol=1e-5)
+    assert found.logs == 0.0
