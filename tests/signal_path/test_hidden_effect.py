@@ -6,26 +6,33 @@ import math
 import numpy as np
 import pytest
 
+from gap_runs import gap
 from hubodo.cli import main
+from hubodo.log.convert import write_recording
 from hubodo.log.mcap import read_recording
 from virtual_runs import micropython_or_skip
 
 G, CAMBER, LIMIT = 9.80665, 0.15, 9.5
-MODEL = f"""
+# The least that the search for effects accepts, and a little.
+SECONDS = 22.0
+RIGHT = """
 [vehicle]
 wheel_radius = 0.165
 track_width = 0.55
 [imu]
 gyro_noise = 0.002
 accel_noise = 0.02
-[nodes.left]
-side = "left"
-facing = "left"
+[inputs]
+speed_noise = 0.001
+clock_sigma = 0.005
 [nodes.right]
 side = "right"
 facing = "left"
-[inputs]
-speed_noise = 0.001
+"""
+MODEL = f"""{RIGHT}
+[nodes.left]
+side = "left"
+facing = "left"
 [nodes.left.effects.wheel_camber]
 angle = {CAMBER}
 [nodes.left.effects.gyro_bias]
@@ -46,7 +53,7 @@ def ride(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hidden")
     (folder / "model.toml").write_text(MODEL)
     words = ["simulate", str(folder / "model.toml"), "-o", str(folder / "drive.mcap"), "--virtual-node"]
-    assert main([*words, "--duration", "8", "--seed", "2", "--json"]) == 0
+    assert main([*words, "--duration", str(SECONDS), "--seed", "2", "--json"]) == 0
     return read_recording(folder / "drive.mcap")
 
 
@@ -67,7 +74,7 @@ def resting(ride, node):
 def test_both_nodes_come_through_whole(ride):
     for node in ("left", "right"):
         t, _, _ = driving(ride, node)
-        assert len(t) == pytest.approx(8.0 * 416, rel=0.02)
+        assert len(t) == pytest.approx(SECONDS * 416, rel=0.02)
     assert json.loads(ride.metadata["simulated.seed"]) == 2
 
 
@@ -122,3 +129,13 @@ def test_the_reference_runs_on_the_clock_of_the_nodes(ride):
     spin = np.interp(at, t, gyro[:, 2]) * 0.165 * 1.05
     misfit = [np.std(spin - np.interp(at + shift, reference.t, v)) for shift in shifts]
     assert abs(shifts[int(np.argmin(misfit))]) < 0.03
+
+
+def test_the_search_names_the_larger_wheel_and_nothing_else(ride, tmp_path):
+    """From a model of the right node alone: more is wrong with the left one than so short a log shows."""
+    write_recording(ride, tmp_path / "drive.mcap")
+    (tmp_path / "model.toml").write_text(RIGHT)
+    made = gap(tmp_path / "out", tmp_path / "model.toml", tmp_path / "drive.mcap")
+    assert made.names == [("wheel_radius", "right")]
+    error = made.result["found"][0]["parameters"]["error"]
+    assert abs(error["value"] - 0.05) < 4.0 * error["sigma"]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hubodo.gap.linearised import settle
+from hubodo.gap.linearised import declared_walk, settle
 from hubodo.gap.posterior import NOTHING, UNLISTED, WIDE, log_evidence, posterior, priors
 from hubodo.gap.problem import Problem
 from hubodo.gap.refit import Refit, refit
@@ -24,6 +24,8 @@ from hubodo.model.frames import Array
 
 EMPIRICAL = "empirical"
 _REFITTED = 5
+# Where a wheel wanders so many times more than declared, so many more are refitted.
+_LOST, _STRICT = 30.0, 3
 # Structures without a name are fitted, so many of them, when they promise this share of the best gain.
 _STRUCTURES, _SHARE, _LEAST = 2, 0.4, 3.0
 # A refit that gains so many times what the linear model promised has found something else.
@@ -77,6 +79,14 @@ def look(
     before = refit(problem, state, weighed, rounds=1)
     screened = [it for it in screen(problem, before.state, weighed) if it.candidate.name not in reject]
     worth = _shortlist(screened, count)
+    believed = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
+    if any(weighed.walks[name] > _LOST * walk for name, walk in believed.items()):
+        # A wheel that turns another way than the model's passes for one that wanders, and what makes it turn
+        # so has nothing to explain: it has where only the declared wandering is allowed.
+        strict = screen(problem, before.state, replace(weighed, walks=believed))
+        known = {it.candidate.term.key for it in worth}
+        more = _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
+        worth += [it for it in more if it.candidate.term.key not in known]
     refits = [refit(problem, state_with(before.state, it.candidate.term), weighed) for it in worth]
     if refits:
         # All candidates are judged with wheels that wander as little as under the best of them.

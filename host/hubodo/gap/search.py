@@ -20,6 +20,7 @@ from hubodo.model.effects import EFFECTS
 from hubodo.model.forward import Start
 
 _MOST = 8
+_AGREED = 5
 # A fit may leave the gap this much larger: what is missing still may fit ill beside it.
 _NO_WORSE = 1.25
 
@@ -68,8 +69,7 @@ def search(
         if best is None or number == _MOST:
             break
         state = state_with(current.state if best.refit is None else best.refit.state, best.term)
-        fresh = reweigh(problem, settle(problem, state)[0])
-        tried = refit(problem, state, fresh)
+        tried, fresh = fitted(problem, state)
         if best.term.moves and not asked and _grown(problem, current, tried, fresh):
             # The wheel was lost on the way: what needs that is no explanation.
             rounds.pop()
@@ -82,6 +82,19 @@ def search(
 def _grown(problem: Problem, before: Refit, after: Refit, weighed: Weights) -> bool:
     was, made = (gap(traces(problem, one.state, weighed)) for one in (before, after))
     return made > _NO_WORSE * was
+
+
+def fitted(problem: Problem, state: State) -> tuple[Refit, Weights]:
+    """A fit and weights that agree with it: what moves a wheel rightly leaves it less to wander."""
+    weighed = reweigh(problem, settle(problem, state)[0])
+    made = refit(problem, state, weighed)
+    for _ in range(_AGREED):
+        fresh = reweigh(problem, made.state)
+        if all(fresh.walks[name] > 0.5 * walk for name, walk in weighed.walks.items()):
+            break
+        weighed = fresh
+        made = refit(problem, made.state, weighed)
+    return made, weighed
 
 
 def reweigh(problem: Problem, state: State) -> Weights:

@@ -14,7 +14,7 @@ from hubodo.gap.refit import Refit, refit
 from hubodo.gap.remaining import remaining
 from hubodo.gap.result import GapResult, Named, Shrink, Value, Verdict, by_channel
 from hubodo.gap.round import Rival, Round, look
-from hubodo.gap.search import Found, Say, initial_state, reweigh, search
+from hubodo.gap.search import Found, Say, fitted, initial_state, search
 from hubodo.gap.size import Trace, floor, gap, traces
 from hubodo.gap.state import State
 from hubodo.gap.terms import ALL, VEHICLE, Term
@@ -91,8 +91,8 @@ def reconsider(
             swapped = final.state.with_terms(without)
             if best is not None:
                 swapped = replace(swapped, terms=(*without, best.term))
-            weighed = reweigh(problem, swapped)
-            final, changed = refit(problem, swapped, weighed), True
+            final, weighed = fitted(problem, swapped)
+            changed = True
             break
         if not changed:
             break

@@ -102,8 +102,12 @@ class GyroWarmup(Effect):
         return GyroWarmup(x, y, z, math.exp(min(max(log_t, math.log(2.0)), math.log(1e5))))
 
     def surprise(self) -> float:
-        """A minute is usual, a factor of five is not rare; else a warm-up could pass for a bias or a ramp."""
-        return 0.5 * (math.log(self.time_constant / 60.0) / math.log(5.0)) ** 2
+        """A minute is usual, a factor of three is not rare; else a warm-up could pass for a bias or a ramp.
+
+        The chance of one that is at least as unusual.
+        """
+        off = abs(math.log(self.time_constant / 60.0)) / math.log(3.0)
+        return -math.log(max(math.erfc(off / math.sqrt(2.0)), 1e-300))
 
     def offset(self, chain: Chain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * -np.expm1(-chain.t / self.time_constant)

@@ -1,0 +1,70 @@
+"""Clocks that are known to some milliseconds: followed where that is declared, an effect where it is not."""
+
+import json
+
+import numpy as np
+import pytest
+
+from gap_matrix.make_case import make
+from gap_runs import changed_model, gap
+from hubodo.gap.problem import build
+from hubodo.gap.search import initial_state
+from hubodo.gap.sensitivity import late_column
+from hubodo.gap.state import predict_node, stacked
+from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.log.recording import Recording, Table
+from hubodo.model.effects import BY_NAME
+from hubodo.model.model_file import read_model
+
+SEED = 8
+LATE = {"left": 0.003, "right": -0.002}
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    """A larger wheel, and nodes whose stamps are late by LATE and wander by half a millisecond."""
+    folder = tmp_path_factory.mktemp("clocks")
+    hidden = make(folder / "case", SEED, ["wheel_radius"], factor=2.0, scope="left", duration=60.0)
+    read = read_folder(folder / "case")
+    nodes = {}
+    for name, table in read.nodes.items():
+        late = LATE[name] + 5e-4 * np.sin(2 * np.pi * table.t / 40.0)
+        nodes[name] = Table({**table.columns, "t": table.t + late})
+    write_folder(Recording(nodes, reference=read.reference), folder / "log")
+    return folder, hidden[0]
+
+
+def test_with_clocks_declared_loose_only_the_wheel_is_named(drive, tmp_path):
+    folder, hidden = drive
+    model = changed_model(
+        folder / "case",
+        tmp_path / "model.toml",
+        ("yaw_rate_noise = 0.0002", "yaw_rate_noise = 0.0002\nclock_sigma = 0.005"),
+    )
+    made = gap(tmp_path / "out", model, folder / "log")
+    assert made.code == 0, made.err
+    assert made.names == [("wheel_radius", "left")]
+    error = made.result["found"][0]["parameters"]["error"]
+    assert abs(error["value"] - hidden.parameters["error"]) < 4.0 * error["sigma"]
+    # What it wrote knows its clocks as well, and needs nothing more.
+    again = gap(tmp_path / "again", tmp_path / "out" / "model.toml", folder / "log")
+    assert (again.result["verdict"], again.names) == ("no_gap", []), json.dumps(again.result["remaining"])
+
+
+def test_with_one_clock_for_all_the_delays_are_named(drive, tmp_path):
+    folder, _ = drive
+    made = gap(tmp_path / "out", folder / "case" / "model.toml", folder / "log")
+    assert {("time_offset", "left"), ("time_offset", "right"), ("wheel_radius", "left")} <= set(made.names)
+
+
+@pytest.mark.parametrize("by", [1e-4, -2e-3])
+def test_the_column_of_a_late_clock_is_the_slope_of_the_readings_in_time(drive, by):
+    """Against the model with every stamp moved, to first order."""
+    folder, _ = drive
+    problem = build(read_folder(folder / "case"), read_model(folder / "case" / "model.toml"))
+    node, state = problem.nodes[0], initial_state(problem)
+    moved = stacked(predict_node(node, [BY_NAME["time_offset"](delay=by)], state))
+    plain = stacked(predict_node(node, [], state))
+    column = late_column(problem, node, state)
+    second_order = np.abs(moved - plain - by * column).max(axis=1)
+    assert (second_order < 0.02 * np.abs(moved - plain).max(axis=1) * max(1.0, abs(by) / 1e-4)).all()
