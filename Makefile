@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench papers accuracy gap-matrix setup clean
+.PHONY: demo test check bench papers accuracy gap-matrix gap-rides setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -39,6 +39,10 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; an hour or more
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
+
+gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some ten minutes
+	$(BIN)/python tests/signal_path/hidden.py
+	$(BIN)/python tests/replay/wheelchair_gap.py
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

@@ -10,6 +10,24 @@ from hubodo.cli import main
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.recording import Recording, Table
 
+WHEELCHAIR = """[vehicle]
+wheel_radius = 0.31
+track_width = {track_width}
+[imu]
+gyro_noise = 0.004
+accel_noise = 0.05
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+[inputs]
+speed = "nodes"
+yaw_rate = "frame.gz"
+"""
+"""A wheelchair of which only the radius and the track are known, driven by what its gyros read."""
+
 
 @dataclass(frozen=True)
 class Run:

@@ -8,9 +8,14 @@ import pytest
 _ROOT = Path(__file__).resolve().parents[1]
 
 
+def where(name: str) -> Path:
+    """Folder in which a recording is, where it is anywhere."""
+    return Path(os.environ.get("HUBODO_SHARED", _ROOT.parent / "shared")) / "data" / name
+
+
 def shared_data(name: str) -> Path:
     """Folder of one real recording; skips the test where it is absent, fails it where CI is set."""
-    folder = Path(os.environ.get("HUBODO_SHARED", _ROOT.parent / "shared")) / "data" / name
+    folder = where(name)
     if folder.is_dir():
         return folder
     text = f"recording {name!r} is not at {folder}; set HUBODO_SHARED to the folder that holds data/"

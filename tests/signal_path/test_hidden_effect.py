@@ -5,55 +5,22 @@ import math
 
 import numpy as np
 import pytest
+from hidden_ride import CAMBER, LIMIT, RIGHT, SECONDS, SEED
 
 from gap_runs import gap
-from hubodo.cli import main
 from hubodo.log.convert import write_recording
 from hubodo.log.mcap import read_recording
 from virtual_runs import micropython_or_skip
 
-G, CAMBER, LIMIT = 9.80665, 0.15, 9.5
-# The least that the search for effects accepts, and a little.
-SECONDS = 22.0
-RIGHT = """
-[vehicle]
-wheel_radius = 0.165
-track_width = 0.55
-[imu]
-gyro_noise = 0.002
-accel_noise = 0.02
-[inputs]
-speed_noise = 0.001
-clock_sigma = 0.005
-[nodes.right]
-side = "right"
-facing = "left"
-"""
-MODEL = f"""{RIGHT}
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.left.effects.wheel_camber]
-angle = {CAMBER}
-[nodes.left.effects.gyro_bias]
-x = 0.03
-[nodes.left.effects.outliers]
-probability = 0.02
-sigma = 60.0
-[nodes.left.effects.accel_saturation]
-limit = {LIMIT}
-[nodes.right.effects.wheel_radius]
-error = 0.05
-"""
+G = 9.80665
 
 
 @pytest.fixture(scope="module")
-def ride(tmp_path_factory):
+def ride(hidden_ride):
     micropython_or_skip()
-    folder = tmp_path_factory.mktemp("hidden")
-    (folder / "model.toml").write_text(MODEL)
-    words = ["simulate", str(folder / "model.toml"), "-o", str(folder / "drive.mcap"), "--virtual-node"]
-    assert main([*words, "--duration", str(SECONDS), "--seed", "2", "--json"]) == 0
+    process, folder = hidden_ride
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
     return read_recording(folder / "drive.mcap")
 
 
@@ -75,7 +42,7 @@ def test_both_nodes_come_through_whole(ride):
     for node in ("left", "right"):
         t, _, _ = driving(ride, node)
         assert len(t) == pytest.approx(SECONDS * 416, rel=0.02)
-    assert json.loads(ride.metadata["simulated.seed"]) == 2
+    assert json.loads(ride.metadata["simulated.seed"]) == SEED
 
 
 def test_the_lean_of_one_wheel_is_in_its_log_and_not_in_the_other(ride):

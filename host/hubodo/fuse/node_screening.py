@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.fuse.windows import LONGEST_STEP
 from hubodo.log.recording import Table
 from hubodo.model.frames import Array
 
@@ -16,9 +17,6 @@ _FROZEN = 0.5
 
 _OTHER_TURNS = 0.1
 """rad/s of spread in the rates of the other wheel, by which a vehicle is known to move."""
-
-_GAP = 0.08
-"""s between samples; what is longer is a gap, as for `windows`."""
 
 _RUN = 20
 _CROWDED = 0.6
@@ -44,11 +42,11 @@ def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, .
 
 def own_gaps(tables: Sequence[Table]) -> list[list[float]]:
     """Times, s, at which gaps begin that no other table has at that time, for each table."""
-    starts = [table.t[:-1][np.diff(table.t) > _GAP] for table in tables]
+    starts = [table.t[:-1][np.diff(table.t) > LONGEST_STEP] for table in tables]
     found = []
     for own in starts:
         others = np.concatenate([np.empty(0), *(other for other in starts if other is not own)])
-        near = np.abs(own[:, None] - others[None, :]) < _GAP
+        near = np.abs(own[:, None] - others[None, :]) < LONGEST_STEP
         found.append(own[~near.any(axis=1)].tolist())
     return found
 

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.fuse import phase
+from hubodo.fuse.fixed_lag import gain
 from hubodo.fuse.phase import VEHICLE_STATES, WHEEL_STATES
 from hubodo.fuse.wheel_config import WheelConfig
 from hubodo.fuse.wheel_step import POSE_STATES, Kept, Pose, WheelStep
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from hubodo.fuse.wheel_filter import Step
 
 _STRETCH = 200
-_ROUNDING = 1e-10
 
 
 class _Record(NamedTuple):
@@ -71,23 +70,12 @@ def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]
 def _step_back(record: _Record, later: _Record, x: Array, p: Array) -> tuple[Array, Array]:
     """Smoothed states after `record`'s measurements, from those (x, p) after the measurements of the
     `later` one."""
-    forward = record.transition.copy()
-    forward[later.kept.renewed] = 0.0
-    prior = later.kept.prior_p
-    known = np.flatnonzero(np.diag(prior) > 0.0)
-    scale = np.sqrt(np.diag(prior)[known])
-    alike = prior[np.ix_(known, known)] / np.outer(scale, scale)
-    alike[np.diag_indices(len(known))] += _ROUNDING
-    across = (forward @ record.kept.p)[known] / scale[:, None]
-    gain = (cho_solve(cho_factor(alike, lower=True), across) / scale[:, None]).T
-    ahead = (x - np.array(later.kept.prior_x))[known]
-    for place in np.flatnonzero(
-        (known >= VEHICLE_STATES) & ((known - VEHICLE_STATES) % WHEEL_STATES == phase.ANGLE)
-    ):
-        ahead[place] = math.remainder(ahead[place], 2.0 * math.pi)
-    change = p[np.ix_(known, known)] - prior[np.ix_(known, known)]
-    smoothed = record.kept.p + gain @ change @ gain.T
-    return np.array(record.kept.x) + gain @ ahead, 0.5 * (smoothed + smoothed.T)
+    back = gain(record.kept, record.transition, later.kept)
+    ahead = x - np.array(later.kept.prior_x)
+    for angle in range(VEHICLE_STATES + phase.ANGLE, len(ahead), WHEEL_STATES):
+        ahead[angle] = math.remainder(ahead[angle], 2.0 * math.pi)
+    smoothed = record.kept.p + back @ (p - later.kept.prior_p) @ back.T
+    return np.array(record.kept.x) + back @ ahead, 0.5 * (smoothed + smoothed.T)
 
 
 def _pose(record: _Record, x: Array, p: Array) -> Pose:

@@ -18,7 +18,9 @@ mrad/(rad/s)."""
 LONGEST_GAP = 3600.0
 """s; a sample that is later than that after the one before is taken for a jump of the clock and left out."""
 
-_LONGEST_STEP = 0.08
+LONGEST_STEP = 0.08
+"""s between samples; what is longer is a gap."""
+
 _PORTION = 4096
 """Samples worked at a time: what is made of them stays in the processor's cache."""
 
@@ -156,7 +158,7 @@ class WindowBuilder:
         angle = np.cumsum(totals[_GZ])
         rows = np.concatenate([rows_before, self._integrands(gyro, accel, angle[1:], sign)], axis=1)
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
-        totals[-1, 1:] = np.where(step > _LONGEST_STEP, step, 0.0)
+        totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
         windows = self._cut(t, rows, totals)
         self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())

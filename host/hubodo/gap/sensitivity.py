@@ -47,9 +47,9 @@ class Direction:
 def columns(problem: Problem, state: State, directions: Sequence[Direction]) -> dict[str, Array]:
     """For each node (P, 6, N) float32: change of its channels for a move by a scale along each direction."""
     effects = effects_of(problem, state.terms)
-    correction = speed_correction(problem, effects)
+    given = speed_correction(problem, effects)
     base = {
-        node.name: stacked(predict_node(node, effects[node.name].values(), state, correction))
+        node.name: stacked(predict_node(node, effects[node.name].values(), state, given))
         for node in problem.nodes
     }
     made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in problem.nodes}
@@ -58,10 +58,13 @@ def columns(problem: Problem, state: State, directions: Sequence[Direction]) -> 
         moved: dict[str, Mapping[type[Effect], Effect]] = {
             name: _with(of, there) if direction.node in ("", name) else of for name, of in effects.items()
         }
-        if problem.measured_by:
+        correction = given
+        if given is not None and direction.node in ("", *problem.measured_by):
             correction = speed_correction(problem, moved)
+        # What changes the speed that the gyros of one node measured is felt by all the others.
+        shared = given is not None and correction is not None and (correction.speed != given.speed).any()
         for node in problem.nodes:
-            if problem.measured_by or direction.node in ("", node.name):
+            if shared or direction.node in ("", node.name):
                 change = stacked(predict_node(node, moved[node.name].values(), state, correction))
                 change -= base[node.name]
                 made[node.name][k] = change / _MOVE

@@ -43,6 +43,7 @@ speed = "reference.speed"
 yaw_rate = "reference.yaw_rate"
 speed_noise = 0.0005
 yaw_rate_noise = 0.0002
+clock_sigma = 0.002
 [effects.gyro_bias]
 z = 0.002
 [effects.wheel_radius]
@@ -61,7 +62,7 @@ def written(folder, text):
 def test_a_model_file_is_read_with_units_as_they_stand(tmp_path):
     model = read_model(written(tmp_path, TEXT))
     assert model.noise == Noise(0.004, 0.05)
-    assert model.inputs == InputNames("reference.speed", "reference.yaw_rate", 0.0005, 0.0002)
+    assert model.inputs == InputNames("reference.speed", "reference.yaw_rate", 0.0005, 0.0002, 0.002)
     assert model.vehicle == load_vehicle(tmp_path / "model.toml")
     assert model.effects == (
         Scoped(WheelRadius(0.01)),
@@ -123,6 +124,8 @@ def test_the_name_of_an_input_has_a_source_and_a_channel(name, parts):
         ("[imu]\ngyro_noise = 0.004\naccel_noise = 0.05", "", "[imu] is missing"),
         ("speed_noise", "sped_noise", "did you mean 'speed_noise'"),
         ("speed_noise = 0.0005", "speed_noise = -1", "0 or more"),
+        ("clock_sigma = 0.002", "clock_sigma = -1", "0 or more"),
+        ("clock_sigma", "clok_sigma", "did you mean 'clock_sigma'"),
         ('"reference.speed"', '"refrence.speed"', "did you mean 'reference.speed'"),
         ('"reference.speed"', '"reference.sped"', "did you mean 'reference.speed'"),
         ('"reference.speed"', '"nodes.lef.gz"', "did you mean 'nodes.left.gz'"),

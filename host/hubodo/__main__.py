@@ -1,0 +1,8 @@
+"""`python -m hubodo`, for where the command is not on the path."""
+
+import sys
+
+from hubodo.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

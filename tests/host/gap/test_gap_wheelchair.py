@@ -1,0 +1,47 @@
+"""A real wheelchair, driven by nothing but its own gyros: what a model without effects lacks first."""
+
+import pytest
+
+from gap_runs import WHEELCHAIR
+from hubodo.gap.linearised import settle
+from hubodo.gap.problem import build
+from hubodo.gap.round import look
+from hubodo.gap.search import initial_state, reweigh
+from hubodo.gap.size import gap, traces
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.recording import Recording, Table
+from hubodo.model.model_file import read_model
+from shared_data import shared_data
+
+# Samples that are kept: 100 Hz are as good as 400 for what leans, and four times as fast.
+EVERY = 4
+
+
+@pytest.fixture(scope="module")
+def first_round(tmp_path_factory):
+    """(round, its problem)"""
+    read = read_folder(shared_data("wheelchair"))
+    thin = {
+        name: Table({column: values[::EVERY] for column, values in table.columns.items()})
+        for name, table in read.nodes.items()
+    }
+    path = tmp_path_factory.mktemp("wheelchair") / "model.toml"
+    path.write_text(WHEELCHAIR.format(track_width=0.92), "utf-8")
+    problem = build(Recording(thin), read_model(path))
+    state, _ = settle(problem, initial_state(problem))
+    return look(problem, state, reweigh(problem, state)), problem
+
+
+def test_the_wheels_of_a_sports_wheelchair_lean(first_round):
+    """Such chairs are built with 15 to 20 degrees of camber; both wheels of one chair have the same."""
+    made, _ = first_round
+    assert made.best is not None
+    assert made.best.label == ("wheel_camber", "all")
+    assert made.best.probability > 0.99
+    assert 0.26 < made.best.term.effect.values()["angle"] < 0.36
+
+
+def test_with_that_the_gap_is_little_more_than_half(first_round):
+    made, problem = first_round
+    before, after = (gap(traces(problem, one.state, made.weights)) for one in (made.before, made.best.refit))
+    assert after < 0.6 * before

@@ -1,0 +1,41 @@
+"""What a model without any effect lacks to explain a real wheelchair: both wheels and the frame, 400 Hz.
+
+    python tests/replay/wheelchair_gap.py [-o out/wheelchair-gap] [--track-width 0.92]
+
+Nothing but the gyros of the log drives the model: the speed is that of both wheels, the yaw rate the frame's.
+"""
+
+# ruff: noqa: E402 (the tests' own modules lie one folder up)
+
+import argparse
+import sys
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from gap_runs import WHEELCHAIR
+from hubodo.cli import main as hubodo
+from shared_data import where
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", dest="out", type=Path, default=Path("out/wheelchair-gap"))
+    parser.add_argument("--track-width", type=float, default=0.92, help="m, between the contacts")
+    args = parser.parse_args(argv)
+    folder = where("wheelchair")
+    if not folder.is_dir():
+        print(
+            f"{folder}: no recording there; set HUBODO_SHARED to the folder that holds data/", file=sys.stderr
+        )
+        return 2
+    args.out.mkdir(parents=True, exist_ok=True)
+    model = args.out / "start.toml"
+    model.write_text(WHEELCHAIR.format(track_width=args.track_width), "utf-8")
+    return hubodo(["gap", str(model), str(folder), "-o", str(args.out)])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
