@@ -25,6 +25,8 @@ SHORTEST = 20.0
 _LEVEL = 1.04
 # So many equal largest readings are no chance.
 _PILED = 6
+# An input may scatter by so many times what is declared; less than so much of a gyro's noise is not felt.
+_MORE, _FELT = 1.5, 0.1
 
 
 @dataclass(frozen=True)
@@ -64,40 +66,21 @@ class NodeData:
 class Problem:
     """Everything a search for effects works on.
 
-    speed_period, yaw_rate_period: s between samples of the inputs. measured_by: nodes whose z gyro is the
+    speed_noise m/s, yaw_rate_noise rad/s: 1 sigma of a sample of the inputs. speed_period, yaw_rate_period: s
+    between those. measured_by: nodes whose z gyro is the
     speed input, () when the log has a reference. warnings: one line each.
     """
 
     model: Model
     nodes: tuple[NodeData, ...]
     inputs: Inputs
+    speed_noise: float
+    yaw_rate_noise: float
     speed_period: float
     yaw_rate_period: float
     duration: float
     measured_by: tuple[str, ...]
     warnings: tuple[str, ...]
-
-    @property
-    def speed_noise(self) -> float:
-        """m/s: 1 sigma of a sample of the speed input; none is left where it is one level.
-
-        What gyros measured and for which nothing is declared has the noise of gyros.
-        """
-        if self.inputs.speed.noise <= 0.0:
-            return 0.0
-        of_gyros = (
-            self.model.noise.gyro * self.model.vehicle.wheel_radius / max(len(self.measured_by), 1) ** 0.5
-        )
-        return self.model.inputs.speed_noise or (of_gyros if self.measured_by else 0.0)
-
-    @property
-    def yaw_rate_noise(self) -> float:
-        """rad/s: the same of the yaw rate."""
-        if self.inputs.yaw_rate.noise <= 0.0:
-            return 0.0
-        source = self.model.inputs.yaw_rate
-        of_gyros = isinstance(source, str) and split_input(source)[0] != "reference"
-        return self.model.inputs.yaw_rate_noise or (self.model.noise.gyro if of_gyros else 0.0)
 
 
 def build(recording: Recording, model: Model, where: str = "log") -> Problem:
@@ -157,16 +140,47 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
     if not any(node.used.any() for node in nodes):
         raise InputError(f"{where}: no channel of any node changes; nothing was measured")
     warnings += check(nodes, inputs, measured_by, where)
+    gyro, radius = model.noise.gyro, model.vehicle.wheel_radius
+    of_gyros = radius * gyro / len(measured_by) ** 0.5 if measured_by else 0.0
+    declared = model.inputs.speed_noise or of_gyros
+    speed_noise = _input_noise(model.inputs.speed, "m/s", speed, declared, _FELT * radius * gyro, warnings)
+    declared = model.inputs.yaw_rate_noise or (gyro if _is_gyro(model.inputs.yaw_rate) else 0.0)
+    yaw_noise = _input_noise(model.inputs.yaw_rate, "rad/s", yaw_rate, declared, _FELT * gyro, warnings)
     return Problem(
         model,
         tuple(nodes),
         inputs,
+        speed_noise,
+        yaw_noise,
         _period(recording, model.inputs.speed),
         _period(recording, model.inputs.yaw_rate),
         last - first,
         measured_by,
         tuple(warnings),
     )
+
+
+def _is_gyro(name: str | float) -> bool:
+    return isinstance(name, str) and split_input(name)[0] != "reference"
+
+
+def _input_noise(
+    name: str | float, unit: str, source: Smooth, declared: float, felt: float, warnings: list[str]
+) -> float:
+    """1 sigma of a sample of an input; none is left where it is one level.
+
+    What gyros measured has the noise of gyros where nothing is declared. Where the samples scatter more than
+    declared, and enough to be felt, they are believed, and that is said.
+    """
+    if source.noise <= 0.0:
+        return 0.0
+    if source.noise <= max(_MORE * declared, felt):
+        return declared
+    warnings.append(
+        f"{name} scatters by {source.noise:.2g} {unit} from sample to sample, more than the {declared:.2g} "
+        "that [inputs] declares: taken for its noise; correct it there"
+    )
+    return source.noise
 
 
 def pile_up(y: Array) -> float:

@@ -48,3 +48,14 @@ def test_without_a_reference_the_gyros_of_the_log_drive_the_model(tmp_path):
     made = gap(tmp_path / "out", model, tmp_path / "log")
     assert made.code == 0, made.err
     assert made.names[:1] == [("lever_arm", "left")]
+
+
+def test_an_input_that_scatters_more_than_declared_is_said_and_not_taken_for_an_effect(nothing, tmp_path):
+    model = changed_model(nothing, tmp_path / "model.toml", ("speed_noise = 0.0005", "speed_noise = 0.00001"))
+    made = gap(tmp_path / "out", model, nothing)
+    assert made.names == []
+    said = [line for line in made.result["warnings"] if line.startswith("reference.speed scatters by 0.00")]
+    assert len(said) == 1
+    assert 0.0004 < float(said[0].split()[3]) < 0.0006
+    as_declared = gap(tmp_path / "declared", nothing / "model.toml", nothing)
+    assert not any("scatters" in line for line in as_declared.result["warnings"])
