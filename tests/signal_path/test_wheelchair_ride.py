@@ -1,104 +1,21 @@
 """A real ride on two wheels through chip registers, firmware, pseudo serial ports, daemon, log and fusion."""
 
-import gzip
-import json
 import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, hubodo, read_csv
 
 from hubodo.flash.image import build, firmware_folder
-from hubodo.model.chips.sampling import Truth
-from hubodo.model.motion import RecordedMotion
-from hubodo.model.virtual_node import VirtualNode
 from hubowire.messages import node_name
 from shared_data import shared_data
 
-WHEELS = {"left": 1, "right": 2}
-ODR_ERROR = {"left": 0.031, "right": -0.017}
-START = 2.0  # s of chip time at which the ride begins: by then the daemon listens
-VEHICLE = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-"""
-
-
-def hubodo(*words: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hubodo.cli", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
-def read_csv(path: Path) -> dict[str, np.ndarray]:
-    opener = gzip.open if path.suffix == ".gz" else open
-    with opener(path, "rt") as stream:
-        names = stream.readline().strip().split(",")
-    data = np.loadtxt(path, delimiter=",", skiprows=1)
-    return dict(zip(names, data.T, strict=True))
-
-
-def recorded_motion(path: Path) -> RecordedMotion:
-    ride = read_csv(path)
-    gyro = np.column_stack([ride["gx"], ride["gy"], ride["gz"]])
-    accel = np.column_stack([ride["ax"], ride["ay"], ride["az"]])
-    return RecordedMotion(ride["t"], gyro, accel, temperature_c=ride["temperature"], start=START)
-
-
-@dataclass(frozen=True)
-class Ride:
-    """What one run through the whole path left behind."""
-
-    folder: Path
-    truth: dict[str, Truth]
-    result: dict
-    stats: dict[str, dict]
-
 
 @pytest.fixture(scope="module")
-def ride(tmp_path_factory) -> Ride:
-    data = shared_data("wheelchair")
-    folder = tmp_path_factory.mktemp("ride")
-    image = folder / "image"
-    for name, content in build(firmware_folder(), None).items():
-        (image / name).parent.mkdir(parents=True, exist_ok=True)
-        (image / name).write_bytes(content)
-    (folder / "vehicle.toml").write_text(VEHICLE)
-    nodes = {
-        name: VirtualNode(
-            recorded_motion(data / f"{name}.csv.gz"),
-            firmware=image,
-            config={"node_id": number, "rate_hz": 416},
-            odr_error=ODR_ERROR[name],
-            clock="paced",
-            wait_for_host=True,
-            link_path=folder / f"tty-{name}",
-            seed=number,
-        )
-        for name, number in WHEELS.items()
-    }
-    try:
-        for node in nodes.values():
-            node.start()
-        ports = [f"{name}={folder / f'tty-{name}'}" for name in WHEELS]
-        done = hubodo("record", *ports, "-o", folder / "ride.mcap", "--vehicle", folder / "vehicle.toml",
-                      "--duration", 39, "--json")  # fmt: skip
-        truth = {name: node.chip.truth() for name, node in nodes.items()}
-        stats = {name: node.stats for name, node in nodes.items()}
-    finally:
-        for node in nodes.values():
-            node.stop()
-    assert done.returncode == 0, done.stderr
-    return Ride(folder, truth, json.loads(done.stdout), stats)
+def ride(wheelchair_ride) -> Ride:
+    shared_data("wheelchair")
+    return wheelchair_ride.result(timeout=240)
 
 
 def exported(ride: Ride) -> Path:

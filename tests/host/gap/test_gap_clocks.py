@@ -28,7 +28,7 @@ def drive(tmp_path_factory):
     read = read_folder(folder / "case")
     nodes = {}
     for name, table in read.nodes.items():
-        late = LATE[name] + 5e-4 * np.sin(2 * np.pi * table.t / 40.0)
+        late = LATE[name] + 5e-4 * np.sin(2 * np.pi * table.t / 30.0)
         nodes[name] = Table({**table.columns, "t": table.t + late})
     write_folder(Recording(nodes, reference=read.reference), folder / "log")
     return folder, hidden[0]
