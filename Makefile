@@ -37,7 +37,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/allan_truth.py
 
-gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; an hour or more
+gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
 gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some ten minutes
