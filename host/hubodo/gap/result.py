@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-import numpy as np
-
 from hubodo.gap.search import Found
 from hubodo.gap.size import Trace
 from hubodo.gap.terms import Term
@@ -131,8 +129,3 @@ def by_channel(named: Named) -> list[Named]:
         effect = f"{PREFIX}{named.scope}.{channel} ~ {term}"
         made.append(replace(named, effect=effect, parameters=own))
     return made
-
-
-def finite(value: float) -> float | None:
-    """A number that JSON can hold, or None."""
-    return float(value) if np.isfinite(value) else None
