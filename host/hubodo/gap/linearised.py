@@ -105,18 +105,20 @@ def linearise(
 
 
 def solved(inner: Array, raw: Array) -> Array:
-    """The inverse of information, (k, k), where there is any.
+    """The inverse of information, (k, k), where there is any; zero for coordinates that are frozen.
 
-    What is left of a column, raw: (k,), once walks and other columns are taken out may be rounding alone:
-    such combinations are not moved, their covariance is zero.
+    What is left of a column, raw: (k,), once walks and other columns are taken out may be rounding alone. The
+    coordinates that say most go first (Cholesky with pivots), and what the others then do not see is frozen.
     """
-    size = np.sqrt(np.maximum(raw, 1e-12))
-    values, vectors = np.linalg.eigh(inner / np.outer(size, size))
-    seen = values > _ROUNDING
-    half = vectors[:, seen] / np.sqrt(values[seen]) / size[:, None]
-    covariance = half @ half.T
-    # No coordinate is better known than alone and with nothing taken out, unless it was frozen.
-    frozen = np.diag(covariance) * raw < 0.9
-    covariance[frozen] = 0.0
-    covariance[:, frozen] = 0.0
-    return np.asarray(covariance)
+    left, seen = inner.copy(), list[int]()
+    for _ in range(len(raw)):
+        worth = np.diag(left) * (np.diag(left) > _ROUNDING * np.maximum(raw, 1e-12))
+        worth[seen] = 0.0
+        first = int(np.argmax(worth))
+        if worth[first] <= 0.0:
+            break
+        seen.append(first)
+        left -= np.outer(left[first], left[first]) / left[first, first]
+    covariance = np.zeros_like(inner)
+    covariance[np.ix_(seen, seen)] = np.linalg.inv(inner[np.ix_(seen, seen)])
+    return covariance

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hubodo.gap.bootstrap import Chance
 from hubodo.gap.linearised import declared_walk, settle
 from hubodo.gap.posterior import NOTHING, UNLISTED, WIDE, log_evidence, posterior, priors
 from hubodo.gap.problem import Problem
@@ -53,14 +54,16 @@ class Rival:
 class Round:
     """One round: the state it began with, its rivals, the most probable first, and the chance of nothing.
 
-    screened: every candidate as the linear model saw it, the best first.
+    screened: every candidate as the linear model saw it, the best first. chance: what the best of them would
+    gain by chance.
     """
 
     before: Refit
     weights: Weights
     rivals: tuple[Rival, ...]
     nothing: float
-    screened: tuple[Screened, ...] = ()
+    screened: tuple[Screened, ...]
+    chance: Chance
 
     @property
     def best(self) -> Rival | None:
@@ -77,13 +80,14 @@ def look(
 ) -> Round:
     """One round from a state. reject: names that are not considered, `empirical` for all without a name."""
     before = refit(problem, state, weighed, rounds=1)
-    screened = [it for it in screen(problem, before.state, weighed) if it.candidate.name not in reject]
+    screening = screen(problem, before.state, weighed)
+    screened = [it for it in screening.candidates if it.candidate.name not in reject]
     worth = _shortlist(screened, count)
     believed = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
     if any(weighed.walks[name] > _LOST * walk for name, walk in believed.items()):
         # A wheel that turns another way than the model's passes for one that wanders, and what makes it turn
         # so has nothing to explain: it has where only the declared wandering is allowed.
-        strict = screen(problem, before.state, replace(weighed, walks=believed))
+        strict = screen(problem, before.state, replace(weighed, walks=believed)).candidates
         known = {it.candidate.term.key for it in worth}
         more = _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
         worth += [it for it in more if it.candidate.term.key not in known]
@@ -112,7 +116,25 @@ def look(
     rows = [_named(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rows += [_scattered(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rows += [_unnamed(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    return replace(_judged(before, weighed, rows), screened=tuple(screened))
+    rivals, nothing = _judged(rows)
+    chance = screening.chance
+    if rivals and rivals[0].refit is not None and nothing < 1.0 - DECIDED:
+        if _by_chance(chance, rivals[0]) >= 1.0 - DECIDED:
+            # Blocks in which the effect itself is at work make much of what chance could do: without them.
+            chance = screen(problem, rivals[0].refit.state, weighed).chance
+        rivals, nothing = _no_surer(rivals, nothing, _by_chance(chance, rivals[0]))
+    return Round(before, weighed, rivals, nothing, tuple(screened), chance)
+
+
+def _by_chance(chance: Chance, rival: Rival) -> float:
+    return chance.p_value(rival.gain, len(rival.term.effect.coordinates()))
+
+
+def _no_surer(rivals: tuple[Rival, ...], nothing: float, p_value: float) -> tuple[tuple[Rival, ...], float]:
+    """Nothing is at least as likely as that chance brings as much as the best."""
+    more = max(nothing, p_value)
+    share = (1.0 - more) / (1.0 - nothing)
+    return tuple(replace(it, probability=share * it.probability) for it in rivals), more
 
 
 def _gain(before: Refit, made: Refit) -> float:
@@ -152,9 +174,8 @@ def _unnamed(before: Refit, structure: Structure, made: Refit, tempering: float)
     return Rival(term, gain, gain / tempering - (structure.gain - structure.evidence), 0.0, made)
 
 
-def _judged(before: Refit, weighed: Weights, rows: list[Rival]) -> Round:
-    if not rows:
-        return Round(before, weighed, (), 1.0)
+def _judged(rows: list[Rival]) -> tuple[tuple[Rival, ...], float]:
+    """The rivals with their probabilities, the most probable first, and that of nothing."""
     names = [row.term.effect.name for row in rows]
     prior = [
         UNLISTED if name.startswith(PREFIX) else one
@@ -163,8 +184,7 @@ def _judged(before: Refit, weighed: Weights, rows: list[Rival]) -> Round:
     scores = {str(k): row.evidence + prior[k] for k, row in enumerate(rows)}
     share = posterior({**scores, "nothing": NOTHING})
     rivals = [replace(row, probability=share[str(k)]) for k, row in enumerate(rows)]
-    rivals.sort(key=lambda it: -it.probability)
-    return Round(before, weighed, tuple(rivals), share["nothing"])
+    return tuple(sorted(rivals, key=lambda it: -it.probability)), share["nothing"]
 
 
 def _evidence(screened: Screened, information: Array, gain: float, tempering: float) -> float:

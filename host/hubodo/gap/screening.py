@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.gap.bootstrap import Chance, ScoreTest, chance
 from hubodo.gap.candidates import Candidate, all_directions, candidates, term_directions
 from hubodo.gap.linearised import linearise, solved
 from hubodo.gap.posterior import log_evidence
@@ -28,8 +29,16 @@ class Screened:
     information: Array
 
 
-def screen(problem: Problem, state: State, weights: Weights) -> list[Screened]:
-    """Every candidate beside what the state has already, the best first."""
+@dataclass(frozen=True)
+class Screening:
+    """candidates: the best first. chance: what the best of them would gain by chance."""
+
+    candidates: list[Screened]
+    chance: Chance
+
+
+def screen(problem: Problem, state: State, weights: Weights) -> Screening:
+    """Every candidate beside what the state has already."""
     free = [term for term in state.terms if term.moves]
     directions = all_directions(problem, state)
     own, basis = term_directions(problem, free)
@@ -38,31 +47,32 @@ def screen(problem: Problem, state: State, weights: Weights) -> list[Screened]:
     fitted = np.zeros((len(gram), basis.shape[1] + linear.nuisances))
     fitted[len(directions) : len(directions) + len(own), : basis.shape[1]] = basis
     fitted[linear.always, range(basis.shape[1], fitted.shape[1])] = 1.0
-    gram = _projected(gram, fitted)
+    beside = _beside(gram, fitted)
+    scores = linear.blocks @ beside[:, -1] @ beside
+    gram = beside.T @ gram @ beside
     fitted_keys = {term.key for term in free}
-    made = []
+    made, tests = [], []
     for candidate in candidates(problem, directions):
         if candidate.term.key in fitted_keys:
             continue
-        made.append(_judge(gram, linear.raw, candidate))
+        one, test = _judge(gram, linear.raw, candidate)
+        made.append(one)
+        tests.append(test)
     made.sort(key=lambda it: -it.evidence)
-    return made
+    return Screening(made, chance(scores, tests))
 
 
-def _projected(gram: Array, fitted: Array) -> Array:
-    """The gram with moves along the columns of `fitted`, (D, f), taken out."""
-    if not fitted.shape[1]:
-        return gram
+def _beside(gram: Array, fitted: Array) -> Array:
+    """(D, D) each column less what moves along the columns of `fitted`, (D, f), do for it."""
     rows = fitted.T @ gram
-    inner = rows @ fitted
-    values, vectors = np.linalg.eigh(inner)
+    values, vectors = np.linalg.eigh(rows @ fitted)
     kept = values > 1e-6
-    half = (vectors[:, kept] / np.sqrt(values[kept])).T @ rows
-    return np.asarray(gram - half.T @ half)
+    half = vectors[:, kept] / np.sqrt(values[kept])
+    return np.asarray(np.eye(len(gram)) - fitted @ half @ (half.T @ rows))
 
 
-def _judge(gram: Array, raw: Array, candidate: Candidate) -> Screened:
-    """A candidate's gain, in the coordinates that the data see."""
+def _judge(gram: Array, raw: Array, candidate: Candidate) -> tuple[Screened, ScoreTest]:
+    """A candidate's gain, in the coordinates that the data see, and its test."""
     basis = candidate.basis
     count = len(basis)
     information = basis.T @ gram[:count, :count] @ basis
@@ -72,7 +82,8 @@ def _judge(gram: Array, raw: Array, candidate: Candidate) -> Screened:
     gain = 0.5 * float(b @ value)
     seen = np.diag(covariance) > 0.0
     information = information * np.outer(seen, seen)
-    return Screened(candidate, gain, log_evidence(gain, value, information), value, information)
+    made = Screened(candidate, gain, log_evidence(gain, value, information), value, information)
+    return made, ScoreTest(basis, covariance)
 
 
 def state_with(state: State, term: Term) -> State:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,26 +15,33 @@ from hubodo.gap.screening import state_with
 from hubodo.gap.size import gap, traces
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
+from hubodo.gap.thinned import thinned
 from hubodo.gap.wander import Weights
 from hubodo.model.effects import EFFECTS
 from hubodo.model.forward import Start
 
 _MOST = 8
+# What shows from one sample to the next needs every one.
+_FROM_ALL = ("sample_repeat",)
 _AGREED = 5
 # A fit may leave the gap this much larger: what is missing still may fit ill beside it.
 _NO_WORSE = 1.25
+
+# Of the progress, what the search is.
+_SHARE = 0.75
 
 Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
 class Found:
-    """The search's result. rounds: in order; each but the last added its best."""
+    """The search's result. rounds: in order; each but the last added its best. thinned: whether the first
+    of them saw only some of the samples."""
 
-    start: Refit
     rounds: tuple[Round, ...]
     final: Refit
     weights: Weights
+    thinned: bool = False
 
 
 def search(
@@ -47,15 +54,26 @@ def search(
     """Add effects until nothing earns its place.
 
     accept: names that are added first, in the scope that fits best, whatever else there is. reject: names
-    that are not to be added.
+    that are not to be added. A log that is sampled faster than needed is searched with some of its samples
+    first, and with all of them for what is left.
     """
-    start, _ = settle(problem, state)
-    weighed = reweigh(problem, start)
-    current = begin = refit(problem, start, weighed)
+    light = thinned(problem)
+    if light is None:
+        return _search(problem, state, accept, reject, say)
+    first = _search(light, state, accept, {*reject, *_FROM_ALL}, say)
+    rest = _search(problem, state.with_terms(first.final.state.terms), (), reject, say)
+    return replace(rest, rounds=(*first.rounds[:-1], *rest.rounds), thinned=True)
+
+
+def _search(
+    problem: Problem, state: State, accept: Collection[str], reject: Collection[str], say: Say
+) -> Found:
+    current, weighed = fitted(problem, state)
     rounds: list[Round] = []
     wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
-    for number in range(_MOST + 1):
-        say(f"round {number + 1}: every effect in every scope", number / (_MOST + 1))
+    begun = sum(term.fitted for term in state.terms)
+    for number in range(begun, _MOST + 1):
+        say(f"round {number + 1}: every effect in every scope", _SHARE * number / (_MOST + 1))
         others = {effect.name for effect in EFFECTS if effect.name != wanted[0]} if wanted else set[str]()
         made = look(problem, current.state, weighed, {*reject, *others, *([EMPIRICAL] if wanted else [])})
         best = made.best
@@ -76,7 +94,7 @@ def search(
             reject = {*reject, best.term.effect.name}
             continue
         current, weighed = tried, fresh
-    return Found(begin, tuple(rounds), current, weighed)
+    return Found(tuple(rounds), current, weighed)
 
 
 def _grown(problem: Problem, before: Refit, after: Refit, weighed: Weights) -> bool:

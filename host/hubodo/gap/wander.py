@@ -15,7 +15,7 @@ from hubodo.gap.sensitivity import late_column, phase_column
 from hubodo.gap.state import State, effects_of, stacked
 from hubodo.gap.wheel_phase import WINDOW
 from hubodo.model.forward import Reading, Start
-from hubodo.model.frames import Array
+from hubodo.model.frames import Array, side_sign
 
 # Blocks of windows over which scores are added up: longer than what is left of any correlation.
 BLOCK = 8
@@ -159,24 +159,24 @@ def _walks(
 ) -> tuple[list[Walk], dict[str, list[_Felt]]]:
     walks: list[Walk] = []
     felt: dict[str, list[_Felt]] = {node.name: [] for node in problem.nodes}
-    for walk, answers in _input_noise(problem, state, readings):
+    phases = {node.name: phase_column(problem, node, state) for node in problem.nodes if node.on_wheel}
+    for walk, answers in _input_noise(problem, state, readings, phases):
         for name, answer in answers.items():
             felt[name].append(_Felt(len(walks), answer))
         walks.append(walk)
     for node in problem.nodes:
-        for walk, answer, path in _own(problem, node, state, weights):
+        if node.on_wheel:
+            path = state.paths.get(node.name, 0.0)
+            felt[node.name].append(_Felt(len(walks), phases[node.name], path))
+            walks.append(Walk(weights.walks[node.name]))
+        for walk, answer, path in _own(problem, node, state):
             felt[node.name].append(_Felt(len(walks), answer, path))
             walks.append(walk)
     return walks, felt
 
 
-def _own(
-    problem: Problem, node: NodeData, state: State, weights: Weights
-) -> Iterator[tuple[Walk, Array, Array | float]]:
-    """What wanders in one node: walk, answer, and where it was thought to be."""
-    if node.on_wheel:
-        walk = Walk(weights.walks[node.name])
-        yield walk, phase_column(problem, node, state), state.paths.get(node.name, 0.0)
+def _own(problem: Problem, node: NodeData, state: State) -> Iterator[tuple[Walk, Array, Array | float]]:
+    """What wanders in one node beside its wheel: walk, answer, and where it was thought to be."""
     if problem.model.inputs.clock_sigma > 0.0:
         yield clock_walk(problem), late_column(problem, node, state), state.late.get(node.name, 0.0)
     drift = sum(effect.drift() for effect in effects_of(problem, state.terms)[node.name].values())
@@ -201,27 +201,29 @@ def window_variances(problem: Problem) -> tuple[float, float]:
 
 
 def _input_noise(
-    problem: Problem, state: State, readings: Mapping[str, Reading]
+    problem: Problem, state: State, readings: Mapping[str, Reading], phases: Mapping[str, Array]
 ) -> Iterator[tuple[Walk, dict[str, Array]]]:
     """The noise of the samples of the inputs, as it is left in the mean and in the slope of a window.
 
     White noise of n samples leaves 1/n of its variance in their mean and 12/(n T²) in their slope; the same
-    for all nodes.
+    for all nodes. It turns a wheel within the window, too; how far from one window to the next is a walk.
+    phases: (6, N) per rad, of nodes on wheels.
     """
     grid = window_grid(problem)
-    answers, lever = {}, {}
+    speeds, yaws = [], []
     for node in problem.nodes:
         start = state.starts.get(node.name, Start())
-        answers[node.name] = input_answers(node, readings[node.name], start)
+        answers = input_answers(node, readings[node.name], start)
         inside = np.clip(np.searchsorted(grid, node.t, side="right") - 1, 0, None)
-        lever[node.name] = node.t - (grid[inside] + 0.5 * WINDOW)
-    for variance, speed in zip(window_variances(problem), (True, False), strict=True):
-        if variance <= 0.0:
-            continue
-        level = {name: it.speed if speed else it.yaw_rate for name, it in answers.items()}
-        yield Walk(0.0, variance, white=True), level
-        slope = {
-            name: lever[name] * level[name] + (it.acceleration if speed else 0.0)
-            for name, it in answers.items()
-        }
-        yield Walk(0.0, 12.0 * variance / WINDOW**2, white=True), slope
+        at = node.t - (grid[inside] + 0.5 * WINDOW)
+        bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
+        phase = phases.get(node.name, np.zeros(1)) / node.forward.wheel_radius
+        y = 0.5 * side_sign(node.mount.side or "left") * node.forward.track_width
+        speeds.append((answers.speed + at * phase, at * answers.speed + answers.acceleration + bent * phase))
+        yaws.append((answers.yaw_rate - y * at * phase, at * answers.yaw_rate - y * bent * phase))
+    names = [node.name for node in problem.nodes]
+    for variance, felt in zip(window_variances(problem), (speeds, yaws), strict=True):
+        if variance > 0.0:
+            level, slope = zip(*felt, strict=True)
+            yield Walk(0.0, variance, white=True), dict(zip(names, level, strict=True))
+            yield Walk(0.0, 12.0 * variance / WINDOW**2, white=True), dict(zip(names, slope, strict=True))

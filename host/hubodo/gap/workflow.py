@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2
 
 from hubodo.gap.held_out import Split, split
 from hubodo.gap.problem import Problem, build
@@ -36,8 +35,6 @@ _RECONSIDERED = 3
 _MANY = 4
 # A gap so much larger than that of noise alone is not explained, whatever was found.
 _NOISE_ALONE = 1.5
-# Effects in scopes that are tried: what a p-value is multiplied by.
-_TRIED = 80
 
 
 def find_gap(
@@ -58,7 +55,7 @@ def find_gap(
     say("following the wheels", 0.02)
     begin = initial_state(problem)
     found = search(problem, begin, accept, reject, say)
-    say("reconsidering each name", 0.75)
+    say("reconsidering each name", 0.8)
     found, rounds = reconsider(problem, found, reject)
     say("measuring on what was not fitted", 0.9)
     return _result(problem, begin, found, rounds)
@@ -73,7 +70,7 @@ def reconsider(
     """
     rounds: dict[tuple[str, str], Round] = {}
     terms = [term for term in found.final.state.terms if term.fitted]
-    if len(terms) == 1 or len(terms) > _MANY:
+    if (len(terms) == 1 and not found.thinned) or len(terms) > _MANY:
         # Alone it was judged beside all the others already; of so many, each as it was when it was found.
         own = {made.best.label: made for made in found.rounds if made.best is not None}
         return found, {term.key: own[term.key] for term in terms if term.key in own}
@@ -120,7 +117,13 @@ def _result(
             for other in terms
         )
         one = _named(
-            problem, term, found.final, rounds.get(term.key), steps[k : k + 2], outside[k : k + 2], shadow
+            problem,
+            term,
+            found,
+            rounds.get(term.key),
+            steps[k : k + 2],
+            outside[k : k + 2],
+            shadow,
         )
         named += by_channel(one) if one.effect.startswith(PREFIX) else [one]
     lowest = floor(steps[-1], final_weights)
@@ -162,7 +165,7 @@ def _trained(problem: Problem, one: Refit, weighed: Weights, held: Split) -> flo
 def _named(
     problem: Problem,
     term: Term,
-    final: Refit,
+    found: Found,
     made: Round | None,
     steps: Sequence[Mapping[str, Trace]],
     outside: Sequence[float],
@@ -184,19 +187,20 @@ def _named(
         confidence = min(confidence, _DOUBTED)
     others = sorted(((share, other) for other, share in by_name.items() if other != name), reverse=True)
     alike = tuple(other for share, other in others if share > _ALIKE or other in near)
-    gain = 0.0 if own is None else own.gain / (own.refit.tempering if own.refit else 1.0)
     words = own.proposal.where if own is not None and own.proposal is not None else ""
     words = words or where_words(problem, *steps)
     if alike:
         words += "; " + manoeuvre(name, alike)
-    freedom = max(1, len(term.effect.coordinates()))
+    gain = 0.0 if own is None else own.gain
+    # By chance is what the finished model leaves: nothing there has earned its place.
+    p_value = found.rounds[-1].chance.p_value(gain, len(term.effect.coordinates()))
     return Named(
         name,
         term.scope,
-        _parameters(term, final, own),
+        _parameters(term, found.final, own),
         Shrink(gap(steps[0]), gap(steps[1])),
         Shrink(outside[0], outside[1]),
-        float(min(1.0, _TRIED * max(chi2.sf(2.0 * gain, freedom), 1e-300))),
+        p_value,
         float(min(confidence, 1.0)),
         words,
         (others[0][1], float(others[0][0])) if others else None,
