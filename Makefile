@@ -11,8 +11,9 @@ export OPENBLAS_NUM_THREADS := 1
 demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup          ## everything that can be proven without hardware
-	$(BIN)/python -m pytest
+test: setup          ## everything that can be proven without hardware; what waits for the clock runs alone
+	$(BIN)/python -m pytest -m "not real_time" --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest -m real_time
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check

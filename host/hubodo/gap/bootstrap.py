@@ -10,11 +10,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import gammaln
 from scipy.stats import chi2
 
 from hubodo.model.frames import Array
 
 DRAWS, SEED = 400, 1
+# ln likelihood beyond which the chance of it is too small for floating point.
+_FAR = 300.0
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,15 @@ class Chance:
 
 
 def surprise(gain: Array, freedom: int) -> Array:
-    """-ln of the chance that independent noise gains so much of ln likelihood with so many coordinates."""
-    return np.asarray(-chi2.logsf(2.0 * np.asarray(gain), max(freedom, 1)))
+    """-ln of the chance that independent noise gains so much of ln likelihood with so many coordinates.
+
+    Of a chi square of twice the gain; far out, the first term of its incomplete gamma function (DLMF 8.11.2).
+    """
+    half = 0.5 * max(freedom, 1)
+    gain = np.asarray(gain, float)
+    far = gain - (half - 1.0) * np.log(np.maximum(gain, 1.0)) + gammaln(half)
+    near = -chi2.logsf(2.0 * np.minimum(gain, _FAR), 2.0 * half)
+    return np.asarray(np.where(gain < _FAR, near, far))
 
 
 def chance(scores: Array, tests: Sequence[ScoreTest], draws: int = DRAWS, seed: int = SEED) -> Chance:

@@ -100,6 +100,11 @@ def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> s
             f"{name} was never among the best: in the last round it would gain {best.gain:.1f} in "
             f"log-likelihood ({best.scope}), {worth} (ln Bayes factor {best.evidence:.1f})"
         )
+    if not best.beaten_by:
+        return (
+            f"{name} ({best.scope}) was added in round {best.round} and taken out again: beside what came "
+            "later, or by chance in what the finished model leaves, as much is gained without it"
+        )
     if best.beaten_by == "nothing earned its place":
         return (
             f"{name} ({best.scope}) gained {best.gain:.1f} in log-likelihood, too little to be more than "

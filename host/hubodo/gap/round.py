@@ -49,6 +49,10 @@ class Rival:
     def label(self) -> tuple[str, str]:
         return self.term.key
 
+    def p_value(self, chance: Chance) -> float:
+        """How often the best of all would gain as much by chance."""
+        return chance.p_value(self.gain, len(self.term.effect.coordinates()))
+
 
 @dataclass(frozen=True)
 class Round:
@@ -83,14 +87,9 @@ def look(
     screening = screen(problem, before.state, weighed)
     screened = [it for it in screening.candidates if it.candidate.name not in reject]
     worth = _shortlist(screened, count)
-    believed = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
-    if any(weighed.walks[name] > _LOST * walk for name, walk in believed.items()):
-        # A wheel that turns another way than the model's passes for one that wanders, and what makes it turn
-        # so has nothing to explain: it has where only the declared wandering is allowed.
-        strict = screen(problem, before.state, replace(weighed, walks=believed)).candidates
-        known = {it.candidate.term.key for it in worth}
-        more = _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
-        worth += [it for it in more if it.candidate.term.key not in known]
+    known = {it.candidate.term.key for it in worth}
+    strict = _strict(problem, before, weighed, reject)
+    worth += [it for it in strict if it.candidate.term.key not in known]
     refits = [refit(problem, state_with(before.state, it.candidate.term), weighed) for it in worth]
     if refits:
         # All candidates are judged with wheels that wander as little as under the best of them.
@@ -116,25 +115,7 @@ def look(
     rows = [_named(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rows += [_scattered(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rows += [_unnamed(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    rivals, nothing = _judged(rows)
-    chance = screening.chance
-    if rivals and rivals[0].refit is not None and nothing < 1.0 - DECIDED:
-        if _by_chance(chance, rivals[0]) >= 1.0 - DECIDED:
-            # Blocks in which the effect itself is at work make much of what chance could do: without them.
-            chance = screen(problem, rivals[0].refit.state, weighed).chance
-        rivals, nothing = _no_surer(rivals, nothing, _by_chance(chance, rivals[0]))
-    return Round(before, weighed, rivals, nothing, tuple(screened), chance)
-
-
-def _by_chance(chance: Chance, rival: Rival) -> float:
-    return chance.p_value(rival.gain, len(rival.term.effect.coordinates()))
-
-
-def _no_surer(rivals: tuple[Rival, ...], nothing: float, p_value: float) -> tuple[tuple[Rival, ...], float]:
-    """Nothing is at least as likely as that chance brings as much as the best."""
-    more = max(nothing, p_value)
-    share = (1.0 - more) / (1.0 - nothing)
-    return tuple(replace(it, probability=share * it.probability) for it in rivals), more
+    return Round(before, weighed, *_judged(rows), tuple(screened), screening.chance)
 
 
 def _gain(before: Refit, made: Refit) -> float:
@@ -152,6 +133,19 @@ def _shortlist(screened: list[Screened], count: int) -> list[Screened]:
             keys.add(it.candidate.term.key)
             made.append(it)
     return made
+
+
+def _strict(problem: Problem, before: Refit, weighed: Weights, reject: Collection[str]) -> list[Screened]:
+    """What explains how a wheel turns that is lost.
+
+    A wheel that turns another way than the model's passes for one that wanders, and what makes it turn so has
+    nothing to explain: it has where only the declared wandering is allowed.
+    """
+    believed = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
+    if all(weighed.walks[name] <= _LOST * walk for name, walk in believed.items()):
+        return []
+    strict = screen(problem, before.state, replace(weighed, walks=believed)).candidates
+    return _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
 
 
 def _named(before: Refit, screened: Screened, made: Refit, tempering: float) -> Rival:

@@ -29,6 +29,10 @@ class State:
     def with_terms(self, terms: Sequence[Term]) -> State:
         return replace(self, terms=tuple(terms))
 
+    def afresh(self, terms: Sequence[Term]) -> State:
+        """With other terms, wheels and clocks not yet followed: where they went under these may mislead."""
+        return replace(self, terms=tuple(terms), paths={}, late={})
+
 
 Effects = Mapping[str, Mapping[type[Effect], Effect]]
 """What each node has, by its name and then by the kind of effect."""

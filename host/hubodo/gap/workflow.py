@@ -9,11 +9,12 @@ import numpy as np
 
 from hubodo.gap.held_out import Split, split
 from hubodo.gap.problem import Problem, build
+from hubodo.gap.reconsider import beyond_chance, reconsider
 from hubodo.gap.refit import Refit, refit
 from hubodo.gap.remaining import remaining
 from hubodo.gap.result import GapResult, Named, Shrink, Value, Verdict, by_channel
-from hubodo.gap.round import Rival, Round, look
-from hubodo.gap.search import Found, Say, fitted, initial_state, search
+from hubodo.gap.round import Rival, Round
+from hubodo.gap.search import Found, Say, initial_state, search
 from hubodo.gap.size import Trace, floor, gap, traces
 from hubodo.gap.state import State
 from hubodo.gap.terms import ALL, VEHICLE, Term
@@ -31,8 +32,6 @@ _NEAR, _FAINT = 3.0, 40.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is larger by this factor: what the term of a library leaves of it could pass for an effect.
 _DOUBTED, _SHADOW = 0.8, 1.0
-_RECONSIDERED = 3
-_MANY = 4
 # A gap so much larger than that of noise alone is not explained, whatever was found.
 _NOISE_ALONE = 1.5
 
@@ -57,44 +56,9 @@ def find_gap(
     found = search(problem, begin, accept, reject, say)
     say("reconsidering each name", 0.8)
     found, rounds = reconsider(problem, found, reject)
+    found, rounds = beyond_chance(problem, found, rounds, accept)
     say("measuring on what was not fitted", 0.9)
     return _result(problem, begin, found, rounds)
-
-
-def reconsider(
-    problem: Problem, found: Found, reject: Collection[str]
-) -> tuple[Found, dict[tuple[str, str], Round]]:
-    """Each effect that was found is taken out and looked for again beside all the others.
-
-    What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
-    """
-    rounds: dict[tuple[str, str], Round] = {}
-    terms = [term for term in found.final.state.terms if term.fitted]
-    if (len(terms) == 1 and not found.thinned) or len(terms) > _MANY:
-        # Alone it was judged beside all the others already; of so many, each as it was when it was found.
-        own = {made.best.label: made for made in found.rounds if made.best is not None}
-        return found, {term.key: own[term.key] for term in terms if term.key in own}
-    final, weighed = found.final, found.weights
-    for _ in range(_RECONSIDERED):
-        changed = False
-        rounds = {}
-        for term in [term for term in final.state.terms if term.fitted]:
-            without = [other for other in final.state.terms if other.key != term.key]
-            made = look(problem, final.state.with_terms(without), weighed, reject)
-            rounds[term.key] = made
-            best = made.best
-            if best is not None and best.label == term.key:
-                continue
-            swapped = final.state.with_terms(without)
-            if best is not None:
-                swapped = replace(swapped, terms=(*without, best.term))
-            final, weighed = fitted(problem, swapped)
-            changed = True
-            break
-        if not changed:
-            break
-    kept = {term.key for term in final.state.terms if term.fitted}
-    return replace(found, final=final, weights=weighed), {k: v for k, v in rounds.items() if k in kept}
 
 
 def _result(
@@ -191,16 +155,13 @@ def _named(
     words = words or where_words(problem, *steps)
     if alike:
         words += "; " + manoeuvre(name, alike)
-    gain = 0.0 if own is None else own.gain
-    # By chance is what the finished model leaves: nothing there has earned its place.
-    p_value = found.rounds[-1].chance.p_value(gain, len(term.effect.coordinates()))
     return Named(
         name,
         term.scope,
         _parameters(term, found.final, own),
         Shrink(gap(steps[0]), gap(steps[1])),
         Shrink(outside[0], outside[1]),
-        p_value,
+        1.0 if own is None else own.p_value(found.rounds[-1].chance),
         float(min(confidence, 1.0)),
         words,
         (others[0][1], float(others[0][0])) if others else None,

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from gap_matrix import cases
 from gap_matrix.make_case import make
 from gap_runs import gap
-from hubodo.gap.bootstrap import ScoreTest, chance
+from hubodo.gap.bootstrap import ScoreTest, chance, surprise
+from hubodo.gap.linearised import settle
 from hubodo.gap.problem import build
 from hubodo.gap.screening import screen
 from hubodo.gap.search import initial_state, reweigh
@@ -50,6 +52,16 @@ def test_beyond_all_draws_chance_falls_off_as_the_best_of_many_independent_chanc
         assert abs(np.log(made.p_value(gain, 2)) - np.log(6.0 * np.exp(-gain))) < 0.12 * gain
 
 
+@pytest.mark.parametrize("freedom", [1, 2, 6])
+def test_a_surprise_grows_with_the_gain_also_where_its_chance_is_too_small_for_a_number(freedom):
+    """Beside scipy's chi square, as far as that goes."""
+    gains = np.array([0.0, 1.0, 250.0, 299.9, 300.1, 350.0, 1e7])
+    made = surprise(gains, freedom)
+    assert (np.diff(made) > 0.0).all()
+    assert made[4] - made[3] == pytest.approx(0.2, abs=0.02)
+    assert made[5] == pytest.approx(-chi2.logsf(700.0, freedom), abs=0.01)
+
+
 def test_without_any_candidate_noise_is_taken_for_independent():
     made = chance(np.zeros((BLOCKS, DIRECTIONS)), [])
     assert made.p_value(10.0, 2) == pytest.approx(np.exp(-10.0))
@@ -61,7 +73,7 @@ def test_logs_with_nothing_hidden_have_p_values_that_are_not_small(tmp_path):
     for seed in range(40, 50):
         make(tmp_path / str(seed), seed, [], duration=60.0)
         problem = build(read_folder(tmp_path / str(seed)), read_model(tmp_path / str(seed) / "model.toml"))
-        state = initial_state(problem)
+        state, _ = settle(problem, initial_state(problem))
         made = screen(problem, state, reweigh(problem, state))
         freedom = [np.count_nonzero(np.diag(it.information)) for it in made.candidates]
         smallest.append(

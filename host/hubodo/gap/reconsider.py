@@ -1,0 +1,70 @@
+"""Second thoughts: each name that was found is judged again beside all the others, and against chance."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+from hubodo.gap.problem import Problem
+from hubodo.gap.round import DECIDED, Round, look
+from hubodo.gap.search import Found, fitted
+
+_TIMES = 3
+_MANY = 4
+
+Rounds = Mapping[tuple[str, str], Round]
+"""By effect and scope, the round that judged it."""
+
+
+def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple[Found, Rounds]:
+    """Each effect that was found is taken out and looked for again beside all the others.
+
+    What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
+    """
+    rounds: dict[tuple[str, str], Round] = {}
+    terms = [term for term in found.final.state.terms if term.fitted]
+    if (len(terms) == 1 and not found.thinned) or len(terms) > _MANY:
+        # Alone it was judged beside all the others already; of so many, each as it was when it was found.
+        own = {made.best.label: made for made in found.rounds if made.best is not None}
+        return found, {term.key: own[term.key] for term in terms if term.key in own}
+    final, weighed = found.final, found.weights
+    for _ in range(_TIMES):
+        changed = False
+        rounds = {}
+        for term in [term for term in final.state.terms if term.fitted]:
+            without = [other for other in final.state.terms if other.key != term.key]
+            swapped = final.state.afresh(without)
+            made = look(problem, swapped, weighed, reject)
+            rounds[term.key] = made
+            best = made.best
+            if best is not None and best.label == term.key:
+                continue
+            if best is not None:
+                swapped = swapped.with_terms([*without, best.term])
+            final, weighed = fitted(problem, swapped)
+            changed = True
+            break
+        if not changed:
+            break
+    kept = {term.key for term in final.state.terms if term.fitted}
+    return replace(found, final=final, weights=weighed), {k: v for k, v in rounds.items() if k in kept}
+
+
+def beyond_chance(
+    problem: Problem, found: Found, rounds: Rounds, accept: Collection[str]
+) -> tuple[Found, Rounds]:
+    """Without what the best of all candidates would gain by chance, in what the finished model leaves.
+
+    Only of effects that show in the mean; accept: names that stay all the same.
+    """
+    chance = found.rounds[-1].chance
+    by_chance = set()
+    for key, made in rounds.items():
+        own = next((rival for rival in made.rivals if rival.label == key), None)
+        if own is not None and own.refit is not None and own.p_value(chance) >= 1.0 - DECIDED:
+            by_chance.add(key)
+    kept = [it for it in found.final.state.terms if it.key not in by_chance or it.effect.name in accept]
+    if len(kept) == len(found.final.state.terms):
+        return found, rounds
+    final, weighed = fitted(problem, found.final.state.afresh(kept))
+    return replace(found, final=final, weights=weighed), rounds
