@@ -22,22 +22,22 @@ def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple
     What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
     """
     rounds: dict[tuple[str, str], Round] = {}
+    as_found = {made.best.label: made for made in found.rounds if made.best is not None}
     terms = [term for term in found.final.state.terms if term.fitted]
     if (len(terms) == 1 and not found.thinned) or len(terms) > _MANY:
         # Alone it was judged beside all the others already; of so many, each as it was when it was found.
-        own = {made.best.label: made for made in found.rounds if made.best is not None}
-        return found, {term.key: own[term.key] for term in terms if term.key in own}
+        return found, {term.key: as_found[term.key] for term in terms if term.key in as_found}
     final, weighed = found.final, found.weights
-    for _ in range(_TIMES):
-        changed = False
-        rounds = {}
+    for turn in range(_TIMES + 1):
+        changed, rounds = False, {}
         for term in [term for term in final.state.terms if term.fitted]:
             without = [other for other in final.state.terms if other.key != term.key]
             swapped = final.state.afresh(without)
             made = look(problem, swapped, weighed, reject)
             rounds[term.key] = made
             best = made.best
-            if best is not None and best.label == term.key:
+            # The last turn changes nothing: it only says how sure each name is.
+            if turn == _TIMES or (best is not None and best.label == term.key):
                 continue
             if best is not None:
                 swapped = swapped.with_terms([*without, best.term])
@@ -46,8 +46,12 @@ def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple
             break
         if not changed:
             break
-    kept = {term.key for term in final.state.terms if term.fitted}
-    return replace(found, final=final, weights=weighed), {k: v for k, v in rounds.items() if k in kept}
+    # What is no rival any more, because others of its kind took its place there, counts as it was found.
+    judged = {
+        key: made if key in [rival.label for rival in made.rivals] else as_found.get(key, made)
+        for key, made in rounds.items()
+    }
+    return replace(found, final=final, weights=weighed), judged
 
 
 def beyond_chance(
