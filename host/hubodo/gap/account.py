@@ -204,7 +204,7 @@ def probability(share: float) -> str:
     """A probability; small ones keep their exponent."""
     if share >= 0.995:
         return "> 99.9 %" if share >= 0.9995 else f"{100.0 * share:.1f} %"
-    return f"{100.0 * share:.1f} %" if share >= 0.001 else f"{share:.0e}" if share > 0.0 else "0"
+    return f"{100.0 * share:.1f} %" if share >= 0.001 else f"{share:.0e}" if share > 0.0 else "< 1e-300"
 
 
 def comments(result: GapResult, log: str) -> dict[tuple[str, str | None], str]:

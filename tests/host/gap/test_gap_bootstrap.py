@@ -88,8 +88,10 @@ def test_a_coarse_reference_that_cuts_corners_is_not_taken_for_an_effect(tmp_pat
     large residuals, which some effect always fits best."""
     monkeypatch.setattr(cases, "REFERENCE_STEP", 0.1)
     make(tmp_path / "log", 11, [], duration=120.0, speed_noise=0.01)
-    made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
+    case = tmp_path / "log"
+    made = gap(tmp_path / "out", case / "model.toml", case, "--explain", "gyro_nonorthogonality")
     assert made.result["found"] == []
+    assert "gyro_nonorthogonality (all) was added in round 1 and taken out again" in made.out
 
 
 def test_with_a_coarse_and_noisy_reference_a_radius_is_still_a_radius(tmp_path, monkeypatch):
