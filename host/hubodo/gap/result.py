@@ -41,8 +41,8 @@ class Value:
 class Named:
     """One effect that was found. effect: its name, or `empirical:` and the term. scope: a node, all, vehicle.
 
-    p_value: how often the best of all candidates would gain as much by chance. rivals: what else was considered
-    in its place, with its probability, the likeliest first.
+    p_value: how often the best of all candidates would gain as much by chance. rivals: what else was
+    considered in its place, with its probability, the likeliest first.
     """
 
     effect: str
