@@ -16,15 +16,18 @@ Rounds = Mapping[tuple[str, str], Round]
 """By effect and scope, the round that judged it."""
 
 
-def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple[Found, Rounds]:
+def reconsider(
+    problem: Problem, found: Found, accept: Collection[str] = (), reject: Collection[str] = ()
+) -> tuple[Found, Rounds]:
     """Each effect that was found is taken out and looked for again beside all the others.
 
     What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
+    accept: names that stay all the same, as sure as they are. reject: names not considered.
     """
     rounds: dict[tuple[str, str], Round] = {}
     as_found = {made.best.label: made for made in found.rounds if made.best is not None}
     terms = [term for term in found.final.state.terms if term.fitted]
-    if (len(terms) == 1 and not found.thinned) or len(terms) > _MANY:
+    if (len(terms) == 1 and not found.thinned and not accept) or len(terms) > _MANY:
         # Alone it was judged beside all the others already; of so many, each as it was when it was found.
         return found, {term.key: as_found[term.key] for term in terms if term.key in as_found}
     final, weighed = found.final, found.weights
@@ -36,8 +39,9 @@ def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple
             made = look(problem, swapped, weighed, reject)
             rounds[term.key] = made
             best = made.best
+            stays = term.effect.name in accept or (best is not None and best.label == term.key)
             # The last turn changes nothing: it only says how sure each name is.
-            if turn == _TIMES or (best is not None and best.label == term.key):
+            if stays or turn == _TIMES:
                 continue
             if best is not None:
                 swapped = swapped.with_terms([*without, best.term])
@@ -46,16 +50,15 @@ def reconsider(problem: Problem, found: Found, reject: Collection[str]) -> tuple
             break
         if not changed:
             break
-    # What is no rival any more, because others of its kind took its place there, counts as it was found.
-    judged = {
-        key: made if key in [rival.label for rival in made.rivals] else as_found.get(key, made)
-        for key, made in rounds.items()
-    }
-    return replace(found, final=final, weights=weighed), judged
+    for key, made in rounds.items():
+        if key not in [rival.label for rival in made.rivals] and key[0] not in accept:
+            # Others of its kind took its place among the rivals: it counts as it was found.
+            rounds[key] = as_found.get(key, made)
+    return replace(found, final=final, weights=weighed), rounds
 
 
 def beyond_chance(
-    problem: Problem, found: Found, rounds: Rounds, accept: Collection[str]
+    problem: Problem, found: Found, rounds: Rounds, accept: Collection[str] = ()
 ) -> tuple[Found, Rounds]:
     """Without what the best of all candidates would gain by chance, in what the finished model leaves.
 

@@ -55,10 +55,12 @@ def find_gap(
     begin = initial_state(problem)
     found = search(problem, begin, accept, reject, say)
     say("reconsidering each name", 0.8)
-    found, rounds = reconsider(problem, found, reject)
+    found, rounds = reconsider(problem, found, accept, reject)
     found, rounds = beyond_chance(problem, found, rounds, accept)
     say("measuring on what was not fitted", 0.9)
-    return _result(problem, begin, found, rounds)
+    there = {term.effect.name for term in found.final.state.terms}
+    unseen = [f"{name}: accepted, but nothing in this log shows it" for name in accept if name not in there]
+    return _result(replace(problem, warnings=(*problem.warnings, *unseen)), begin, found, rounds)
 
 
 def _result(
@@ -144,7 +146,7 @@ def _named(
     gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
     behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     near = {other for other, by in behind.items() if by < _NEAR}
-    confidence = by_name.get(name, 1.0)
+    confidence = by_name.get(name, 0.0)
     # What fits better may only be thought less likely beforehand.
     better = any(by < -_NEAR for by in behind.values())
     if better or in_shadow or (near and own is not None and own.gain < _FAINT):

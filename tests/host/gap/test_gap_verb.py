@@ -52,5 +52,21 @@ def test_a_rejected_name_is_not_given_and_its_absence_explained(tmp_path):
     assert lag["rows"] and all(row["beaten_by"] for row in lag["rows"])
 
 
+def test_an_accepted_name_stays_as_unsure_as_it_is_and_what_is_missing_is_found_beside_it(camber, tmp_path):
+    case, _ = camber
+    made = gap(tmp_path / "out", case / "model.toml", case, "--accept", "gyro_scale_factor")
+    assert made.code == 0, made.err
+    names = [name for name, _ in made.names]
+    assert names[0] == "gyro_scale_factor"
+    assert "wheel_camber" in names
+    assert made.result["found"][0]["confidence"] < 0.5
+
+
+def test_an_accepted_name_that_no_log_like_this_can_show_is_said(nothing, tmp_path):
+    made = gap(tmp_path / "out", nothing / "model.toml", nothing, "--accept", "accel_saturation")
+    assert made.names == []
+    assert "accel_saturation: accepted, but nothing in this log shows it" in made.result["warnings"]
+
+
 def test_every_effect_has_words_for_people():
     assert set(MEANING) == set(BY_NAME)
