@@ -36,7 +36,8 @@ def reconsider(
         for term in [term for term in final.state.terms if term.fitted]:
             without = [other for other in final.state.terms if other.key != term.key]
             swapped = final.state.afresh(without)
-            made = look(problem, swapped, weighed, reject)
+            also = [term.key] if term.moves and term.effect.name in accept else []
+            made = look(problem, swapped, weighed, reject, also)
             rounds[term.key] = made
             best = made.best
             stays = term.effect.name in accept or (best is not None and best.label == term.key)

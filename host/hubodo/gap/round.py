@@ -80,16 +80,25 @@ DECIDED = 0.99
 
 
 def look(
-    problem: Problem, state: State, weighed: Weights, reject: Collection[str] = (), count: int = _REFITTED
+    problem: Problem,
+    state: State,
+    weighed: Weights,
+    reject: Collection[str] = (),
+    also: Collection[tuple[str, str]] = (),
 ) -> Round:
-    """One round from a state. reject: names that are not considered, `empirical` for all without a name."""
+    """One round from a state.
+
+    reject: names that are not considered, `empirical` for all without a name. also: effects and scopes that
+    are judged however little they promise.
+    """
     before = refit(problem, state, weighed, rounds=1)
     screening = screen(problem, before.state, weighed)
     screened = [it for it in screening.candidates if it.candidate.name not in reject]
-    worth = _shortlist(screened, count)
-    known = {it.candidate.term.key for it in worth}
-    strict = _strict(problem, before, weighed, reject)
-    worth += [it for it in strict if it.candidate.term.key not in known]
+    worth = _shortlist(screened, _REFITTED)
+    asked = [next(it for it in screened if it.candidate.term.key == key) for key in also]
+    for it in [*asked, *_strict(problem, before, weighed, reject)]:
+        if it.candidate.term.key not in [other.candidate.term.key for other in worth]:
+            worth.append(it)
     refits = [refit(problem, state_with(before.state, it.candidate.term), weighed) for it in worth]
     if refits:
         # All candidates are judged with wheels that wander as little as under the best of them.
