@@ -29,6 +29,8 @@ _ALIKE = 0.05
 # Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
 # whole gain is this faint, the prior alone would decide between them.
 _NEAR, _FAINT = 3.0, 40.0
+# What was thought of a name beforehand may be wrong by this factor; where the gain is faint, that is taken off.
+_PRIOR = 3.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is larger by this factor: what the term of a library leaves of it could pass for an effect.
 _DOUBTED, _SHADOW = 0.8, 1.0
@@ -151,6 +153,8 @@ def _named(
     better = any(by < -_NEAR for by in behind.values())
     if better or in_shadow or (near and own is not None and own.gain < _FAINT):
         confidence = min(confidence, _DOUBTED)
+    if own is not None and own.gain < _FAINT:
+        confidence /= confidence + _PRIOR * (1.0 - confidence)
     others = sorted(((share, other) for other, share in by_name.items() if other != name), reverse=True)
     alike = tuple(other for share, other in others if share > _ALIKE or other in near)
     words = own.proposal.where if own is not None and own.proposal is not None else ""
