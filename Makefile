@@ -41,7 +41,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
-gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some ten minutes
+gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some four minutes
 	$(BIN)/python tests/signal_path/hidden.py
 	$(BIN)/python tests/replay/wheelchair_gap.py
 

@@ -35,7 +35,7 @@ class ScoreTest:
 
 @dataclass(frozen=True)
 class Chance:
-    """What chance brings. surprises: (DRAWS,) ascending, of the best of all candidates; see `surprise`. None
+    """What chance brings. surprises: (DRAWS,) ascending, of the best of all candidates; see `surprise`. Empty
     where there was no candidate: then noise is taken for independent."""
 
     surprises: Array
@@ -43,8 +43,7 @@ class Chance:
     def p_value(self, gain: float, freedom: int) -> float:
         """How often the best of all candidates gains as much by chance.
 
-        Beyond their median such surprises fall off exponentially (Gumbel 1958), so far beyond
-        all draws, too.
+        Beyond their median such surprises fall off exponentially (Gumbel 1958), so far beyond all draws, too.
         """
         own = float(surprise(np.array(gain), freedom))
         if not len(self.surprises):
@@ -69,7 +68,10 @@ def surprise(gain: Array, freedom: int) -> Array:
 
 
 def chance(scores: Array, tests: Sequence[ScoreTest], draws: int = DRAWS, seed: int = SEED) -> Chance:
-    """scores: (B, D) of each block along each direction, everything fitted already taken out."""
+    """What the best of all tests gains when the signs of blocks are drawn anew.
+
+    scores: (B, D) of each block along each direction, everything fitted already taken out.
+    """
     tests = [test for test in tests if test.freedom]
     if not tests:
         return Chance(np.empty(0))

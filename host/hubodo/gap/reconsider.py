@@ -52,7 +52,7 @@ def reconsider(
         if not changed:
             break
     for key, made in rounds.items():
-        if key not in [rival.label for rival in made.rivals] and key[0] not in accept:
+        if made.rival(key) is None and key[0] not in accept:
             # Others of its kind took its place among the rivals: it counts as it was found.
             rounds[key] = as_found.get(key, made)
     return replace(found, final=final, weights=weighed), rounds
@@ -68,7 +68,7 @@ def beyond_chance(
     chance = found.rounds[-1].chance
     by_chance = set()
     for key, made in rounds.items():
-        own = next((rival for rival in made.rivals if rival.label == key), None)
+        own = made.rival(key)
         if own is not None and own.refit is not None and own.p_value(chance) >= 1.0 - DECIDED:
             by_chance.add(key)
     kept = [it for it in found.final.state.terms if it.key not in by_chance or it.effect.name in accept]

@@ -74,6 +74,10 @@ class Round:
         """The rival to be added; None where nothing is too likely."""
         return self.rivals[0] if self.rivals and self.nothing < 1.0 - DECIDED else None
 
+    def rival(self, label: tuple[str, str]) -> Rival | None:
+        """The rival of this effect and scope, where it was one."""
+        return next((rival for rival in self.rivals if rival.label == label), None)
+
 
 # An effect is added when it is so sure that anything is missing at all.
 DECIDED = 0.99

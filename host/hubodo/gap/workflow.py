@@ -84,15 +84,8 @@ def _result(
             and _gain_of(rounds, other) > _SHADOW * _gain_of(rounds, term)
             for other in terms
         )
-        one = _named(
-            problem,
-            term,
-            found,
-            rounds.get(term.key),
-            steps[k : k + 2],
-            outside[k : k + 2],
-            shadow,
-        )
+        judged = rounds.get(term.key)
+        one = _named(problem, term, found, judged, steps[k : k + 2], outside[k : k + 2], shadow)
         named += by_channel(one) if one.effect.startswith(PREFIX) else [one]
     lowest = floor(steps[-1], final_weights)
     whole = Shrink(gap(steps[0]), gap(steps[-1]), lowest)
@@ -144,7 +137,7 @@ def _named(
     for rival in rivals:
         by_name[rival.term.effect.name] = by_name.get(rival.term.effect.name, 0.0) + rival.probability
     name = term.effect.name
-    own = next((rival for rival in rivals if rival.label == term.key), None)
+    own = None if made is None else made.rival(term.key)
     gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
     behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     near = {other for other, by in behind.items() if by < _NEAR}
@@ -179,7 +172,8 @@ def _named(
 
 def _gain_of(rounds: Mapping[tuple[str, str], Round], term: Term) -> float:
     made = rounds.get(term.key)
-    return 0.0 if made is None else next((it.gain for it in made.rivals if it.label == term.key), 0.0)
+    own = None if made is None else made.rival(term.key)
+    return 0.0 if own is None else own.gain
 
 
 def _parameters(term: Term, final: Refit, own: Rival | None) -> dict[str, Value]:
