@@ -3,25 +3,14 @@
 from array import array
 
 import micropython
-from wire import CRC_POLYNOMIAL
+from wire import CRC_TABLE
 
-
-def _crc_table():
-    table = array("H", bytes(512))
-    for i in range(256):
-        crc = i << 8
-        for _ in range(8):
-            crc = (crc << 1) ^ CRC_POLYNOMIAL if crc & 0x8000 else crc << 1
-        table[i] = crc & 0xFFFF
-    return table
-
-
-_TABLE = _crc_table()
+_TABLE = array("H", CRC_TABLE)
 
 
 @micropython.viper
 def crc16(raw: ptr8, start: int, end: int) -> int:  # type: ignore[name-defined] # noqa: F821
-    """CRC-16/CCITT-FALSE of raw[start:end]."""
+    """What framing.crc16_plain does."""
     table = ptr16(_TABLE)  # type: ignore[name-defined] # noqa: F821
     crc: int = 0xFFFF
     i: int = start
@@ -29,6 +18,47 @@ def crc16(raw: ptr8, start: int, end: int) -> int:  # type: ignore[name-defined]
         crc = ((crc << 8) & 0xFF00) ^ table[(crc >> 8) ^ raw[i]]
         i += 1
     return crc
+
+
+@micropython.viper
+def seal(raw: ptr8, end: int) -> int:  # type: ignore[name-defined] # noqa: F821
+    """What framing.seal_plain does, in one pass over the frame: CRC and COBS side by side."""
+    table = ptr16(_TABLE)  # type: ignore[name-defined] # noqa: F821
+    crc: int = 0xFFFF
+    # framing.START, and framing.BODY behind it.
+    at: int = 1
+    i: int = 2
+    byte: int = 0
+    while i < end:
+        byte = raw[i]
+        crc = ((crc << 8) & 0xFF00) ^ table[(crc >> 8) ^ byte]
+        if byte == 0:
+            raw[at] = i - at
+            at = i
+        i += 1
+    raw[end] = crc & 0xFF
+    raw[end + 1] = crc >> 8
+    end += 2
+    while i < end:
+        if raw[i] == 0:
+            raw[at] = i - at
+            at = i
+        i += 1
+    raw[at] = end - at
+    raw[end] = 0
+    return end + 1
+
+
+@micropython.viper
+def saturated(values: ptr16, at: int, last: int) -> int:  # type: ignore[name-defined] # noqa: F821
+    """What sampler.saturated_plain does."""
+    value: int = 0
+    while at < last:
+        value = int(values[at])
+        if value == 0x7FFF or value == 0x8000:
+            return 1
+        at += 1
+    return 0
 
 
 @micropython.viper

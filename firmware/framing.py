@@ -5,7 +5,7 @@ A frame is built where it is sent from: one spare byte for COBS, header, payload
 """
 
 from micropython import const
-from wire import CRC_INITIAL, CRC_POLYNOMIAL, CRC_SIZE, HEADER_SIZE, MAX_FRAME
+from wire import CRC_INITIAL, CRC_SIZE, CRC_TABLE, HEADER_SIZE, MAX_FRAME
 
 START = const(1)
 BODY = const(2)
@@ -16,41 +16,20 @@ SLOT_WORDS = const(126)
 _ZERO = b"\0"
 
 
-def _crc_tables():
-    high, low = bytearray(256), bytearray(256)
-    for i in range(256):
-        crc = i << 8
-        for _ in range(8):
-            crc = (crc << 1) ^ CRC_POLYNOMIAL if crc & 0x8000 else crc << 1
-        high[i], low[i] = (crc >> 8) & 0xFF, crc & 0xFF
-    return bytes(high), bytes(low)
-
-
-_HIGH, _LOW = _crc_tables()
-
-
-def crc16_table(raw, start, end):
+def crc16_plain(raw, start, end):
     """CRC-16/CCITT-FALSE of raw[start:end]."""
-    high_table, low_table = _HIGH, _LOW
+    table = CRC_TABLE
     high, low = CRC_INITIAL >> 8, CRC_INITIAL & 0xFF
     for i in range(start, end):
-        at = high ^ raw[i]
-        high = low ^ high_table[at]
-        low = low_table[at]
+        at = (high ^ raw[i]) << 1
+        high = low ^ table[at + 1]
+        low = table[at]
     return high << 8 | low
 
 
-try:
-    from fast import crc16  # type: ignore[assignment]
-except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
-    # This interpreter has no native code, or the file was compiled for another processor.
-    crc16 = crc16_table
-
-
-def seal(raw, payload_size):
-    """Closes the frame whose header and payload stand in `raw`: it is then raw[START:result]."""
-    end = PAYLOAD + payload_size
-    crc = crc16(raw, BODY, end)
+def seal_plain(raw, end):
+    """Closes the frame whose header and payload stand in raw[BODY:end]; it is then raw[START:result]."""
+    crc = crc16_plain(raw, BODY, end)
     raw[end] = crc & 0xFF
     raw[end + 1] = crc >> 8
     end += CRC_SIZE
@@ -63,6 +42,13 @@ def seal(raw, payload_size):
     raw[at] = end - at
     raw[end] = 0
     return end + 1
+
+
+try:
+    from fast import crc16, seal
+except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
+    # This interpreter has no native code, or the file was compiled for another processor.
+    crc16, seal = crc16_plain, seal_plain  # type: ignore[assignment]
 
 
 class FrameReader:

@@ -130,7 +130,7 @@ class GravityInit(PseudoInit):
 
     def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
         """(what gathers a stretch, variance of its mean over that of a sample); floats, as of `begin`."""
-        n = max(s["bias_stretch"] or 512, 32)
+        n = max(s["bias_stretch"] or (1024 if s["rate_hz"] > 250 else 512), 32)
         step = gyro_lsb_ndps * 1e-9
         rate_hz = 1e9 / self.clock.period_ns
         x, y = s["arm_mm"] or (0, 0)

@@ -2,6 +2,7 @@
 
 import select
 import sys
+from time import sleep_ms
 
 import micropython
 from framing import START, FrameReader
@@ -9,6 +10,7 @@ from micropython import const
 
 _WHOLE = const(256)
 _USB_CHUNK = const(64)
+_SENDS_PER_TURN = const(4)
 _READS_PER_TURN = const(32)
 _CTRL_C = const(3)
 _SLICES = sys.implementation.name != "micropython"
@@ -31,19 +33,28 @@ class Link:
 
     def __init__(self):
         self.reader = FrameReader()
+        self._readable = None
+        """Of a stream that can be waited for: its poll for input."""
 
-    def send(self, outbox, turns):
-        """Offers waiting frames to the stream, at most `turns` times."""
-        slot = outbox.oldest()
-        while slot is not None and turns:
+    def wait(self, ms):
+        """Sleeps so long, or until a byte comes from the host."""
+        if self._readable is None:
+            sleep_ms(ms)
+        else:
+            self._readable(ms)
+
+    def send(self, outbox):
+        """Offers waiting frames to the stream, some of them at most."""
+        turns = _SENDS_PER_TURN
+        while outbox.count and turns:
             turns -= 1
+            slot = outbox.oldest()
             at = START + outbox.sent
             size = slot.end - at
             taken = self._take(slot.raw, at, size if size < self.MOST else self.MOST)
             if not taken:
                 return
             outbox.took(taken)
-            slot = outbox.oldest()
 
     def _take(self, raw, at, size):
         raise NotImplementedError
@@ -71,15 +82,14 @@ class Link:
 class UsbLink(Link):
     """USB CDC, shared with the REPL: ctrl-C is an ordinary byte until `close`.
 
-    The driver waits when more is written than fits, and drops after half a second: hence small chunks, and
-    single bytes while the host does not keep up.
+    The driver waits when more is written than fits, and drops after half a second: hence single bytes while
+    the host does not keep up, and whole frames again as it does.
     """
 
     ON_CONSOLE = True
 
     def __init__(self):
         super().__init__()
-        self.MOST = _USB_CHUNK
         self._in = sys.stdin.buffer
         self._out = sys.stdout.buffer
         self._one = bytearray(1)
@@ -91,8 +101,8 @@ class UsbLink(Link):
         if not _ready(self._writable, select.POLLOUT):
             self.MOST = 1
             return 0
-        if self.MOST < _USB_CHUNK:
-            self.MOST += 1
+        if self.MOST < _WHOLE:
+            self.MOST <<= 1
         return _write(self._out, raw, at, size)
 
     def _byte(self):
@@ -112,6 +122,7 @@ class UartLink(Link):
         self.MOST = _USB_CHUNK
         self._uart = uart
         self._one = bytearray(1)
+        self._readable = _poll(uart, select.POLLIN)
         self._writable = _poll(uart, select.POLLOUT)
 
     def _take(self, raw, at, size):

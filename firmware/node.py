@@ -37,9 +37,9 @@ STAY_IN_REPL = "/stay_in_repl"
 _AXES = const(3)
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
-_SENDS_PER_TURN = const(4)
-_IDLE_US = const(1000)
-_MARGIN_US = const(300)
+_LOOK_MS = const(20)
+_WAIT_US = const(1000)
+_MARGIN_US = const(100)
 _MAG_RETRY_MS = const(5)
 _MAG_SILENT_MS = const(1000)
 _CTRL_C = const(3)
@@ -67,7 +67,7 @@ class Node:
         self._next_index = self._lsb_ndps = 0
         self.worst_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
-        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = ticks_ms()
+        self._look_ms = self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = ticks_ms()
         self.make_init()
         self.make_filter()
         self.start()
@@ -75,17 +75,19 @@ class Node:
     def turn(self):
         """One round: sample, send, listen, look after everything else."""
         now = ticks_us()
-        self.board.feed()
-        self.parts.resume(now)
         if not self.parts.paused:
             try:
                 self.sampler.turn(now)
             except OSError as error:
                 self.parts.bus_failed(error, ticks_us())
-        self.link.send(self.outbox, _SENDS_PER_TURN)
+        if self.outbox.count:
+            self.link.send(self.outbox)
         if self.link.receive():
             self.commands.handle(self.link.reader, ticks_us())
-        self._look_after(ticks_ms())
+        ms = ticks_ms()
+        if ticks_diff(ms, self._look_ms) >= 0:
+            self._look_ms = ticks_add(ms, _LOOK_MS)
+            self._look_after(ms)
         done = ticks_us()
         took = ticks_diff(done, now)
         if took > self.worst_us:
@@ -101,6 +103,9 @@ class Node:
         else:
             self._know_chip()
             self.parts.begin(False)
+        gc.collect()
+        self.free_heap = gc.mem_free()
+        """Measured here: it walks the heap, and from here on nothing is allocated."""
         reports.hello(self)
 
     def stop(self):
@@ -126,7 +131,7 @@ class Node:
         """Gives the link a little time to take what still waits."""
         until = ticks_add(ticks_ms(), _FAREWELL_MS)
         while self.outbox.count and ticks_diff(until, ticks_ms()) > 0:
-            self.link.send(self.outbox, _SENDS_PER_TURN)
+            self.link.send(self.outbox)
             self.board.feed()
             sleep_ms(1)
 
@@ -176,11 +181,16 @@ class Node:
     # Everything that is not a sample.
 
     def _look_after(self, ms):
+        self.board.feed()
         self.parts.look_after(ms, self._running)
-        if self.parts.mag is not None and ticks_diff(ms, self._mag_ms) >= 0:
-            self._read_mag(ms)
-        if self.warm is not None and self.warm.turn(ms):
-            self._drift()
+        if self.parts.mag is not None:
+            if ticks_diff(ms, self._mag_ms) >= 0:
+                self._read_mag(ms)
+            if ticks_diff(self._mag_ms, self._look_ms) < 0:
+                self._look_ms = self._mag_ms
+        if self.warm is not None:
+            while self.warm.turn(ms):
+                self._drift()
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
             tracking = self.init.state == FILTER_STATE_TRACKING
             self._filter_ms = ticks_add(ms, self.settings["filter_period_ms"] if tracking else _HEALTH_MS)
@@ -219,12 +229,15 @@ class Node:
         self.outbox.post(MAG, MAG_SIZE)
 
     def _idle(self, now):
-        """Sleeps until shortly before the next sample is due, briefly, so that the host is heard."""
-        wait = _IDLE_US
-        if self.parts.chip is not None:
-            wait = ticks_diff(self.sampler.due_us, now) - _MARGIN_US
-        if wait > 0:
-            sleep_us(wait if wait < _IDLE_US else _IDLE_US)
+        """Sleeps until shortly before something is due; the host is heard meanwhile."""
+        wait = 1000 * ticks_diff(self._look_ms, ticks_ms())
+        if self.parts.chip is not None and not self.parts.paused:
+            due = ticks_diff(self.sampler.due_us, now) - _MARGIN_US
+            wait = due if due < wait else wait
+        if wait >= _WAIT_US:
+            self.link.wait(1 if self.outbox.count else wait // _WAIT_US)
+        elif wait > 0:
+            sleep_us(wait)
 
 
 def main():
@@ -263,7 +276,6 @@ def main():
 
 def _run(board, link):
     node = Node(board, link)
-    gc.collect()
     board.start_watchdog()
     while node.leave is None:
         node.turn()

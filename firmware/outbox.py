@@ -15,27 +15,28 @@ _BODY = const(2)
 FIRST_ROW = (PAYLOAD + IMU_BATCH_SIZE) // 2
 """Where the samples of an ImuBatch begin, in int16 from the start of a slot."""
 
-_ROW = const(6)
+ROW = const(6)
+_TYPES = const(16)
+"""Types of message that a node sends are below this."""
 
 
 class Slot:
     """Room for one frame.
 
-    raw: the frame's bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch;
-    samples: the same as int16, both only after `shape`; end: where the frame ends in raw, once sealed.
+    raw: the frame's bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch,
+    only after `shape`; end: where the frame ends in raw, once sealed.
     """
 
-    rows = samples = None
+    rows = None
 
     def __init__(self):
         self.raw, self.values = shared(SLOT_WORDS)
         self.end = START
 
     def shape(self, batch):
-        """Fits `rows` and `samples` to batches of that many samples."""
+        """Fits `rows` to batches of that many samples."""
         first = 2 * FIRST_ROW
-        self.rows = memoryview(self.raw)[first : first + 2 * _ROW * batch]
-        self.samples = memoryview(self.values)[FIRST_ROW : FIRST_ROW + _ROW * batch]
+        self.rows = memoryview(self.raw)[first : first + 2 * ROW * batch]
 
 
 class Outbox:
@@ -50,7 +51,7 @@ class Outbox:
         """Bytes of the oldest frame that the link has taken."""
         self._ring = [Slot() for _ in range(depth)]
         self._head = 0
-        self._seqs = array("H", bytes(2 * 256))
+        self._seqs = array("H", bytes(2 * _TYPES))
         self._note = Slot()
 
     def shape(self, batch):
@@ -72,7 +73,7 @@ class Outbox:
         seq = self._seqs[type_id]
         self._seqs[type_id] = (seq + 1) & 0xFFFF
         struct.pack_into(HEADER_FORMAT, slot.raw, _BODY, type_id, self.node_id, seq)
-        slot.end = seal(slot.raw, payload_size)
+        slot.end = seal(slot.raw, PAYLOAD + payload_size)
         ring = self._ring
         depth = len(ring)
         if self.count == depth:
@@ -108,5 +109,5 @@ class Outbox:
         self.dropped += 1
 
 
-assert FIRST_ROW + _ROW * IMU_BATCH_MAX_ROWS <= SLOT_WORDS
+assert FIRST_ROW + ROW * IMU_BATCH_MAX_ROWS <= SLOT_WORDS
 assert PAYLOAD + IMU_BATCH_SIZE == 2 * FIRST_ROW

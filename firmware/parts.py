@@ -113,7 +113,7 @@ class Parts:
         self._sampler.due_us = ticks_add(now, _AGAIN_US)
         # An error that no memory was left for has no arguments.
         timed_out = error.args and error.args[0] in _TIMED_OUT
-        if self.failures < _FAILURES_BEFORE_RECOVERY and not timed_out:
+        if not timed_out and (self.failures < _FAILURES_BEFORE_RECOVERY or not self._silent(now)):
             return
         self.failures = 0
         self.recoveries += 1
@@ -127,13 +127,10 @@ class Parts:
             self.paused = True
             self._pause_us = ticks_add(now, _PAUSE_US)
 
-    def resume(self, now):
-        """Ends a pause that has lasted long enough."""
-        if self.paused and ticks_diff(now, self._pause_us) >= 0:
-            self.paused = False
-
     def look_after(self, ms, running):
         """Sees that the IMU gives samples as it was told to; searches for one that is wanted."""
+        if self.paused and ticks_diff(ticks_us(), self._pause_us) >= 0:
+            self.paused = False
         if self.chip is not None:
             if not self.paused:
                 self._watch_imu(ticks_us())
@@ -202,9 +199,7 @@ class Parts:
 
     def _watch_imu(self, now):
         """A chip that answers but has no samples is set up again."""
-        silent_us = ticks_diff(now, self._sampler.last_us)
-        limit_us = _SILENT_PERIODS * self._sampler.clock.period_us
-        if silent_us < (limit_us if limit_us > _SILENT_LEAST_US else _SILENT_LEAST_US):
+        if not self._silent(now):
             self.faults &= ~FAULT_IMU_SILENT
             self.failures = 0
             self._since_us = now
@@ -217,6 +212,12 @@ class Parts:
         if always:
             self._since_us = now
         self._revive(always)
+
+    def _silent(self, now):
+        limit_us = _SILENT_PERIODS * self._sampler.clock.period_us
+        if limit_us < _SILENT_LEAST_US:
+            limit_us = _SILENT_LEAST_US
+        return ticks_diff(now, self._sampler.last_us) >= limit_us
 
 
 def _who_am_i(i2c, address, register):

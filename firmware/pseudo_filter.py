@@ -21,7 +21,7 @@ from micropython import const
 from small_float import ONE, integer, minus, number, over, plus, times
 
 _LOW_14 = const((1 << 14) - 1)
-_LIMIT_Q16 = const(1 << 29)
+_LIMIT_Q16 = const((1 << 29) - 1)
 _HALF = const((1 << 18) << 8 | (128 - 19))
 _QUARTER = const((1 << 18) << 8 | (128 - 20))
 _TWO = const((1 << 18) << 8 | (128 - 17))

@@ -1,6 +1,5 @@
 """What a node tells of itself: Hello, Filter, Health. Nothing here allocates."""
 
-import gc
 import struct
 from time import ticks_us
 
@@ -54,6 +53,7 @@ def hello(node):
         mag.lsb_ft if mag else 0,
         parts.batch,
         node.settings["filter_kind"],
+        node.sampler.clock.bound_us(),
         len(parts.found),
     )
     at = PAYLOAD + HELLO_SIZE
@@ -113,7 +113,8 @@ def health(node):
         node.outbox.high_water,
         node.worst_us,
         node.board.reset_cause,
-        gc.mem_free(),
+        node.free_heap,
+        node.sampler.clock.bound_us(),
     )
     node.outbox.post(HEALTH, HEALTH_SIZE)
     node.worst_us = 0

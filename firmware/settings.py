@@ -25,10 +25,10 @@ PATH = "/config.json"
 DEFAULTS = {
     "node_id": 1,
     "link": "usb",  # usb, uart or udp
-    "rate_hz": 208,
+    "rate_hz": 416,
     "gyro_range_dps": 2000,
     "accel_range_g": 16,
-    "fifo": False,  # samples through the chip's FIFO below 250 Hz too
+    "fifo": True,  # samples through the chip's FIFO; without it they are polled, up to 250 Hz
     "batch": 0,  # samples per ImuBatch; 0 = 8 up to 250 Hz, 16 above
     "mag_rate_hz": 10,  # 0 = the magnetometer stays off
     "filter_kind": FILTER_KIND_KALMAN,
@@ -36,7 +36,7 @@ DEFAULTS = {
     "gain_bias_q30": 322,
     "forgetting_q20": 1027604,  # lambda of the RLS filter: 0.98
     "bias_kind": BIAS_KIND_MEAN,
-    "bias_stretch": 0,  # samples in a mean of the pseudo-measurement; 0 = 16, 512 with gravity
+    "bias_stretch": 0,  # samples in a mean of the pseudo-measurement; 0 = 16; gravity: 512, above 250 Hz 1024
     "table_rate_udps": 0,
     "noise_udps": 75000,  # 1 sigma of a gyro sample
     "bias_sigma_udps": 5000000,  # 1 sigma of the bias at the start

@@ -53,6 +53,7 @@ def wire_module() -> str:
         f"CRC_SIZE = const({framing.CRC_SIZE})",
         f"CRC_POLYNOMIAL = const(0x{framing.CRC_POLYNOMIAL:04X})",
         f"CRC_INITIAL = const(0x{framing.CRC_INITIAL:04X})",
+        *_crc_table(),
         f"OVERHEAD = const({framing.OVERHEAD})",
         f"MAX_FRAME = const({framing.MAX_FRAME})",
         f"MAX_PAYLOAD = const({framing.MAX_PAYLOAD})",
@@ -63,6 +64,22 @@ def wire_module() -> str:
     for enum in ENUMS:
         lines += ["", *(f"{upper_snake(enum.__name__)}_{item.name} = const({item.value})" for item in enum)]
     return "\n".join(lines) + "\n"
+
+
+def _crc_table() -> Iterator[str]:
+    """The CRC of each byte: building it on the node would cost more than a file's import."""
+    words = []
+    for byte in range(256):
+        crc = byte << 8
+        for _ in range(8):
+            crc = (crc << 1) ^ framing.CRC_POLYNOMIAL if crc & 0x8000 else crc << 1
+        words.append(crc & 0xFFFF)
+    raw = struct.pack("<256H", *words)
+    yield "CRC_TABLE = ("
+    for at in range(0, len(raw), 16):
+        yield '    b"' + "".join(f"\\x{byte:02x}" for byte in raw[at : at + 16]) + '"'
+    yield ")"
+    yield '"""256 words of 16 bits, low byte first."""'
 
 
 def _message_constants(message: type[Message]) -> Iterator[str]:

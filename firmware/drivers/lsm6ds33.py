@@ -104,6 +104,7 @@ class LSM6DS33:
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
+        self._level = memoryview(self._status)[:2]
         stray = memoryview(bytearray(2 * _PATTERN))
         self._stray = tuple(stray[: 2 * i] for i in range(_PATTERN))
         self.configure()
@@ -154,26 +155,39 @@ class LSM6DS33:
 
     def fifo_level(self):
         """Whole samples that wait in the FIFO; -1 when it has overflowed."""
-        status = self._status
+        status = self._level
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
-        seen = -1
-        while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != seen:
-            # A sample between the two bytes of the count would make it 256 words too large: look again.
-            seen = status[1] << 8 | status[0]
-            self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
+        if status[0] >= _NEAR_CARRY:
+            self._look_again()
         if status[1] & _OVERRUN:
             return -1
         words = status[0] | (status[1] & 0x0F) << 8
-        pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
-        if pattern and words:
-            # The next word is not a gyro x: the rest of this torn sample is thrown away.
-            rest = _PATTERN - pattern
-            if words < rest:
-                return 0
-            self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._stray[rest])
-            words -= rest
-            self.realigned += 1
+        if words % _PATTERN:
+            return self._realign(words)
         return words // _PATTERN
+
+    def _look_again(self):
+        """A sample between the two bytes of the count makes it 256 words too large: until two looks agree."""
+        status = self._level
+        seen = -1
+        while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != seen:
+            seen = status[1] << 8 | status[0]
+            self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
+
+    def _realign(self, words):
+        """The next word is not a gyro x: the rest of this torn sample is thrown away."""
+        status = self._status
+        self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
+        pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
+        words = status[0] | (status[1] & 0x0F) << 8
+        rest = _PATTERN - pattern
+        if not pattern:
+            return words // _PATTERN
+        if words < rest:
+            return 0
+        self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._stray[rest])
+        self.realigned += 1
+        return (words - rest) // _PATTERN
 
     def fifo_read_into(self, rows):
         """One burst of len(rows) / 12 whole samples, in the order of the wire."""

@@ -184,6 +184,9 @@ class Hello(Message):
     mag_lsb_ft: int = wire("I", "one step of the magnetometer, 0 without one", scale="1e-15", unit="T")
     batch: int = wire("B", "samples in a full ImuBatch")
     filter_kind: int = wire("B", "FilterKind")
+    stamp_bound_us: int = wire(
+        "H", "times of samples are known to +- this by the node's clock; 65535 = not yet", unit="us"
+    )
     parts: tuple[tuple[int, ...], ...] = wire(
         "3B[]", "parts found: I2C address, WHO_AM_I, Part (0 = not known)", default=()
     )
@@ -254,7 +257,10 @@ class Health(Message):
     queue_high_water: int = wire("B", "most frames that waited at once")
     worst_loop_us: int = wire("I", "longest turn of the main loop since the last report", unit="us")
     reset_cause: int = wire("B", "ResetCause")
-    free_heap: int = wire("I", "bytes free on the heap", unit="B")
+    free_heap: int = wire("I", "bytes free on the heap when sampling began", unit="B")
+    stamp_bound_us: int = wire(
+        "H", "times of samples are known to +- this by the node's clock; 65535 = not yet", unit="us"
+    )
 
 
 @dataclass(frozen=True, slots=True)

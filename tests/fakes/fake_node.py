@@ -205,6 +205,7 @@ class FakeNode:
             mag_lsb_ft=0,
             batch=self.batch,
             filter_kind=0,
+            stamp_bound_us=40,
             parts=((0x6B, 0x69, 1),),
         )
 
@@ -259,7 +260,7 @@ class FakeNode:
         if now >= self._next_health:
             self._next_health = now + 0.5
             t_us = self._clock_us() % PERIOD
-            self._put(Health(t_us, 3700, 0, 0, 0, 0, 0, min(self.dropped, 65535), 0, 1, 900, 1, 50_000))
+            self._put(Health(t_us, 3700, 0, 0, 0, 0, 0, min(self.dropped, 65535), 0, 1, 900, 1, 50_000, 40))
 
     def _listen(self) -> None:
         if self._master < 0:

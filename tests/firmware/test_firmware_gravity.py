@@ -29,6 +29,7 @@ ARM = (0.012, -0.007)
 def init_of(check=lambda x: x, samples=20_000, **changed):
     s = {
         **settings.DEFAULTS,
+        "rate_hz": 208,
         "wheel_radius_mm": round(spin_drives.RADIUS * 1000),
         "arm_mm": [12, -7],
         "bias_sigma_udps": 300_000,

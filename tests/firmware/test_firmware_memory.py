@@ -14,10 +14,11 @@ SAMPLES, SAMPLES_WITH_RLS = 100_000, 20_000
 HEAP = 96 * 1024
 
 MODULES = [
-    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "sampler", "static_init"),
+    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "look", "sampler", "static_init"),
     *("drivers.lis3mdl", "parts", "settings", "bias_choice"),
     *("board", "link", "reports", "commands", "node"),
 ]
+FIFO, POLLED = ("fifo_samples",), ("polled_samples",)
 KALMAN = ("bias_filter",)
 RLS = ("small_float", "rls_filter")
 PSEUDO = ("small_float", "pseudo_filter", "pseudo_init")
@@ -32,7 +33,7 @@ bus = FakeBus("{imu}", {period}, {spin})
 START = """
 high = 0
 base = gc.mem_alloc()
-def look():
+def watch():
     global high
     high = max(high, gc.mem_alloc() - base)
     gc.collect()
@@ -57,17 +58,21 @@ class FakeBoard:
 values = dict(settings.DEFAULTS)
 values["rate_hz"] = {rate}
 values.update({settings})
-link = UsbLink()
+class FakeWaitingLink(UsbLink):
+    def wait(self, ms):
+        time.sleep_ms(ms)
+
+link = FakeWaitingLink()
 board = FakeBoard(bus, values)
-look()
+watch()
 """
 
 # This MicroPython collects garbage between such pieces only, a board's whenever it needs to.
 NODE = (
-    "node = Node(board, link)\nlook()",
+    "node = Node(board, link)\nwatch()",
     "chip = node.parts.chip",
-    "node.init.begin({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nlook()",
-    "for _ in range(20):\n    node.turn()\nlook()",
+    "node.init.begin({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
+    "for _ in range(20):\n    node.turn()\nwatch()",
 )
 
 LOCKED = """
@@ -89,7 +94,7 @@ def locked(samples):
         sys.print_exception(failure)
     return [repr(failure) if failure else None, gc.mem_alloc() - before, turns]
 failure, allocated, turns = locked({samples})
-look()
+watch()
 node.farewell()
 with open("/result", "w") as file:
     json.dump({{"failure": failure, "allocated": allocated, "turns": turns, "high": high,
@@ -100,20 +105,21 @@ with open("/result", "w") as file:
 WARM = {"bias_udps": [100000, -50000, 0], "warmup_udps": [300000, 0, -200000], "warmup_s": 60}
 CASES = {
     # name: (driver, rate, true period in us, whether the wheel turns, settings, what they load)
-    "lsm6ds33-208": ("lsm6ds33", 208, 4700, 0, {}, KALMAN),
-    "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, KALMAN),
+    "lsm6ds33-416": ("lsm6ds33", 416, 2370, 0, {}, (*FIFO, *KALMAN)),
+    "lsm6ds33-208-polled": ("lsm6ds33", 208, 4700, 0, {"fifo": False}, (*POLLED, *KALMAN)),
+    "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, (*FIFO, *KALMAN)),
     "mpu6050-200-warm-rest": (
         "mpu6050",
         200,
         5050,
         0,
-        {"bias_kind": 1, **WARM},
-        (*KALMAN, *PSEUDO, "warm_up"),
+        {"fifo": False, "bias_kind": 1, **WARM},
+        (*POLLED, *KALMAN, *PSEUDO, "warm_up"),
     ),
     "mpu6050-1000-table-rls": (
         *("mpu6050", 1000, 1003, 0),
         {"bias_kind": 2, "table_rate_udps": 1400000, "filter_kind": 2},
-        (*PSEUDO, *RLS),
+        (*FIFO, *PSEUDO, *RLS),
     ),
     "lsm6ds33-208-warm-gravity-rls": (
         *("lsm6ds33", 208, 4700, 1),
@@ -125,7 +131,7 @@ CASES = {
             "wheel_radius_mm": 310,
             **WARM,
         },
-        (*PSEUDO, *RLS, "gravity_init", "warm_up"),
+        (*FIFO, *PSEUDO, *RLS, "gravity_init", "warm_up"),
     ),
 }
 
@@ -145,7 +151,9 @@ def runs(tmp_path_factory):
 
     def one(case):
         imu, rate, period, spin, settings, modules = CASES[case]
-        imports = [f"import {name}\nlook()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))]
+        imports = [
+            f"import {name}\nwatch()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))
+        ]
         bus = BUS.format(imu=imu, period=period, spin=spin)
         board = BOARD.format(rate=rate, settings=repr(settings))
         node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]

@@ -220,7 +220,7 @@ def test_a_settings_file_that_makes_no_sense_gives_the_defaults():
     config = {"rate_hz": "fast", "batch": 200, "node_id": 2, "unknown": 1}
     sent, _, _ = run(2, config=config)
     hello = of(sent, m.Hello)[-1]
-    assert (hello.rate_mhz, hello.batch) == (208_000, 8)
+    assert (hello.rate_mhz, hello.batch) == (416_000, 16)
     assert {frame.node for frame, _ in sent} == {2}
 
 

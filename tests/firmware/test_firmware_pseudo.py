@@ -10,7 +10,7 @@ import pytest
 import settings
 import small_float
 import wire
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -183,6 +183,7 @@ def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
     st.integers(1, 1 << 20),
     st.integers(1, 1 << 24),
 )
+@example([(0, -117979, 268490238), (0, 0, 0)], 0, 1, 1)
 def test_no_intermediate_needs_more_than_31_bits_and_the_variance_stays_positive(means, rate, sigma, noise):
     known = pseudo_filter.PseudoFilter()
     known.bias_q16 = [SmallInt(0)] * 3

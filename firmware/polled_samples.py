@@ -1,0 +1,109 @@
+"""Samples polled one by one from the chip's output registers: whole, numbered, or given up."""
+
+from array import array
+from time import ticks_add, ticks_diff, ticks_us
+
+from look import Look
+from micropython import const
+from outbox import FIRST_ROW, ROW
+from wire import BATCH_FLAG_GAP_BEFORE
+
+_ROW = const(6)
+_LOOK_WIRE_US = const(97)
+_READ_WIRE_US = const(430)
+"""Transfers of one byte, and of fifteen or sixteen."""
+
+
+class PolledSamples:
+    """What `sampler` does with a chip that shows one sample at a time."""
+
+    left = 0
+    """Samples that wait in the chip and are counted already: none."""
+
+    def __init__(self, sampler, chip):
+        self._sampler = sampler
+        self._chip = chip
+        self._look = Look(ticks_us(), _LOOK_WIRE_US)
+        self._read = Look(ticks_us(), _READ_WIRE_US)
+        self._empty_us = ticks_us()
+        """When the chip last had nothing new."""
+        self._gave_up = False
+        """Whether a sample was read that the clock has not been told of."""
+        self._spare = array("h", bytes(2 * _ROW))
+
+    def begin(self, now, resume):
+        """The chip was configured now, and has no sample yet; what was lost before is counted in any case."""
+        self._empty_us = now
+        self._gave_up = False
+
+    def turn(self, now):
+        """One look at the chip, and the sample when it is there."""
+        sampler, chip, look = self._sampler, self._chip, self._look
+        clock = sampler.clock
+        begun = ticks_us()
+        ready = chip.ready()
+        look.took(now, begun, ticks_us())
+        if not ready:
+            self._empty_us = look.early_us
+            if not self._gave_up:
+                clock.seen(look.early_us, look.late_us, 0)
+            sampler.due_us = look.due_us(clock.aim_us(1)) if clock.locked else now
+            return
+        read, begun = self._read, ticks_us()
+        if not chip.read_into(sampler.slot.values, FIRST_ROW + ROW * sampler.count):
+            return
+        done = ticks_us()
+        read.took(begun, begun, done)
+        known = self._one_came(done)
+        if not known and not clock.before(done, 2) and not clock.sure(read.early_us, done, 1):
+            # Torn, or without a number. The clock counts it with the next.
+            self._gave_up = True
+            sampler.due_us = now
+            return
+        half_us = clock.period_us >> 1
+        if known:
+            came_us = ticks_add(look.late_us, -(ticks_diff(look.late_us, self._empty_us) >> 1))
+        else:
+            came_us = ticks_add(read.early_us, -half_us)
+        skipped = clock.skipped(came_us, 1)
+        if skipped:
+            clock.interrupted()
+            self._skip(skipped)
+        clock.seen(read.early_us, look.late_us if known else read.late_us, 1 + skipped)
+        self._gave_up = False
+        sampler.last_us = now
+        if not sampler.count:
+            sampler.began(clock.t_us, clock.index)
+        sampler.count += 1
+        if sampler.count == sampler.batch:
+            sampler.flush()
+        if clock.locked:
+            sampler.due_us = look.due_us(clock.aim_us(1))
+        else:
+            sampler.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
+
+    def _one_came(self, done):
+        """Whether exactly one sample came since the chip had none, so that the one read by `done` is whole.
+
+        Less than a period has passed since, then. Before there is a clock, the look without a sample must
+        also tell when it came: to 3/8 of a period.
+        """
+        clock = self._sampler.clock
+        eighth = clock.period_us >> 3
+        known_us = ticks_diff(done, self._empty_us)
+        if clock.locked:
+            return 0 <= known_us < 7 * eighth
+        return 0 <= known_us < 7 * eighth and ticks_diff(self._look.late_us, self._empty_us) <= 3 * eighth
+
+    def _skip(self, skipped):
+        """Closes the batch before a gap; the sample behind it moves to the front of the next."""
+        sampler, spare = self._sampler, self._spare
+        sampler.missed += skipped
+        values, at = sampler.slot.values, FIRST_ROW + ROW * sampler.count
+        for i in range(_ROW):
+            spare[i] = values[at + i]
+        sampler.flush()
+        sampler.flags |= BATCH_FLAG_GAP_BEFORE
+        values = sampler.slot.values
+        for i in range(_ROW):
+            values[FIRST_ROW + i] = spare[i]
