@@ -30,6 +30,7 @@ class I2cBus:
         self._pulses_left = 0
         self.scl_pin, self.sda_pin = 1, 0
         self._scl_level = 1
+        self._open: RegisterChip | None = None
 
     def initialise(self, frequency_hz: int, scl_pin: int, sda_pin: int) -> None:
         """Take the bus at `frequency_hz`; pin -1 keeps the pin."""
@@ -86,6 +87,25 @@ class I2cBus:
         end = t + (2 + 9 * (1 + len(data))) * self.bit_time
         chip.write(end, data)
         return len(data), end
+
+    def start(self, t: float, address: int, written: bytes) -> int:
+        """A start condition at t, after `written` went to the chip before: 1, -EIO or -ETIMEDOUT.
+
+        For a controller that sends byte by byte and keeps the time of the bits itself.
+        """
+        self.put(t, written)
+        chip = self._addressed(t, address)
+        self._open = chip if isinstance(chip, RegisterChip) else None
+        return 1 if isinstance(chip, RegisterChip) else chip
+
+    def put(self, t: float, data: bytes) -> None:
+        """Bytes for the chip of the last start, the last one over at t."""
+        if self._open is not None and data:
+            self._open.write(t, data)
+
+    def take(self, t: float) -> int:
+        """The byte that the chip of the last start shows from t on."""
+        return self._open.read(t, 1, 9 * self.bit_time)[0] if self._open is not None else 0xFF
 
     def scan(self, t: float) -> tuple[bytes, float]:
         """Addresses that acknowledge, and the time after the last probe."""

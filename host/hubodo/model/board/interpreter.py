@@ -1,4 +1,4 @@
-"""Finds and starts what runs the firmware: MicroPython under node, or CPython where neither can be had."""
+"""Finds and starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import IO, Literal
 
 from hubodo.errors import HubodoError
 
-Kind = Literal["micropython", "cpython"]
+Kind = Literal["micropython", "cpython", "rp2040"]
 
 PACKAGE = "@micropython/micropython-webassembly-pyscript"
 _HERE = Path(__file__).parent
@@ -95,7 +95,7 @@ class Interpreter:
 
 
 def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpreter:
-    """Start the interpreter with `settings` (see runner.mjs); its standard error goes to `log`."""
+    """Start the interpreter with `settings` (see the runners); its standard error goes to `log`."""
     request_read, request_write = os.pipe()
     response_read, response_write = os.pipe()
     life_read, life_write = os.pipe()
@@ -104,6 +104,8 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
     if kind == "micropython":
         full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "mp")}
         command = [find_node(), str(_HERE / "runner.mjs"), json.dumps(full)]
+    elif kind == "rp2040":
+        command = [find_node(), str(_HERE / "rp2040" / "runner.mjs"), json.dumps(full)]
     else:
         command = [sys.executable, "-I", "-S", str(_HERE / "cpython" / "runner.py"), json.dumps(full)]
     process = subprocess.Popen(
