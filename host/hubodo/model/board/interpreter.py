@@ -53,14 +53,31 @@ def find_micropython(start: Path = _HERE) -> Path:
     Raises:
         InterpreterMissing: the npm package is not installed.
     """
+    found = _in_node_modules(PACKAGE, "micropython.mjs", start)
+    if found is None:
+        raise InterpreterMissing(
+            f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
+            'or run the firmware on CPython with interpreter="cpython"'
+        )
+    return found
+
+
+def find_rp2040js() -> None:
+    """Nothing, where node finds the emulator of the RP2040 from its runner.
+
+    Raises:
+        InterpreterMissing: the npm package is not installed.
+    """
+    if _in_node_modules("rp2040js", "package.json", _HERE) is None:
+        raise InterpreterMissing("npm package rp2040js is not installed: run `npm ci` in the repository")
+
+
+def _in_node_modules(package: str, file: str, start: Path) -> Path | None:
     for folder in (*start.parents, Path.cwd()):
-        candidate = folder / "node_modules" / PACKAGE / "micropython.mjs"
+        candidate = folder / "node_modules" / package / file
         if candidate.is_file():
             return candidate
-    raise InterpreterMissing(
-        f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
-        'or run the firmware on CPython with interpreter="cpython"'
-    )
+    return None
 
 
 @dataclass

@@ -182,6 +182,8 @@ class MemoryLink:
     def __init__(self, script: Sequence[tuple[float, bytes]] = ()) -> None:
         self.counts: Counter[str] = Counter()
         self.output = bytearray()
+        self.arrivals: list[tuple[float, int]] = []
+        """(s, bytes that had come by then), for each write."""
         self.t = 0.0
         self._script = sorted(script)
         self.host_open = self.plugged = True
@@ -196,6 +198,7 @@ class MemoryLink:
     def write(self, data: bytes) -> int:
         """Takes all."""
         self.output += data
+        self.arrivals.append((self.t, len(self.output)))
         self.counts["written"] += len(data)
         return len(data)
 

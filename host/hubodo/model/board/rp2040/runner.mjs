@@ -2,6 +2,7 @@
 import fs from "node:fs";
 import { Flash } from "./flash.mjs";
 import { Line } from "./line.mjs";
+import { Meter } from "./meter.mjs";
 import { Pico } from "./pico.mjs";
 import { readSymbols, waitLoops } from "./symbols.mjs";
 
@@ -30,7 +31,25 @@ function pace() {
   if (ahead > LEAST_NAP_NS) Atomics.wait(nap, 0, 0, ahead / 1e6);
 }
 
+// ---- metering: counted here, kept by the board ----
+
+const METER_NS = 100e6;
+let meter = null, told = 0;
+
+function count() {
+  const now = booted + pico.now;
+  if (config.meter_from === null || now < config.meter_from * 1e9) return;
+  if (meter === null) {
+    if (symbols === null) throw new Error("there are no symbols beside this image: nothing can be metered");
+    meter = new Meter(pico, symbols, config.profile);
+  }
+  if (now - told < METER_NS) return;
+  told = now;
+  line.ask(line.op.METER, 0, Buffer.from(JSON.stringify(meter.report())));
+}
+
 for (;;) {
+  count();
   if (config.paced) pace();
   if (booted + pico.now - line.contact >= config.refresh_ns) line.ask(line.op.PING);
   pico.usb.refresh();

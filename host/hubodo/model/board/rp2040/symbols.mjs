@@ -5,12 +5,12 @@ const FLASH = 0x10000000;
 // The end of mp_hal_delay_us: bl time_us_64; cmp r5, r1; bhi; bne; cmp r4, r0; bhi; pop {r4, r5, r6, pc}.
 const DELAY_LOOP = Buffer.from("8d42fbd801d18442f8d870bd", "hex"), CALL = 4;
 
-/** Address by name from lines of `nm`. */
+/** Address by name from lines of `nm`; what the compiler put behind a name is left out. */
 export function readSymbols(path) {
   const found = new Map();
   for (const row of fs.readFileSync(path, "utf8").split("\n")) {
     const words = row.trim().split(/\s+/);
-    if (words.length >= 3) found.set(words.at(-1), parseInt(words[0], 16));
+    if (words.length >= 3) found.set(words.at(-1).split(".")[0], parseInt(words[0], 16));
   }
   return found;
 }
