@@ -81,10 +81,10 @@ export class Pico {
     const watchdog = this.mcu.peripherals[WATCHDOG];
     this._reason = watchdog.reason;
     this._scratch = Uint32Array.from(watchdog.scratchData);
-    this._bootedAt = this.now;
     this.cacheMisses = this.misses;
     this.resets++;
     this.onReset(this._reason);
+    this._bootedAt = this.now;
     this._boot(0);
   }
 

@@ -11,7 +11,17 @@ const DTR = 1, RTS = 2;
 // rp2040js enumerates a CDC device; it raises both lines as soon as that is done.
 class Cdc extends USBCDC {
   open = false;
+  asking = false; // the device has not said yet that it heard
+  constructor(usb) {
+    super(usb);
+    const written = usb.onEndpointWrite;
+    usb.onEndpointWrite = (endpoint, data) => {
+      if (endpoint === 0 && data.length === 0) this.asking = false;
+      written(endpoint, data);
+    };
+  }
   cdcSetControlLineState() {
+    this.asking = true;
     super.cdcSetControlLineState(this.open ? DTR | RTS : 0);
   }
 }
@@ -110,7 +120,7 @@ export class UsbHost {
     }
     if (!this._configured) return;
     const open = (line.flags & FLAG_OPEN) !== 0;
-    if (open !== this._cdc.open) {
+    if (open !== this._cdc.open && !this._cdc.asking) {
       this._cdc.open = open;
       this._cdc.cdcSetControlLineState();
     }
