@@ -1,13 +1,10 @@
 """The firmware on an emulated Pico keeps its promises: every sample, in time, nothing from the heap."""
 
-import os
-
 import pytest
 from chip_run import run_chip
 
 from hubodo.flash.image import build, firmware_folder
-from hubodo.model.board.interpreter import InterpreterMissing, find_node, find_rp2040js
-from hubodo.model.board.rp2040.image import ImageMissing, find_image
+from virtual_runs import pico_or_skip
 
 # name: (configuration, emulated seconds)
 RUNS = {
@@ -25,16 +22,6 @@ ALLOCATIONS = 0.0
 BEGIN_US = 500.0
 LATER_US = 100.0
 HELLO_S = 0.7
-
-
-def pico_or_skip():
-    """Without node, its emulator or an image of MicroPython the test skips, or fails where CI is set."""
-    try:
-        find_node(), find_rp2040js(), find_image()
-    except (InterpreterMissing, ImageMissing) as missing:
-        if os.environ.get("CI"):
-            pytest.fail(str(missing))
-        pytest.skip(str(missing))
 
 
 def armv6m(folder):

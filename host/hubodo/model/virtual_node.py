@@ -137,6 +137,8 @@ class VirtualNode:
             find_node()
             find_rp2040js()
             find_image(board.get("image"), board.get("bootrom"))
+            if link in ("uart", "udp"):
+                raise ValueError(f"link {link}: an emulated Pico speaks over USB; want pty or memory")
         self._folder = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
         self._flash = flash if flash is not None else self._folder / "flash"
         self._flash.mkdir(parents=True, exist_ok=True)

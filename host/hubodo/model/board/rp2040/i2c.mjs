@@ -8,14 +8,14 @@ const BYTE_BITS = 9, ETIMEDOUT = 110; // as hypercall.py has it
 export class I2cController {
   /**
    * bus: an RPI2C of `mcu`, number 0 or 1; line: to the board, whose bus it is.
-   * onPins(scl, sda): the pins it is switched to.
+   * pins: a Pins, told which ones are the bus.
    */
-  constructor(mcu, number, line, onPins) {
+  constructor(mcu, number, line, pins) {
     this._mcu = mcu;
     this._bus = mcu.i2c[number];
     this._number = number;
     this._line = line;
-    this._onPins = onPins;
+    this._pins = pins;
     this._then = null;
     this._alarm = mcu.clock.createAlarm(() => this._then());
     this._written = []; // bytes of the transfer that runs, for the chip when the next condition comes
@@ -45,8 +45,10 @@ export class I2cController {
       this._written = [];
       this._later(BYTE_BITS, () => {
         line.settle();
-        if (status === -ETIMEDOUT) this._held = true;
-        else bus.completeConnect(status > 0);
+        if (status === -ETIMEDOUT) {
+          this._held = true;
+          this._pins.look();
+        } else bus.completeConnect(status > 0);
       });
     };
     bus.onWriteByte = (value) => {
@@ -105,6 +107,6 @@ export class I2cController {
     if (settings === this._settings || scl < 0) return;
     this._settings = settings;
     this._line.ask(this._line.op.I2C_INIT, this._number, payload);
-    this._onPins(scl, sda);
+    this._pins.watch(scl, sda);
   }
 }

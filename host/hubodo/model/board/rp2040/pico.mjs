@@ -64,14 +64,18 @@ export class Pico {
     const watchdog = mcu.peripherals[WATCHDOG];
     watchdog.reason = this._reason;
     if (this._scratch) watchdog.scratchData.set(this._scratch);
-    watchdog.onWatchdogTrigger = () => (mcu.stopped = true);
+    watchdog.onWatchdogTrigger = () => {
+      mcu.stopped = true;
+      // Its alarm would go off again at once, for ever.
+      watchdog.alarm.enable = false;
+    };
     this.cache = this.missCycles ? new XipCache(this.missCycles) : null;
     this.fast = new FastCore(mcu, CLOCK_HZ, this.cache);
     this.fast.onMark = (pc) => this._marked(pc);
     for (const pc of [this.flash.eraseAt, this.flash.programAt, ...this.hooks.keys(), ...this.waits.keys()]) this.fast.mark(pc, true);
     this._busyUntil = 0;
-    this.pins = new Pins(mcu, this.line);
-    for (const number of [0, 1]) new I2cController(mcu, number, this.line, (scl, sda) => this.pins.watch(scl, sda));
+    const pins = new Pins(mcu, this.line);
+    for (const number of [0, 1]) new I2cController(mcu, number, this.line, pins);
     this.usb = new UsbHost(mcu, this.line);
     this.core.PC = FLASH;
     this.onBoot();
@@ -135,6 +139,10 @@ export class Pico {
         this._reset();
         return;
       }
+      if (this.line.stalledUntil > 0) {
+        this._busyUntil = clock.nanos + (this.line.stalledUntil - this.line.now()) * this.rate;
+        this.line.stalledUntil = 0;
+      }
       const next = clock.nextAlarm;
       if (clock.nanosCounter < this._busyUntil) {
         clock.tick(Math.min(this._busyUntil, until) - clock.nanosCounter);
@@ -155,10 +163,6 @@ export class Pico {
       const end = next === null ? until : Math.min(next.nanos, until);
       spent += fast.run(Math.max(1, Math.ceil((end - clock.nanosCounter) / cycleNs)));
       clock.tick(spent * cycleNs);
-      if (this.line.stalledUntil > this.now) {
-        this._busyUntil = clock.nanos + (this.line.stalledUntil - this.now) * this.rate;
-        this.line.stalledUntil = 0;
-      }
     }
   }
 }

@@ -8,6 +8,7 @@ export class Pins {
   constructor(mcu, line) {
     this._mcu = mcu;
     this._line = line;
+    this._bus = [];
     this._watched = [];
     this._levels = new Map();
     const adc = mcu.adc, read = adc.onADCRead;
@@ -21,22 +22,27 @@ export class Pins {
   /** The bus is on these pins from now on. */
   watch(scl, sda) {
     for (const stop of this._watched) stop();
-    this._watched = [];
-    for (const pin of [scl, sda]) {
-      const gpio = this._mcu.gpio[pin];
+    this._bus = [scl, sda];
+    this._watched = this._bus.map((pin) => {
       this._levels.set(pin, 1);
-      gpio.setInputValue(true);
-      this._watched.push(gpio.addListener((state) => this._moved(pin, state === DRIVEN_LOW ? 0 : 1, scl, sda)));
-    }
+      return this._mcu.gpio[pin].addListener((state) => this._moved(pin, state === DRIVEN_LOW ? 0 : 1));
+    });
+    this.look();
   }
 
-  _moved(pin, level, scl, sda) {
-    const { op } = this._line, gpio = this._mcu.gpio;
-    if (gpio[pin].functionSelect !== SIO_FUNCTION || this._levels.get(pin) === level) return;
+  /** Puts onto the pins of the bus what firmware that reads them shall see: high unless somebody holds one low. */
+  look() {
+    const [scl, sda] = this._bus, line = this._line;
+    this._mcu.gpio[scl].setInputValue(this._levels.get(scl) === 1);
+    this._mcu.gpio[sda].setInputValue(this._levels.get(sda) === 1 && line.ask(line.op.PIN_GET, sda) === 1);
+  }
+
+  _moved(pin, level) {
+    const line = this._line;
+    if (this._mcu.gpio[pin].functionSelect !== SIO_FUNCTION || this._levels.get(pin) === level) return;
     this._levels.set(pin, level);
-    this._line.ask(op.PIN_INIT, pin, [OPEN_DRAIN, NO_PULL]);
-    this._line.ask(op.PIN_SET, pin, [level]);
-    gpio[scl].setInputValue(this._levels.get(scl) === 1);
-    gpio[sda].setInputValue(this._levels.get(sda) === 1 && this._line.ask(op.PIN_GET, sda) === 1);
+    line.ask(line.op.PIN_INIT, pin, [OPEN_DRAIN, NO_PULL]);
+    line.ask(line.op.PIN_SET, pin, [level]);
+    this.look();
   }
 }
