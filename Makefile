@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check bench papers accuracy gap-matrix gap-rides setup clean
+.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -17,6 +17,9 @@ test: setup          ## everything that can be proven without hardware; what wai
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
+
+chip: setup          ## the firmware on an emulated Pico: losses, processor, heap and time stamps of each configuration
+	$(BIN)/python tests/chip/chip.py
 
 bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_decoder.py

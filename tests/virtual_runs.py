@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
+from hubodo.model.board.interpreter import (
+    InterpreterMissing,
+    find_micropython,
+    find_node,
+    find_rp2040js,
+)
+from hubodo.model.board.rp2040.image import ImageMissing, find_image
 from hubodo.model.motion import RecordedMotion
 from hubodo.model.virtual_node import VirtualNode
 from hubowire import messages as m
@@ -76,3 +82,13 @@ def matched(sent, truth, ticks_start_us=0):
 
 def request(seq, message, node=1):
     return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))
+
+
+def pico_or_skip():
+    """Without node, its emulator or an image of MicroPython the test skips, or fails where CI is set."""
+    try:
+        find_node(), find_rp2040js(), find_image()
+    except (InterpreterMissing, ImageMissing) as missing:
+        if os.environ.get("CI"):
+            pytest.fail(str(missing))
+        pytest.skip(str(missing))

@@ -48,6 +48,8 @@ class RecordConfig:
     ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second at most,
     None: one for every sample.
     clock_request_period: s between two questions for a node's clock.
+    time_scale, time_zero_ns: for emulated nodes that are slower than real time: a second of the log takes
+    time_scale seconds, from this host time (ns since 1970) on; None: from the start on.
     """
 
     ports: tuple[str, ...] = ()
@@ -62,6 +64,8 @@ class RecordConfig:
     compression: Literal["zstd", "lz4", "none"] = "zstd"
     odometry_rate_hz: float | None = None
     clock_request_period: float = 1.0
+    time_scale: float = 1.0
+    time_zero_ns: int | None = None
 
 
 def load_record_config(path: Path) -> RecordConfig:
@@ -73,7 +77,7 @@ def load_record_config(path: Path) -> RecordConfig:
     table = load_toml(path)
     only_keys(table, ("record",), str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
-    for key in ("gnss_baud", "baud", "odometry_rate_hz", "clock_request_period"):
+    for key in ("gnss_baud", "baud", "odometry_rate_hz", "clock_request_period", "time_scale"):
         if getattr(config, key) is not None and not getattr(config, key) > 0:
             raise ConfigError(f"{path}: [record] {key} = {getattr(config, key)}: must be above 0")
     if config.duration is not None and not config.duration > 0:

@@ -1,52 +1,13 @@
 """The links beside USB: the real firmware on its UART and over Wi-Fi, recorded by the real daemon."""
 
-import json
 import socket
-import subprocess
-import sys
+
+from recorded import judge, logged, recorder
 
 from hubodo.log.mcap import open_log
 from hubodo.model.virtual_node import VirtualNode
-from hubowire import FrameDecoder, decode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, unique_motion
-
-SECONDS = 4
-
-
-def recorder(port, log):
-    """A daemon that listens to `port` for a few seconds."""
-    words = ("record", str(port), "-o", str(log), "--duration", str(SECONDS), "--json")
-    return subprocess.Popen(
-        [sys.executable, "-m", "hubodo.cli", *words],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def logged(log):
-    """[(frame, message)] of everything that the daemon kept."""
-    decoder = FrameDecoder()
-    with open_log(log) as records:
-        raw = [r.data for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
-    return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
-
-
-def judge(done, log, truth):
-    """Nothing lost or damaged, every sample the chip's own, and the node has heard the host."""
-    out, errors = done
-    result = json.loads(out) if out else errors
-    (node,) = result["nodes"].values()
-    assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
-    (link,) = result["links"].values()
-    assert link["frames_damaged"] == 0
-    assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 1
-    found = matched(logged(log), truth)
-    assert len(found) > 0.8 * (SECONDS - 1) * 416
-    first = found[0]
-    assert (found[:, 0] - first[0] == range(len(found))).all()
-    assert (found[:, 2] - first[2] == range(len(found))).all()
+from virtual_runs import FIRMWARE, micropython_or_skip, of, unique_motion
 
 
 def test_a_node_on_its_uart_is_recorded_whole(tmp_path):

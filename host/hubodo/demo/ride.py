@@ -1,6 +1,8 @@
 """A ride: power on virtual nodes, let the real daemon record them over their serial ports."""
 
+import argparse
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -13,12 +15,18 @@ from typing import Any, Literal, Self
 
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
-from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node
+from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
+from hubodo.model.board.rp2040.image import find_image
 from hubodo.model.node_motion import NodeMotion, Scatter
 from hubodo.model.virtual_node import VirtualNode
 from hubowire.messages import NODE_IDS
 
-Interpreter = Literal["micropython", "cpython"]
+Interpreter = Literal["micropython", "cpython", "rp2040"]
+INTERPRETERS: dict[Interpreter, str] = {
+    "micropython": "MicroPython",
+    "cpython": "CPython",
+    "rp2040": "MicroPython on an emulated RP2040",
+}
 
 RATE_HZ = 416
 SETTLE = 4.0
@@ -26,6 +34,8 @@ SETTLE = 4.0
 _TAIL = 1.0
 _PATIENCE = 60.0
 _POWER_ON, _BOOT, _HURRY, _LATE = 1.0, 0.8, 1.5, 0.05
+_PACE: dict[Interpreter, float] = {"micropython": 1.0, "cpython": 1.0, "rp2040": 2.0}
+"""Seconds of the wall clock for one of the nodes, where each has a core of its own."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +50,46 @@ class Rider:
 
 @dataclass(frozen=True)
 class RideResult:
-    """What a ride left behind. start_ns: host time of the drive's start; recorded: the daemon's own words."""
+    """What a ride left behind.
+
+    start_ns: of the drive, on the clock of the log; recorded: the daemon's own words; pace: s of the wall
+    clock for one of the ride.
+    """
 
     log: Path
     vehicle: Path
     start_ns: int
     recorded: dict[str, Any]
     nodes: dict[str, dict[str, Any]]
+    pace: float
 
 
-def choose_interpreter(wanted: str) -> Interpreter:
-    """What runs the firmware: `micropython`, `cpython`, or with `auto` the first if it is installed.
+def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
+    """The options that say what runs the firmware; `of`: said in their help."""
+    choices = ["auto", *INTERPRETERS]
+    parser.add_argument(
+        "--on",
+        "--interpreter",
+        dest="interpreter",
+        choices=choices,
+        default="auto",
+        help=f"what runs the firmware{of}; rp2040: a whole emulated Pico, slower than real time",
+    )
+    parser.add_argument("--image", type=Path, help="with --on rp2040: MicroPython for the Pico, .uf2 or .bin")
+    parser.add_argument("--bootrom", type=Path, help="with --on rp2040: of the chip (default: beside it)")
 
-    Says so on stderr where `auto` has to do without. Raises InterpreterMissing where `micropython` has to.
+
+def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | None = None) -> Interpreter:
+    """What runs the firmware: as wanted, or with `auto` `micropython` if it is installed, else `cpython`.
+
+    image, bootrom: of an emulated Pico. Says so on stderr where `auto` has to do without. Raises
+    InterpreterMissing or ImageMissing where what is wanted is not there.
     """
+    if wanted == "rp2040":
+        find_node()
+        find_rp2040js()
+        find_image(image, bootrom)
+        return "rp2040"
     if wanted == "cpython":
         return "cpython"
     try:
@@ -69,7 +105,10 @@ def choose_interpreter(wanted: str) -> Interpreter:
 
 def write_image(folder: Path, interpreter: Interpreter) -> Path:
     """The firmware as it is flashed; CPython, which cannot run MicroPython's bytecode, gets the sources."""
-    image = build(firmware_folder(), None) if interpreter == "micropython" else sources(firmware_folder())
+    if interpreter == "cpython":
+        image = sources(firmware_folder())
+    else:
+        image = build(firmware_folder(), "armv6m" if interpreter == "rp2040" else None)
     for name, content in image.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
@@ -84,12 +123,15 @@ def ride(
     seed: int,
     tick: Callable[[float], None],
     rate_hz: int = RATE_HZ,
+    **board: Any,
 ) -> RideResult:
     """Runs the drive in real time; `tick` gets the share done, 0 to 1, some times a second.
 
-    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on.
-    Raises HubodoError when the daemon or a node fails.
+    What cannot keep up with real time runs slower, and the daemon's clock with it. riders: by node name, one
+    of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on. board: further settings of
+    the boards, see VirtualNode. Raises HubodoError when the daemon or a node fails.
     """
+    pace = _pace(interpreter, len(riders))
     firmware = write_image(out / "firmware", interpreter)
     vehicle, log = out / "vehicle.toml", out / "drive.mcap"
     vehicle.write_text(vehicle_toml, "utf-8")
@@ -97,7 +139,8 @@ def ride(
     duration = max(rider.motion.duration for rider in riders.values()) + _TAIL
     with ExitStack() as stack:
         # The daemon first: on a busy computer it takes longer to start than a node does to boot.
-        daemon = stack.enter_context(_Daemon(links, log, vehicle))
+        zero_ns = time.time_ns()
+        daemon = stack.enter_context(_Daemon(links, log, vehicle, pace, zero_ns))
         # The boards need about as long as the daemon did.
         power_on_ns = time.monotonic_ns() + int(1e9 * (_POWER_ON + daemon.took))
         nodes = {}
@@ -114,34 +157,55 @@ def ride(
                 clock_ppm=rider.clock_ppm,
                 unique_id=f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}",
                 clock="paced",
+                pace=pace,
                 power_on_ns=power_on_ns,
+                **board,
             )
             nodes[name] = stack.enter_context(node)
-        start_ns = time.time_ns() + (power_on_ns - time.monotonic_ns()) + int(SETTLE * 1e9)
-        _plug_in(nodes, links, power_on_ns)
-        while (gone := 1e-9 * (time.monotonic_ns() - power_on_ns)) < duration and daemon.running:
-            tick(min(max(gone / duration, 0.0), 1.0))
+        powered_ns = time.time_ns() + (power_on_ns - time.monotonic_ns())
+        start_ns = zero_ns + int((powered_ns - zero_ns) / pace) + int(SETTLE * 1e9)
+
+        def gone() -> float:
+            return 1e-9 * (time.monotonic_ns() - power_on_ns) / pace
+
+        _plug_in(nodes, links, gone, pace)
+        while (now := gone()) < duration and daemon.running:
+            tick(min(max(now / duration, 0.0), 1.0))
             time.sleep(0.2)
         recorded = daemon.stop()
         stats = {name: dict(node.stats) for name, node in nodes.items()}
     silent = [name for name in riders if name not in recorded["nodes"]]
     if silent:
         raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node; run it again with less load")
-    return RideResult(log, vehicle, start_ns, recorded, stats)
+    return RideResult(log, vehicle, start_ns, recorded, stats, pace)
 
 
-def _plug_in(nodes: Mapping[str, VirtualNode], links: Mapping[str, Path], power_on_ns: int) -> None:
+def speed_of(interpreter: Interpreter, nodes: int) -> str:
+    """How fast a ride goes, in words."""
+    pace = _pace(interpreter, nodes)
+    return "in real time" if pace == 1.0 else f"at {1 / pace:.2f} of real time"
+
+
+def _pace(interpreter: Interpreter, nodes: int) -> float:
+    """Emulated boards share the cores with the daemon and each other."""
+    alone = _PACE[interpreter]
+    return alone if alone == 1.0 else alone * max(1.0, (nodes + 1) / (os.cpu_count() or 1))
+
+
+def _plug_in(
+    nodes: Mapping[str, VirtualNode], links: Mapping[str, Path], gone: Callable[[], float], pace: float
+) -> None:
     """Connect the boards once they keep up with the wall clock.
 
     A board that boots on a busy computer is late and makes up for it in a rush, which no real clock does.
     """
 
     def late(node: VirtualNode) -> float:
-        return 1e-9 * (time.monotonic_ns() - power_on_ns) - float(node.stats["t"])
+        return gone() - float(node.stats["t"])
 
-    time.sleep(max(0.0, 1e-9 * (power_on_ns - time.monotonic_ns())) + _BOOT)
-    end = time.monotonic() + _HURRY
-    while any(late(node) > _LATE for node in nodes.values()) and time.monotonic() < end:
+    time.sleep(pace * max(0.0, _BOOT - gone()))
+    end = gone() + _HURRY
+    while any(late(node) > _LATE for node in nodes.values()) and gone() < end:
         time.sleep(0.05)
     for name, node in nodes.items():
         links[name].symlink_to(node.link_path)
@@ -150,10 +214,13 @@ def _plug_in(nodes: Mapping[str, VirtualNode], links: Mapping[str, Path], power_
 class _Daemon:
     """`hubodo record` in a process of its own; ready once its log is there, which took `took` s."""
 
-    def __init__(self, links: Mapping[str, Path], log: Path, vehicle: Path) -> None:
+    def __init__(
+        self, links: Mapping[str, Path], log: Path, vehicle: Path, time_scale: float, time_zero_ns: int
+    ) -> None:
         ports = [f"{name}={link}" for name, link in links.items()]
         words = [sys.executable, "-m", "hubodo.cli", "record", *ports, "-o", str(log)]
         words += ["--vehicle", str(vehicle), "--wait", "--json"]
+        words += ["--time-scale", str(time_scale), "--time-zero", str(time_zero_ns)]
         self._log, self.took = log, 0.0
         self._process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 

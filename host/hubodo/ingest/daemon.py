@@ -29,10 +29,16 @@ _TICK_NS = S // 50
 _BATCH = 256
 
 
-def steady_clock() -> Callable[[], int]:
-    """Host time in ns since 1970 that never steps: the wall clock now, and monotonic from here on."""
+def steady_clock(scale: float = 1.0, zero_ns: int | None = None) -> Callable[[], int]:
+    """Host time in ns since 1970 that never steps: the wall clock now, and monotonic from here on.
+
+    With a scale, it passes `scale` times slower than the wall clock from zero_ns on.
+    """
     base = time.time_ns() - time.monotonic_ns()
-    return lambda: base + time.monotonic_ns()
+    if scale == 1.0:
+        return lambda: base + time.monotonic_ns()
+    zero = zero_ns if zero_ns is not None else base + time.monotonic_ns()
+    return lambda: zero + int((base + time.monotonic_ns() - zero) / scale)
 
 
 def record(
@@ -53,7 +59,7 @@ def record(
     behind then), CalibrationError (the calibration is of nodes with other serials; nothing is left behind)
     and WireMismatch (every node speaks another version; the raw frames stay in the log).
     """
-    now_ns = steady_clock()
+    now_ns = steady_clock(config.time_scale, config.time_zero_ns)
     news: queue.SimpleQueue[LinkNews | Answer] = queue.SimpleQueue()
     links, names, gnss = _links(config, news, now_ns, lister)
     if out.exists():

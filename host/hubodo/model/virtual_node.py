@@ -21,8 +21,10 @@ from types import TracebackType
 from typing import Any, Literal
 
 from hubodo.errors import HubodoError
-from hubodo.model.board.interpreter import Kind, find_micropython, find_node
+from hubodo.model.board.bus import Read
+from hubodo.model.board.interpreter import Kind, find_micropython, find_node, find_rp2040js
 from hubodo.model.board.process import IMUS, BoardService, ChipName, NodeSpec
+from hubodo.model.board.rp2040.image import find_image
 from hubodo.model.board.settings import BoardSettings
 from hubodo.model.chips.faults import Fault
 from hubodo.model.chips.imu import Disturbance, Part
@@ -80,7 +82,8 @@ class VirtualNode:
         seed: of that noise and of the line's.
         clock: "real" is the wall clock; "paced" keeps up with it but waits, chips included, where the machine
             is too busy, so that no load costs samples; "stepped" runs as fast as it can.
-        interpreter: "micropython" (node and npm package needed) or "cpython".
+        interpreter: "micropython" (node and npm package needed), "cpython", or "rp2040": an emulated Pico
+            that runs its own MicroPython (node, npm package and image needed, see `board.rp2040.image`).
         faults: what goes wrong and when, see `chips.faults`.
         link: "pty" USB CDC on a pseudo terminal; "uart" the same terminal on UART 0; "udp" the firmware
             sends by itself, the terminal is its console; "memory" no host, output is kept.
@@ -93,6 +96,7 @@ class VirtualNode:
 
     Raises:
         InterpreterMissing: node or the npm package is absent.
+        ImageMissing: the image of MicroPython for the Pico, or the bootrom.
         ValueError: an argument outside what is written above.
     """
 
@@ -119,6 +123,7 @@ class VirtualNode:
         corrupt: float = 0.0,
         lose: float = 0.0,
         keep_link_log: bool = False,
+        keep_bus_log: bool = False,
         run_for: float | None = None,
         wait_for_host: bool = False,
         own_process: bool = True,
@@ -128,18 +133,24 @@ class VirtualNode:
         if interpreter == "micropython":
             find_node()
             find_micropython()
+        elif interpreter == "rp2040":
+            find_node()
+            find_rp2040js()
+            find_image(board.get("image"), board.get("bootrom"))
+            if link in ("uart", "udp"):
+                raise ValueError(f"link {link}: an emulated Pico speaks over USB; want pty or memory")
         self._folder = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
-        self.flash = flash if flash is not None else self._folder / "flash"
-        self.flash.mkdir(parents=True, exist_ok=True)
+        self._flash = flash if flash is not None else self._folder / "flash"
+        self._flash.mkdir(parents=True, exist_ok=True)
         if firmware is not None:
-            install_firmware(firmware, self.flash, config)
+            install_firmware(firmware, self._flash, config)
         elif config is not None:
-            (self.flash / "config.json").write_text(json.dumps(dict(config)))
+            (self._flash / "config.json").write_text(json.dumps(dict(config)))
         self.link_path = link_path if link_path is not None else self._folder / "tty"
         if link == "uart":
             board.setdefault("uart_link", 0)
         settings = BoardSettings(
-            flash=self.flash,
+            flash=self._flash,
             interpreter=interpreter,
             clock=clock,
             run_for=run_for,
@@ -169,6 +180,7 @@ class VirtualNode:
             lose=lose,
             noise_seed=seed,
             keep_link_log=keep_link_log,
+            keep_bus_log=keep_bus_log,
             scripted_input=tuple(scripted_input),
         )
         self._own_process = own_process
@@ -297,6 +309,13 @@ class VirtualNode:
         return str(self.link_path)
 
     @property
+    def flash(self) -> Path:
+        """The host's folder that is the board's file system, as it is now."""
+        if self._connection is not None:
+            self.command("mirror_flash")
+        return self._flash
+
+    @property
     def stats(self) -> dict[str, Any]:
         """Counts of calls, link, bus and chips; resets with time and cause; processor time in s."""
         stats: dict[str, Any] = self.command("stats")
@@ -307,6 +326,21 @@ class VirtualNode:
         """With link "memory": all bytes the board has sent."""
         output: bytes = self.command("output")
         return output
+
+    def arrivals(self) -> list[tuple[float, int]]:
+        """With link "memory": (s, bytes of `output` that had come by then)."""
+        arrivals: list[tuple[float, int]] = self.command("arrivals")
+        return arrivals
+
+    def bus_log(self) -> list[Read]:
+        """With keep_bus_log: every read of the I2C bus."""
+        log: list[Read] = self.command("bus_log")
+        return log
+
+    def meter(self) -> dict[str, Any]:
+        """With interpreter "rp2040" and meter_from: what the processor did, see rp2040/meter.mjs."""
+        meter: dict[str, Any] = self.command("meter")
+        return meter
 
     def link_log(self) -> list[tuple[int, bytes, bytes, bool]]:
         """With keep_link_log: (host ns, bytes written, bytes after line noise, host was listening)."""
@@ -342,7 +376,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--chip", choices=sorted(IMUS), default="lsm6ds33")
     parser.add_argument("--spin", type=float, default=0.0, metavar="RAD_S", help="rate about z (default 0)")
-    parser.add_argument("--interpreter", choices=("micropython", "cpython"), default="micropython")
+    parser.add_argument("--interpreter", choices=("micropython", "cpython", "rp2040"), default="micropython")
     given = parser.parse_args(arguments)
     config = {"node_id": given.node_id, "rate_hz": given.rate} if given.firmware is not None else None
     try:
@@ -352,6 +386,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             config=config,
             chip=given.chip,
             interpreter=given.interpreter,
+            clock="paced" if given.interpreter == "rp2040" else "real",
             link_path=given.link,
         ) as node:
             print(node.port, flush=True)

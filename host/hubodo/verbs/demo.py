@@ -15,7 +15,15 @@ from rich.table import Table as TextTable
 
 from hubodo.config import load_vehicle
 from hubodo.demo.report import demo_page, facts_grid
-from hubodo.demo.ride import Interpreter, RideResult, choose_interpreter, ride
+from hubodo.demo.ride import (
+    INTERPRETERS,
+    Interpreter,
+    RideResult,
+    add_board_arguments,
+    choose_interpreter,
+    ride,
+    speed_of,
+)
 from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.errors import HubodoError, InputError
 from hubodo.fuse.track import Score
@@ -45,7 +53,7 @@ class Demo:
         """What was found, in words, for the terminal and the page."""
         off = self.score
         return {
-            "firmware ran on": "MicroPython" if self.interpreter == "micropython" else "CPython",
+            "firmware ran on": INTERPRETERS[self.interpreter],
             "length of the path": f"{self.fused.learnt['distance']:.2f} m (truth {self.true_length:.2f} m)",
             "error at the end": f"{off.final_error:.3f} m, {off.final_percent:.2f} % of the path",
             "largest error": f"{off.maximum_error:.3f} m, {off.maximum_percent:.2f} %",
@@ -119,21 +127,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--moving", type=float, default=60.0, help="s of drive between the rests (default: 60)"
     )
-    choices = ["auto", "micropython", "cpython"]
-    parser.add_argument("--interpreter", choices=choices, default="auto", help="what runs the firmware")
+    add_board_arguments(parser, "")
 
 
 def run(args: argparse.Namespace) -> Demo:
     if not 5.0 <= args.moving <= 3600.0:
         raise InputError(f"--moving {args.moving}: use 5 to 3600 s")
     started = time.monotonic()
-    interpreter = choose_interpreter(args.interpreter)
+    interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     out = _fresh(args.output)
     scenario = make_scenario(args.seed, args.moving)
     note = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
-        task = progress.add_task("two virtual nodes drive, in real time", total=1.0)
+        task = progress.add_task(f"two virtual nodes drive, {speed_of(interpreter, 2)}", total=1.0)
         result = ride(
             scenario.riders(),
             VEHICLE_TOML,
@@ -141,6 +148,8 @@ def run(args: argparse.Namespace) -> Demo:
             interpreter,
             args.seed,
             lambda share: progress.update(task, completed=share),
+            image=args.image,
+            bootrom=args.bootrom,
         )
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)

@@ -45,6 +45,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--gnss-baud", type=int, help="of the receiver's serial port (default 9600)")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument(
+        "--time-scale",
+        type=float,
+        metavar="N",
+        help="for emulated nodes: a second of the log takes N seconds",
+    )
+    parser.add_argument(
+        "--time-zero", type=int, metavar="NS", help="with --time-scale: host time from which on (ns)"
+    )
     parser.add_argument("--wait", action="store_true", help="wait for ports that are not there yet, or busy")
 
 
@@ -64,6 +73,8 @@ def run(args: argparse.Namespace) -> RecordResult:
         "gnss_baud": args.gnss_baud,
         "duration": args.duration,
         "wait": args.wait or None,
+        "time_scale": args.time_scale,
+        "time_zero_ns": args.time_zero,
     }
     config = replace(config, **{key: value for key, value in given.items() if value is not None})
     if output is None:
@@ -72,6 +83,8 @@ def run(args: argparse.Namespace) -> RecordResult:
         raise InputError("no port; name at least one, such as /dev/ttyACM0")
     if config.duration is not None and not config.duration > 0:
         raise InputError(f"--duration {config.duration}: must be above 0")
+    if not config.time_scale > 0:
+        raise InputError(f"--time-scale {config.time_scale}: must be above 0")
     vehicle = None
     if vehicle_path is not None:
         vehicle = load_vehicle(vehicle_path)

@@ -13,7 +13,15 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.demo.ride import SETTLE, Interpreter, Rider, choose_interpreter, ride
+from hubodo.demo.ride import (
+    SETTLE,
+    Interpreter,
+    Rider,
+    add_board_arguments,
+    choose_interpreter,
+    ride,
+    speed_of,
+)
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
 from hubodo.log.convert import write_recording
@@ -115,8 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--virtual-node", action="store_true", help="run the firmware on virtual boards, in real time"
     )
-    choices = ["auto", "micropython", "cpython"]
-    parser.add_argument("--interpreter", choices=choices, default="auto", help="of --virtual-node")
+    add_board_arguments(parser, " of --virtual-node")
 
 
 def run(args: argparse.Namespace) -> Simulated:
@@ -245,7 +252,7 @@ def _virtual(
     args: argparse.Namespace, model: Model, experiment: Experiment, show: Any
 ) -> tuple[Recording, dict[str, Any]]:
     """The drive through emulated chips, firmware, serial ports and the daemon; reference and truth added."""
-    interpreter: Interpreter = choose_interpreter(args.interpreter)
+    interpreter: Interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     vehicle = model.vehicle
     riders = {}
     for name, mount in vehicle.nodes.items():
@@ -263,6 +270,7 @@ def _virtual(
         )
         riders[name] = Rider(motion, Scatter(model.noise, effects))
     plain = dataclasses.replace(model, effects=())
+    speed = speed_of(interpreter, len(riders))
     with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
         result = ride(
             riders,
@@ -270,8 +278,10 @@ def _virtual(
             Path(folder),
             interpreter,
             args.seed,
-            lambda share: show("virtual nodes drive, in real time", share),
+            lambda share: show(f"virtual nodes drive, {speed}", share),
             int(args.rate or 416),
+            image=args.image,
+            bootrom=args.bootrom,
         )
         recorded = read_recording(result.log)
     begin = (result.start_ns - recorded.t_zero_ns) * 1e-9

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hubodo.model.board import interpreter as interpreters
 from hubodo.model.board.bus import I2cBus, Pins
@@ -18,6 +19,8 @@ from hubodo.model.board.calls import BOOT_NS, HANDLERS, WDT_RESET
 from hubodo.model.board.hypercall import (
     FLAG_INPUT,
     FLAG_INTERRUPT,
+    FLAG_OPEN,
+    FLAG_PLUGGED,
     FLAG_ROOM,
     REQUEST,
     RESPONSE,
@@ -25,6 +28,7 @@ from hubodo.model.board.hypercall import (
 )
 from hubodo.model.board.link import LineNoise, Link, MemoryLink, PtyLink
 from hubodo.model.board.port import Port
+from hubodo.model.board.rp2040.pico import Pico
 from hubodo.model.board.settings import BoardSettings
 from hubodo.model.chips.faults import BrownOut, Fault, Reset, Stall, Unplug
 from hubodo.model.chips.registers import RegisterChip
@@ -80,7 +84,11 @@ class VirtualBoard:
         self._cause = PWRON_RESET
         self.ports: dict[int, Port] = {0: Port()}
         self.ports[self.link_port] = Port(link=link)
-        self._interrupt_char = CTRL_C
+        # In an emulated processor MicroPython itself looks for ctrl-C.
+        self._emulated = settings.interpreter == "rp2040"
+        self._first_interrupt_char = -1 if self._emulated else CTRL_C
+        self._interrupt_char = self._first_interrupt_char
+        self.meter: dict[str, Any] = {}
         self.interrupt_came = False
         self._interrupt_at = 0
         self.wdt_timeout = 0.0
@@ -104,6 +112,7 @@ class VirtualBoard:
         self._watched_link = -1
         self._buffer = bytearray()
         self._interpreter_cpu = 0.0
+        self._pico: Pico | None = None
 
     @property
     def link_port(self) -> int:
@@ -120,7 +129,7 @@ class VirtualBoard:
     def boot(self, *, raw: bool = False, run_main: bool = True) -> None:
         self._buffer.clear()
         self._waiting = None
-        self._interrupt_char = CTRL_C
+        self._interrupt_char = self._first_interrupt_char
         settings = self.settings
         started = self.now()
         self._interpreter = interpreters.start(
@@ -136,7 +145,8 @@ class VirtualBoard:
                 "clock_ppm": settings.clock_ppm,
                 "call_cost_ns": settings.call_cost_us * 1000,
                 "tick_cost_ns": settings.tick_cost_us * 1000,
-                "refresh_ns": STEPPED_REFRESH_NS if self.stepped else USB_FRAME_NS,
+                "refresh_ns": STEPPED_REFRESH_NS if self.stepped and not self._emulated else USB_FRAME_NS,
+                "pace": settings.pace,
                 "heap_bytes": settings.heap_bytes,
                 "slack_bytes": 98304,
                 "epoch_ms": 1_609_459_200_000,
@@ -146,6 +156,7 @@ class VirtualBoard:
                 "unique_id": settings.unique_id,
                 "reset_cause": self._cause,
                 "frequency_hz": 125_000_000,
+                **(self._pico.for_runner() if self._pico is not None else {}),
             },
             tempfile.TemporaryFile(),
         )
@@ -195,12 +206,21 @@ class VirtualBoard:
         for handle in list(self.sockets):
             self.sockets.pop(handle).close()
         self.wlan_on = self.wlan_connected = False
-        if self.stepped:
+        if self.stepped and not self._emulated:
             self.t += BOOT_NS
         self._boot_ns = self.now()
+        self._leave_usb()
+        self.boot()
+
+    def restarted(self, why: str) -> None:
+        """The emulated processor has reset itself: what the host sees of it."""
+        self.resets.append((self.now() / _NS, why))
+        self.ports[self.link_port].clear()
+        self._leave_usb()
+
+    def _leave_usb(self) -> None:
         if isinstance(self.link, PtyLink) and self.settings.uart_link is None:
             self._unplug(REPLUG_NS)
-        self.boot()
 
     def _ended(self) -> None:
         """The request pipe closed, which nothing the firmware does brings about."""
@@ -254,6 +274,9 @@ class VirtualBoard:
     def take_input(self) -> None:
         if isinstance(self.link, MemoryLink):
             self.link.t = self.now() * 1e-9
+        if self._emulated and self.ports[self.link_port].received:
+            # USB lets the host wait where the device does not take its bytes.
+            return
         data = self.link.read()
         if not data:
             return
@@ -306,6 +329,8 @@ class VirtualBoard:
             ):
                 self._serve_control(control, on_control, 1)
             if self.running:
+                if self._emulated:
+                    self._pico = Pico(self.settings)
                 self._t0_ns = time.monotonic_ns() if power_on_ns is None else power_on_ns
                 self.boot()
             while self.running:
@@ -314,10 +339,16 @@ class VirtualBoard:
             self.running = False
             self.kill()
             self._forget_link()
+            self.mirror_flash()
 
     def stop(self) -> None:
         """Switch off at the next turn of `serve`."""
         self.running = False
+
+    def mirror_flash(self) -> None:
+        """What an emulated Pico's flash chip holds, to the folder `flash`; other boards keep it there."""
+        if self._pico is not None:
+            self._pico.mirror()
 
     def _serve_control(self, control: int, on_control: Callable[[], None] | None, timeout_ms: float) -> None:
         for fd, _ in self._poll.poll(timeout_ms):
@@ -447,6 +478,10 @@ class VirtualBoard:
         if self.interrupt_came:
             flags |= FLAG_INTERRUPT
             self.interrupt_came = False
+        if self.link.host_open:
+            flags |= FLAG_OPEN
+        if self.link.plugged:
+            flags |= FLAG_PLUGGED
         try:
             os.write(self._interpreter.responses, RESPONSE.pack(status, flags, 0, len(payload), t) + payload)
         except BrokenPipeError:
@@ -467,7 +502,11 @@ class VirtualBoard:
         late = self.now() >= waiting.deadline
         if self.stepped and not late:
             # Virtual time passes in the wait; a host on a terminal gets a little real time to answer.
-            passed = time.monotonic_ns() - self._t0_ns if self.paced else self.t + 20_000_000
+            passed = (
+                (time.monotonic_ns() - self._t0_ns) / self.settings.pace
+                if self.paced
+                else self.t + 20_000_000
+            )
             self.t = max(self.t, min(waiting.deadline, passed))
             self.take_input()
             late = self.t >= waiting.deadline

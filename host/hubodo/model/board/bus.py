@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from hubodo.model.board.hypercall import EIO, ETIMEDOUT
 from hubodo.model.chips.faults import Fault, StuckBus
@@ -13,6 +14,16 @@ DEFAULT_HZ = 400_000
 TIMEOUT_S = 0.05
 _PULSES_TO_FREE = 9
 _OPEN_DRAIN, _OUT = 2, 1
+
+
+@dataclass
+class Read:
+    """One read as the bus saw it: `n` bytes from `register` on, the first one leaving the chip at `t` s."""
+
+    t: float
+    address: int
+    register: int
+    n: int
 
 
 class I2cBus:
@@ -30,6 +41,10 @@ class I2cBus:
         self._pulses_left = 0
         self.scl_pin, self.sda_pin = 1, 0
         self._scl_level = 1
+        self._open: RegisterChip | None = None
+        self._reading: Read | None = None
+        self.reads: list[Read] | None = None
+        """Every read, where a list is put here."""
 
     def initialise(self, frequency_hz: int, scl_pin: int, sda_pin: int) -> None:
         """Take the bus at `frequency_hz`; pin -1 keeps the pin."""
@@ -75,6 +90,8 @@ class I2cBus:
         )
         if register:
             chip.write(t, register)
+        if self.reads is not None:
+            self.reads.append(Read(data_at, address, chip.pointer, n))
         data = chip.read(data_at, n, byte_time)
         return n, data, data_at + n * byte_time + self.bit_time
 
@@ -86,6 +103,33 @@ class I2cBus:
         end = t + (2 + 9 * (1 + len(data))) * self.bit_time
         chip.write(end, data)
         return len(data), end
+
+    def start(self, t: float, address: int, written: bytes) -> int:
+        """A start condition at t, after `written` went to the chip before: 1, -EIO or -ETIMEDOUT.
+
+        For a controller that sends byte by byte and keeps the time of the bits itself.
+        """
+        self.put(t, written)
+        chip = self._addressed(t, address)
+        self._open = chip if isinstance(chip, RegisterChip) else None
+        self._reading = None
+        return 1 if isinstance(chip, RegisterChip) else chip
+
+    def put(self, t: float, data: bytes) -> None:
+        """Bytes for the chip of the last start, the last one over at t."""
+        if self._open is not None and data:
+            self._open.write(t, data)
+
+    def take(self, t: float) -> int:
+        """The byte that the chip of the last start shows from t on."""
+        if self._open is None:
+            return 0xFF
+        if self.reads is not None:
+            if self._reading is None:
+                self._reading = Read(t, self._open.address, self._open.pointer, 0)
+                self.reads.append(self._reading)
+            self._reading.n += 1
+        return self._open.read(t, 1, 9 * self.bit_time)[0]
 
     def scan(self, t: float) -> tuple[bytes, float]:
         """Addresses that acknowledge, and the time after the last probe."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import select
 import socket
 import struct
@@ -50,6 +51,19 @@ def _i2c_scan(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     board.answer(len(found), end * _NS, found)
 
 
+def _i2c_start(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.answer(board.bus.start(t * 1e-9, payload[0], payload[2:]), t)
+
+
+def _i2c_put(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.bus.put(t * 1e-9, payload)
+    board.answer(0, t)
+
+
+def _i2c_take(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.answer(board.bus.take(t * 1e-9), t)
+
+
 def _pin_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     mode, pull = struct.unpack("<bb", payload)
     board.pins.initialise(t * 1e-9, a, mode, pull)
@@ -83,6 +97,16 @@ def _wdt(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 def _reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     board.reset("machine.reset", WDT_RESET)
+
+
+def _restarted(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.restarted("machine.reset" if a & 2 else "watchdog")
+    board.answer(0, t)
+
+
+def _meter(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.meter = json.loads(payload)
+    board.answer(0, t)
 
 
 def _soft_reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
@@ -260,4 +284,9 @@ HANDLERS: dict[int, Callable[[VirtualBoard, int, bytes, float], None]] = {
     Op.UDP_RECV: _udp_recv,
     Op.UDP_CLOSE: _udp_close,
     Op.IDLE: _idle,
+    Op.RESTARTED: _restarted,
+    Op.I2C_START: _i2c_start,
+    Op.I2C_PUT: _i2c_put,
+    Op.I2C_TAKE: _i2c_take,
+    Op.METER: _meter,
 }

@@ -19,6 +19,10 @@ FLAG_ROOM = 2
 """Standard output takes bytes without waiting."""
 FLAG_INTERRUPT = 4
 """The interrupt character came in."""
+FLAG_OPEN = 8
+"""A host has the port open."""
+FLAG_PLUGGED = 16
+"""The cable is in, the terminal there."""
 
 COUNT_MASK, COUNT_ROOM = 0x3FFF, 0x4000
 
@@ -78,8 +82,18 @@ class Op(IntEnum):
     """[1 = the prompt was raw] The interpreter begins anew; no answer comes."""
     IDLE = 24
     """main.py is over; the prompt comes next."""
+    RESTARTED = 26
+    """[why: 0 nobody knows, 1 watchdog, 2 machine.reset] The emulated processor has begun anew."""
+    I2C_START = 27
+    """[bus; u8 address, u8 reading, bytes written since the start before] status 1: acknowledged."""
+    I2C_PUT = 28
+    """[bus; bytes written since the start before] The transfer ends."""
+    I2C_TAKE = 29
+    """[bus] status = the byte that the chip shows."""
+    METER = 30
+    """[; JSON] What the processor did so far."""
 
 
 def op_codes() -> dict[str, int]:
-    """The op codes by name, as runner.mjs gets them."""
+    """The op codes by name, as the runners get them."""
     return {op.name: int(op) for op in Op}

@@ -1,4 +1,4 @@
-"""Finds and starts what runs the firmware: MicroPython under node, or CPython where neither can be had."""
+"""Finds and starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import IO, Literal
 
 from hubodo.errors import HubodoError
 
-Kind = Literal["micropython", "cpython"]
+Kind = Literal["micropython", "cpython", "rp2040"]
 
 PACKAGE = "@micropython/micropython-webassembly-pyscript"
 _HERE = Path(__file__).parent
@@ -53,14 +53,31 @@ def find_micropython(start: Path = _HERE) -> Path:
     Raises:
         InterpreterMissing: the npm package is not installed.
     """
+    found = _in_node_modules(PACKAGE, "micropython.mjs", start)
+    if found is None:
+        raise InterpreterMissing(
+            f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
+            'or run the firmware on CPython with interpreter="cpython"'
+        )
+    return found
+
+
+def find_rp2040js() -> None:
+    """Nothing, where node finds the emulator of the RP2040 from its runner.
+
+    Raises:
+        InterpreterMissing: the npm package is not installed.
+    """
+    if _in_node_modules("rp2040js", "package.json", _HERE) is None:
+        raise InterpreterMissing("npm package rp2040js is not installed: run `npm ci` in the repository")
+
+
+def _in_node_modules(package: str, file: str, start: Path) -> Path | None:
     for folder in (*start.parents, Path.cwd()):
-        candidate = folder / "node_modules" / PACKAGE / "micropython.mjs"
+        candidate = folder / "node_modules" / package / file
         if candidate.is_file():
             return candidate
-    raise InterpreterMissing(
-        f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
-        'or run the firmware on CPython with interpreter="cpython"'
-    )
+    return None
 
 
 @dataclass
@@ -95,7 +112,7 @@ class Interpreter:
 
 
 def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpreter:
-    """Start the interpreter with `settings` (see runner.mjs); its standard error goes to `log`."""
+    """Start the interpreter with `settings` (see the runners); its standard error goes to `log`."""
     request_read, request_write = os.pipe()
     response_read, response_write = os.pipe()
     life_read, life_write = os.pipe()
@@ -104,6 +121,8 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
     if kind == "micropython":
         full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "mp")}
         command = [find_node(), str(_HERE / "runner.mjs"), json.dumps(full)]
+    elif kind == "rp2040":
+        command = [find_node(), str(_HERE / "rp2040" / "runner.mjs"), json.dumps(full)]
     else:
         command = [sys.executable, "-I", "-S", str(_HERE / "cpython" / "runner.py"), json.dumps(full)]
     process = subprocess.Popen(

@@ -37,6 +37,11 @@ class Link(Protocol):
         """Whether a host holds the port open."""
         ...
 
+    @property
+    def plugged(self) -> bool:
+        """Whether there is a port."""
+        ...
+
     def fileno(self) -> int:
         """Descriptor to wait on for input, -1 for none."""
         ...
@@ -128,6 +133,11 @@ class PtyLink:
         return self._master if self._open else -1
 
     @property
+    def plugged(self) -> bool:
+        """Whether the terminal is there."""
+        return self._master >= 0
+
+    @property
     def host_open(self) -> bool:
         """Whether some process has the terminal open; looked up at most every 5 ms while nobody has."""
         if self._master < 0:
@@ -172,9 +182,11 @@ class MemoryLink:
     def __init__(self, script: Sequence[tuple[float, bytes]] = ()) -> None:
         self.counts: Counter[str] = Counter()
         self.output = bytearray()
+        self.arrivals: list[tuple[float, int]] = []
+        """(s, bytes that had come by then), for each write."""
         self.t = 0.0
         self._script = sorted(script)
-        self.host_open = True
+        self.host_open = self.plugged = True
 
     def read(self) -> bytes:
         """What the script has sent by the time `t`, s, that the board has set."""
@@ -186,6 +198,7 @@ class MemoryLink:
     def write(self, data: bytes) -> int:
         """Takes all."""
         self.output += data
+        self.arrivals.append((self.t, len(self.output)))
         self.counts["written"] += len(data)
         return len(data)
 

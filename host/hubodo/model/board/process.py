@@ -52,6 +52,7 @@ class NodeSpec:
     lose: float = 0.0
     noise_seed: int = 0
     keep_link_log: bool = False
+    keep_bus_log: bool = False
     scripted_input: tuple[tuple[float, bytes], ...] = field(default=())
 
 
@@ -65,6 +66,8 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     board = VirtualBoard(spec.settings, list(chips.values()), link, faults=spec.faults, noise=noise)
     if spec.keep_link_log:
         board.link_log = []
+    if spec.keep_bus_log:
+        board.bus.reads = []
     return board, chips
 
 
@@ -139,6 +142,18 @@ class BoardService:
 
     def _do_output(self) -> bytes:
         return bytes(self.board.link.output) if isinstance(self.board.link, MemoryLink) else b""
+
+    def _do_arrivals(self) -> object:
+        return self.board.link.arrivals if isinstance(self.board.link, MemoryLink) else []
+
+    def _do_bus_log(self) -> object:
+        return self.board.bus.reads
+
+    def _do_meter(self) -> object:
+        return self.board.meter
+
+    def _do_mirror_flash(self) -> None:
+        self.board.mirror_flash()
 
     def _do_link_log(self) -> object:
         return self.board.link_log

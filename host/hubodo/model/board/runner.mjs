@@ -1,33 +1,19 @@
 // The interpreter of a virtual node: MicroPython (WebAssembly) whose world is the board behind two pipes.
 import fs from "node:fs";
 import path from "node:path";
-import { Worker } from "node:worker_threads";
+import { FLAG_INPUT, FLAG_INTERRUPT, FLAG_ROOM, HEADER, Pipe } from "./pipe.mjs";
 
 const config = JSON.parse(process.argv[2]);
 const { ops: OP, stepped, paced } = config;
-const [REQUEST_FD, RESPONSE_FD, LIFELINE_FD] = config.pipes;
-const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4;
 const TICKS_MASK = 0x3fffffff;
-
-// When the board's process is gone its end of the lifeline closes, and not even a busy loop here outlives it.
-new Worker(
-  `try { require("node:fs").readSync(${LIFELINE_FD}, Buffer.alloc(1)); } catch {} process.kill(process.pid, "SIGKILL");`,
-  { eval: true },
-).unref();
-
-// An orderly exit would wait for that thread, which waits for the board.
-function die(error) {
-  if (error !== undefined) fs.writeSync(2, `${error?.name === "PythonError" ? error.message : error?.stack ?? error}\n`);
-  process.kill(process.pid, "SIGKILL");
-}
-process.on("uncaughtException", die);
-process.on("unhandledRejection", die);
+const pipe = new Pipe(config.pipes);
+const { request, view, response, answer } = pipe;
 
 // ---- time: ns since the board was switched on, on the board's CLOCK_MONOTONIC or stepped here ----
 
 const performanceZero = Number(process.hrtime.bigint() - BigInt(config.t0_ns)) - performance.now() * 1e6;
 let steppedNow = config.t_ns;
-const realNow = () => performanceZero + performance.now() * 1e6;
+const realNow = () => (performanceZero + performance.now() * 1e6) / config.pace;
 const now = stepped ? () => steppedNow : realNow;
 const nap = new Int32Array(new SharedArrayBuffer(4));
 const LEAST_NAP_NS = 150e3, LEAD_NS = 2e6, SPIN_NS = 70e3, REFRESH_NS = config.refresh_ns, NAP_NS = 10e6;
@@ -36,7 +22,7 @@ const LEAST_NAP_NS = 150e3, LEAD_NS = 2e6, SPIN_NS = 70e3, REFRESH_NS = config.r
 function pace(lead) {
   if (!paced) return;
   const ahead = steppedNow - realNow();
-  if (ahead > lead) Atomics.wait(nap, 0, 0, ahead / 1e6);
+  if (ahead > lead) Atomics.wait(nap, 0, 0, (ahead * config.pace) / 1e6);
 }
 
 function spend(ns) {
@@ -61,47 +47,26 @@ const deviceUs = () => config.ticks_start_us + ((now() - config.t_boot_ns) * rat
 
 // ---- hypercalls ----
 
-const request = Buffer.alloc(HEADER + 65536);
-const view = new DataView(request.buffer, request.byteOffset);
-const response = Buffer.alloc(HEADER + 65536);
-const answer = new DataView(response.buffer, response.byteOffset);
 const CTRL_C = 3;
 let flags = 0, answerLength = 0, lastContact = -1e18, interpreter = null, booting = true, interrupted = false;
-
-function readAll(n, have) {
-  while (have < n) {
-    const got = fs.readSync(RESPONSE_FD, response, have, response.length - have);
-    if (got === 0) die();
-    have += got;
-  }
-  return have;
-}
 
 // Ctrl-C that comes before the user's code is kept for it.
 // Asks with `n` payload bytes already at request[HEADER..]; the payload of the answer is at response[HEADER..].
 function ask(op, a = 0, n = 0) {
-  request[0] = op;
-  view.setInt16(2, booting ? CTRL_C : interpreter._module._mp_hal_get_interrupt_char(), true);
-  view.setUint16(4, a, true);
-  view.setUint16(6, n, true);
-  view.setFloat64(8, now(), true);
-  try {
-    for (let sent = 0; sent < HEADER + n; ) sent += fs.writeSync(REQUEST_FD, request, sent, HEADER + n - sent);
-  } catch {
-    die();
-  }
-  const have = readAll(HEADER, 0);
-  answerLength = answer.getUint32(4, true);
-  readAll(HEADER + answerLength, have);
-  flags = response[2];
+  let result = 0;
+  const interruptChar = booting ? CTRL_C : interpreter._module._mp_hal_get_interrupt_char();
+  pipe.begin(op, a, n, now(), interruptChar, (status) => (result = status));
+  pipe.settle();
+  answerLength = pipe.length;
+  flags = pipe.flags;
   if (flags & FLAG_INTERRUPT) {
     if (booting) interrupted = true;
     else interpreter._module._mp_sched_keyboard_interrupt();
   }
-  waitUntil(answer.getFloat64(8, true));
+  waitUntil(pipe.time);
   spend(config.call_cost_ns);
   lastContact = now();
-  return answer.getInt16(0, true);
+  return result;
 }
 
 // Flags no older than one USB frame.

@@ -29,6 +29,13 @@ class BoardSettings:
         unique_id: of the processor, in hexadecimal.
         run_for: s of true time after which the board is switched off, or None.
         wait_for_host: switched on only when a host has the port open.
+        pace: with a paced clock, s of the wall clock in which the board lives one; for what cannot keep up.
+        image, bootrom: of an emulated Pico, see `rp2040.image.find_image`; None: the usual ones.
+        miss_cycles: rp2040, cycles of the processor per miss of the cache before its flash; an estimate.
+        flash_image: rp2040, file that is the flash chip; used as it is where it exists, else made from
+            `flash`. None: a temporary one, made anew at each power-on.
+        meter_from: rp2040, s of true time from which it is counted what the processor does; None: never.
+        profile: rp2040, whether that is told for each function of the firmware too.
         power_on_ns: time.monotonic_ns() at which it is switched on, so that several boards share one zero
             of time; None: at once.
     """
@@ -47,4 +54,17 @@ class BoardSettings:
     uart_link: int | None = None
     run_for: float | None = None
     wait_for_host: bool = False
+    pace: float = 1.0
+    image: Path | None = None
+    bootrom: Path | None = None
+    miss_cycles: int = 50
+    flash_image: Path | None = None
+    meter_from: float | None = None
+    profile: bool = False
     power_on_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.pace <= 0 or (self.pace != 1 and self.clock != "paced"):
+            raise ValueError(f"pace {self.pace}: want a number above 0, other than 1 only with a paced clock")
+        if self.interpreter == "rp2040" and self.clock == "real":
+            raise ValueError("an emulated Pico has a clock of its own: want clock stepped or paced")

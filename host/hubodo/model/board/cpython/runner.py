@@ -57,9 +57,9 @@ class Board:
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
 
     def pace(self, lead):
-        ahead = self.t - (real_time.monotonic_ns() - self.t0) if PACED else 0
+        ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
         if ahead > lead:
-            real_time.sleep(ahead / 1e9)
+            real_time.sleep(ahead * CONFIG["pace"] / 1e9)
 
     def spend(self, ns):
         if STEPPED:

@@ -1,0 +1,77 @@
+// The two pipes between an interpreter in node and its board: hypercall.py says what goes through them.
+import fs from "node:fs";
+import { Worker } from "node:worker_threads";
+
+export const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4, FLAG_OPEN = 8, FLAG_PLUGGED = 16;
+
+// An orderly exit would wait for the thread of the lifeline, which waits for the board.
+export function die(error) {
+  if (error !== undefined) fs.writeSync(2, `${error?.name === "PythonError" ? error.message : error?.stack ?? error}\n`);
+  process.kill(process.pid, "SIGKILL");
+}
+
+export class Pipe {
+  /** fds: [requests, responses, lifeline]. When the board's process is gone, not even a busy loop here outlives it. */
+  constructor([requests, responses, lifeline]) {
+    this._requests = requests;
+    this._responses = responses;
+    new Worker(
+      `try { require("node:fs").readSync(${lifeline}, Buffer.alloc(1)); } catch {} process.kill(process.pid, "SIGKILL");`,
+      { eval: true },
+    ).unref();
+    process.on("uncaughtException", die);
+    process.on("unhandledRejection", die);
+    this.request = Buffer.alloc(HEADER + 65536);
+    this.view = new DataView(this.request.buffer, this.request.byteOffset);
+    this.response = Buffer.alloc(HEADER + 65536);
+    this.answer = new DataView(this.response.buffer, this.response.byteOffset);
+    this.flags = 0;
+    this.length = 0; // of the answer's payload, which is at response[HEADER..]
+    this.time = 0; // ns at which the call was over
+    this._then = null;
+  }
+
+  /** Sends a request at `t` ns with `n` payload bytes already at request[HEADER..]; `then(status)` once it is settled. */
+  begin(op, a, n, t, interruptChar, then) {
+    this.settle();
+    const { request, view } = this;
+    request[0] = op;
+    view.setInt16(2, interruptChar, true);
+    view.setUint16(4, a, true);
+    view.setUint16(6, n, true);
+    view.setFloat64(8, t, true);
+    try {
+      for (let sent = 0; sent < HEADER + n; ) sent += fs.writeSync(this._requests, request, sent, HEADER + n - sent);
+    } catch {
+      die();
+    }
+    this._then = then;
+  }
+
+  /** Waits for the answer that is still out, if there is one. */
+  settle() {
+    const then = this._then;
+    if (then === null) return;
+    this._then = null;
+    const have = this._readAll(HEADER, 0);
+    this.length = this.answer.getUint32(4, true);
+    this._readAll(HEADER + this.length, have);
+    this.flags = this.response[2];
+    this.time = this.answer.getFloat64(8, true);
+    then(this.answer.getInt16(0, true));
+  }
+
+  _readAll(n, have) {
+    while (have < n) {
+      const got = fs.readSync(this._responses, this.response, have, this.response.length - have);
+      if (got === 0) die();
+      have += got;
+    }
+    return have;
+  }
+
+  /** The payload of the last answer, valid until the next one. */
+  get payload() {
+    return this.response.subarray(HEADER, HEADER + this.length);
+  }
+}

@@ -1,0 +1,132 @@
+"""The firmware on an emulated Pico for some seconds: what came beside what the chip made."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hubodo.model.board.rp2040.image import find_image
+from hubodo.model.chips.lsm6ds33 import FIFO_DATA_L, FIFO_WORDS
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import FrameDecoder, decode
+from hubowire import messages as m
+from virtual_runs import matched, of, unique_motion
+
+FIFO_SAMPLES = FIFO_WORDS // 6
+STARTED = 1.5
+"""s after power-on: what the processor does is counted from here on."""
+SETTLED = 1.0
+"""s after the first sample."""
+
+
+@dataclass(frozen=True)
+class ChipRun:
+    """What one run showed. A pair is the least and the most; None: none came.
+
+    samples: that arrived; lost: of those the chip made between the first and the last of them.
+    burst_gap_ms, fifo_share: the longest time between two bursts from the FIFO, alone and over what it holds.
+    cpu_us: work per sample, without waiting and without the I2C bus; cpu_left: share of the time it waited.
+    allocations: per second of the loop.
+    begin_us, later_us: time stamps minus truth, in the first second and after it.
+    speed: emulated seconds per second.
+    functions: see rp2040/profile.mjs, per second of the loop.
+    """
+
+    name: str
+    samples: int
+    lost: int
+    burst_gap_ms: float | None
+    fifo_share: float | None
+    cpu_us: float
+    cpu_left: float
+    allocations: float
+    begin_us: tuple[float, float] | None
+    later_us: tuple[float, float] | None
+    hello_s: float | None
+    speed: float
+    functions: tuple[dict[str, object], ...] = ()
+
+
+def run_chip(
+    name: str,
+    config: dict[str, object],
+    firmware: Path,
+    seconds: float,
+    *,
+    seed: int = 1,
+    image: Path | None = None,
+    bootrom: Path | None = None,
+    miss_cycles: int = 50,
+    profile: bool = False,
+) -> ChipRun:
+    """Power-on with `config`, `seconds` of emulated time. The chip is up to 2 % too fast, by the seed.
+
+    Raises ImageMissing and what a virtual node raises.
+    """
+    symbols = find_image(image, bootrom).symbols
+    began = time.monotonic()
+    node = VirtualNode(
+        unique_motion(seconds),
+        firmware=firmware,
+        config=config,
+        odr_error=float(np.random.default_rng(seed).uniform(0.0, 0.02)),
+        seed=seed,
+        interpreter="rp2040",
+        clock="stepped",
+        link="memory",
+        run_for=seconds,
+        keep_bus_log=True,
+        image=image,
+        bootrom=bootrom,
+        miss_cycles=miss_cycles,
+        meter_from=STARTED if symbols is not None else None,
+        profile=profile,
+    )
+    with node:
+        node.wait(60 + 30 * seconds)
+        took = time.monotonic() - began
+        output, arrivals, truth = node.output, node.arrivals(), node.chip.truth()
+        reads, meter = node.bus_log(), node.meter()
+    sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
+    found = matched(sent, truth) if of(sent, m.ImuBatch) else np.zeros((0, 3))
+    bursts = np.array([r.t for r in reads if r.register == FIFO_DATA_L])
+    gap = float(np.diff(bursts).max()) if len(bursts) > 1 else None
+    rate = (len(truth.t) - 1) / (truth.t[-1] - truth.t[0]) if len(truth.t) > 1 else 0.0
+    taken = truth.t[found[:, 0].astype(int)] if len(found) else np.zeros(0)
+    early = taken < taken[0] + SETTLED if len(taken) else np.zeros(0, dtype=bool)
+    busy = meter["total_us"] - meter["idle_us"] - meter["transfer_us"] if meter else float("nan")
+    return ChipRun(
+        name,
+        samples=len(found),
+        lost=int((np.diff(found[:, 0]) - 1).sum()) if len(found) else len(truth.t),
+        burst_gap_ms=None if gap is None else gap * 1e3,
+        fifo_share=None if gap is None else gap * rate / FIFO_SAMPLES,
+        cpu_us=busy / (rate * meter["seconds"]) if meter else float("nan"),
+        cpu_left=meter["idle_us"] / meter["total_us"] if meter else float("nan"),
+        allocations=meter["allocations"] / meter["seconds"] if meter else float("nan"),
+        begin_us=_span(found[early, 1]),
+        later_us=_span(found[~early, 1]),
+        hello_s=_hello(output, arrivals),
+        speed=seconds / took,
+        functions=tuple(_per_second(f, meter["seconds"]) for f in meter.get("functions", ())),
+    )
+
+
+def _span(values):
+    return (float(values.min()), float(values.max())) if len(values) else None
+
+
+def _hello(output, arrivals):
+    """When the last byte of the first Hello came."""
+    decoder, before = FrameDecoder(), 0
+    for t, count in arrivals:
+        if any(f.type_id == m.Hello.type_id for f in decoder.feed(output[before:count])):
+            return t
+        before = count
+    return None
+
+
+def _per_second(function, seconds):
+    rates = {key: function[key] / seconds for key in ("own_us", "all_us", "calls")}
+    return {"name": function["name"], **rates, "heap": function["heap"]}

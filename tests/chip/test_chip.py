@@ -1,0 +1,65 @@
+"""The firmware on an emulated Pico keeps its promises: every sample, in time, nothing from the heap."""
+
+import pytest
+from chip_run import run_chip
+
+from hubodo.flash.image import build, firmware_folder
+from virtual_runs import pico_or_skip
+
+# name: (configuration, emulated seconds)
+RUNS = {
+    "default": ({}, 4.0),
+    "104 fifo": ({"rate_hz": 104, "fifo": True}, 4.0),
+    "208 fifo": ({"rate_hz": 208, "fifo": True}, 4.0),
+    "416": ({"rate_hz": 416}, 4.0),
+    "833": ({"rate_hz": 833}, 3.5),
+    "1660": ({"rate_hz": 1660}, 3.5),
+}
+# What a run may show at most.
+LOST = 0
+FIFO_SHARE = 0.5
+ALLOCATIONS = 0.0
+BEGIN_US = 500.0
+LATER_US = 100.0
+HELLO_S = 0.7
+
+
+def armv6m(folder):
+    """The firmware as `hubodo flash` compiles it for a Pico."""
+    for name, content in build(firmware_folder(), "armv6m").items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(content)
+    return folder
+
+
+@pytest.fixture(scope="module", params=RUNS, ids=lambda name: name.replace(" ", "-"))
+def run(request, tmp_path_factory):
+    pico_or_skip()
+    config, seconds = RUNS[request.param]
+    found = run_chip(request.param, config, armv6m(tmp_path_factory.mktemp("firmware")), seconds)
+    print(found)
+    return found
+
+
+def test_no_sample_is_lost(run):
+    assert run.samples > 100
+    assert run.lost <= LOST
+
+
+def test_the_fifo_is_never_more_than_half_full_between_two_bursts(run):
+    if run.fifo_share is None:
+        pytest.skip("this configuration asks for each sample")
+    assert run.fifo_share <= FIFO_SHARE
+
+
+def test_the_loop_takes_nothing_from_the_heap(run):
+    assert run.allocations <= ALLOCATIONS
+
+
+def test_stamps_are_right_from_the_first_sample_on(run):
+    assert max(map(abs, run.begin_us)) <= BEGIN_US
+    assert max(map(abs, run.later_us)) <= LATER_US
+
+
+def test_hello_comes_soon_after_power_on(run):
+    assert run.hello_s <= HELLO_S

@@ -1,0 +1,47 @@
+"""A node recorded by the real daemon for a few seconds, and what has to be true of it."""
+
+import json
+import subprocess
+import sys
+
+from hubodo.log.mcap import open_log
+from hubowire import FrameDecoder, decode
+from virtual_runs import matched
+
+SECONDS = 4
+
+
+def recorder(port, log, *more):
+    """A daemon that listens to `port` for a few seconds; `more` words for it."""
+    words = ("record", str(port), "-o", str(log), "--duration", str(SECONDS), "--json", *more)
+    return subprocess.Popen(
+        [sys.executable, "-m", "hubodo.cli", *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def logged(log):
+    """[(frame, message)] of everything that the daemon kept."""
+    decoder = FrameDecoder()
+    with open_log(log) as records:
+        raw = [r.data for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+    return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
+
+
+def judge(done, log, truth):
+    """Nothing lost or damaged, every sample the chip's own, and the node has heard the host: what it says."""
+    out, errors = done
+    result = json.loads(out) if out else errors
+    (node,) = result["nodes"].values()
+    assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
+    (link,) = result["links"].values()
+    assert link["frames_damaged"] == 0
+    assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 1
+    found = matched(logged(log), truth)
+    assert len(found) > 0.8 * (SECONDS - 1) * 416
+    first = found[0]
+    assert (found[:, 0] - first[0] == range(len(found))).all()
+    assert (found[:, 2] - first[2] == range(len(found))).all()
+    return node

@@ -1,0 +1,56 @@
+"""The whole way on an emulated Pico: chips, MicroPython, USB, the daemon, the log; and `hubodo flash`."""
+
+import json
+
+import pytest
+from recorded import judge, recorder
+
+from hubodo.cli import main
+from hubodo.demo.ride import write_image
+from hubodo.flash.image import build, firmware_folder
+from hubodo.model.motion import StillMotion
+from hubodo.model.virtual_node import VirtualNode
+from virtual_runs import pico_or_skip, unique_motion
+
+PACE = 2
+CLOCK_PPM = 400.0
+
+
+@pytest.fixture(autouse=True)
+def _needs_an_image():
+    pico_or_skip()
+
+
+def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_path):
+    """Its clock is found to drift by what it drifts, not to run at half speed."""
+    port, log = tmp_path / "ttyACM0", tmp_path / "pico.mcap"
+    node = VirtualNode(
+        unique_motion(30),
+        firmware=write_image(tmp_path / "firmware", "rp2040"),
+        config={"rate_hz": 416},
+        interpreter="rp2040",
+        clock="paced",
+        pace=PACE,
+        clock_ppm=CLOCK_PPM,
+        link_path=port,
+        wait_for_host=True,
+    )
+    with node:
+        done = recorder(port, log, "--time-scale", str(PACE)).communicate(timeout=90)
+        truth = node.chip.truth()
+    clock = judge(done, log, truth)["clock"]
+    assert clock["drift_ppm"] == pytest.approx(CLOCK_PPM, abs=3 * clock["drift_sigma_ppm"] + 100)
+
+
+def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
+    image = build(firmware_folder(), "armv6m")
+    with VirtualNode(StillMotion(), firmware=None, interpreter="rp2040", clock="paced") as board:
+        code = main(["flash", board.port, "--node", "right", "--rate-hz", "416", "--json"])
+        out, err = capfd.readouterr()
+        assert code == 0, err
+        assert set(json.loads(out)["copied"]) == {*image, "config.json"}
+        assert json.loads(out)["serial"] == "e6614103e7452d2f"
+        for name, content in image.items():
+            assert (board.flash / name).read_bytes() == content
+        assert [why for _, why in board.stats["resets"]] == ["machine.reset"]
+    assert json.loads(out)["node"] == 2
