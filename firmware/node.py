@@ -37,6 +37,7 @@ STAY_IN_REPL = "/stay_in_repl"
 _AXES = const(3)
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
+_BEGIN_MS = const(200)
 _LOOK_MS = const(20)
 _WAIT_US = const(1000)
 _MARGIN_US = const(100)
@@ -67,7 +68,9 @@ class Node:
         self._next_index = self._lsb_ndps = 0
         self.worst_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
-        self._look_ms = self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = ticks_ms()
+        # The first samples are looked at more closely than any: everything else comes after them.
+        self._look_ms = ticks_add(ticks_ms(), _BEGIN_MS)
+        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._look_ms
         self.make_init()
         self.make_filter()
         self.start()

@@ -27,14 +27,15 @@ class PolledSamples:
         self._read = Look(ticks_us(), _READ_WIRE_US)
         self._empty_us = ticks_us()
         """When the chip last had nothing new."""
+        self._begins = True
         self._gave_up = False
         """Whether a sample was read that the clock has not been told of."""
         self._spare = array("h", bytes(2 * _ROW))
 
     def begin(self, now, resume):
-        """The chip was configured now, and has no sample yet; what was lost before is counted in any case."""
+        """Samples count from the first look without one; what was lost before is counted in any case."""
         self._empty_us = now
-        self._gave_up = False
+        self._begins, self._gave_up = True, False
 
     def turn(self, now):
         """One look at the chip, and the sample when it is there."""
@@ -43,7 +44,12 @@ class PolledSamples:
         begun = ticks_us()
         ready = chip.ready()
         look.took(now, begun, ticks_us())
+        if self._begins and ready:
+            # It came while everything was set up, nobody knows when.
+            chip.read_into(sampler.slot.values, FIRST_ROW)
+            return
         if not ready:
+            self._begins = False
             self._empty_us = look.early_us
             if not self._gave_up:
                 clock.seen(look.early_us, look.late_us, 0)
@@ -55,7 +61,8 @@ class PolledSamples:
         done = ticks_us()
         read.took(begun, begun, done)
         known = self._one_came(done)
-        if not known and not clock.before(done, 2) and not clock.sure(read.early_us, done, 1):
+        same = known or clock.before(done, 2)
+        if not same and not clock.sure(read.early_us, done, 1):
             # Torn, or without a number. The clock counts it with the next.
             self._gave_up = True
             sampler.due_us = now
@@ -69,7 +76,7 @@ class PolledSamples:
         if skipped:
             clock.interrupted()
             self._skip(skipped)
-        clock.seen(read.early_us, look.late_us if known else read.late_us, 1 + skipped)
+        clock.seen(read.early_us, look.late_us if same else read.late_us, 1 + skipped)
         self._gave_up = False
         sampler.last_us = now
         if not sampler.count:

@@ -12,7 +12,7 @@ from time import ticks_add, ticks_diff, ticks_us
 
 from micropython import const
 
-_FINE_NS = const(40000)
+_FINE_NS = const(60000)
 """A window of twice this is narrow enough: looks then come when the sample is surely there."""
 _JITTER_NS = const(5000)
 """How far samples may stand off an even beat."""
