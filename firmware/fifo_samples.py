@@ -96,7 +96,7 @@ class FifoSamples:
                 self._resume = False
                 self._late_us = 0
                 lost += clock.skipped(ticks_add(look.early_us, -(clock.period_us >> 1)), new + lost)
-                clock.interrupted()
+                clock.interrupted(lost)
         elif new and self._skips(look.early_us, new + lost):
             # Where among the waiting samples the hole is, nobody knows: their times are not known either.
             self._empty(now, BATCH_FLAG_GAP_BEFORE)

@@ -33,8 +33,7 @@ class Look:
     def took(self, out_us, begun_us, done_us):
         """A look at the chip went on from `begun_us` to `done_us`; the way to it began at `out_us`.
 
-        Of what is not wire three quarters come before that: the call, and the way from address to data. So it is
-        on an RP2040.
+        What is not wire comes before it, the call and the way from address to data: nearly so on an RP2040.
         """
         lag_us = ticks_diff(begun_us, out_us)
         if lag_us < _LAG_US:
@@ -42,7 +41,7 @@ class Look:
         took_us = ticks_diff(done_us, begun_us)
         if took_us < self._quick_us:
             self._quick_us = took_us
-            self._lead_us = _STATUS_US + (3 * (took_us - self._wire_us) >> 2)
+            self._lead_us = _STATUS_US + took_us - self._wire_us
         self.slack_us = took_us - self._quick_us
         self.early_us = ticks_add(begun_us, self._lead_us)
         self.late_us = ticks_add(self.early_us, self.slack_us)

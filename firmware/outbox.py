@@ -9,7 +9,7 @@ from array import array
 from buffers import shared
 from framing import PAYLOAD, SLOT_WORDS, START, seal
 from micropython import const
-from wire import HEADER_FORMAT, IMU_BATCH_MAX_ROWS, IMU_BATCH_SIZE
+from wire import HEADER_FORMAT, IMU_BATCH_MAX_ROWS, IMU_BATCH_SIZE, TIME_REPLY
 
 _BODY = const(2)
 FIRST_ROW = (PAYLOAD + IMU_BATCH_SIZE) // 2
@@ -49,6 +49,7 @@ class Outbox:
         self.count = 0
         self.sent = 0
         """Bytes of the oldest frame that the link has taken."""
+        self._depth = depth
         self._ring = [Slot() for _ in range(depth)]
         self._head = 0
         self._seqs = array("H", bytes(2 * _TYPES))
@@ -70,20 +71,24 @@ class Outbox:
 
     def exchange(self, slot, type_id, payload_size):
         """Queues a filled slot; returns an empty one in its place."""
-        seq = self._seqs[type_id]
-        self._seqs[type_id] = (seq + 1) & 0xFFFF
+        seqs, ring, depth = self._seqs, self._ring, self._depth
+        seq = seqs[type_id]
+        seqs[type_id] = seq + 1 & 0xFFFF
         struct.pack_into(HEADER_FORMAT, slot.raw, _BODY, type_id, self.node_id, seq)
         slot.end = seal(slot.raw, PAYLOAD + payload_size)
-        ring = self._ring
-        depth = len(ring)
-        if self.count == depth:
+        count = self.count
+        if count == depth:
             self._drop_oldest()
-        tail = (self._head + self.count) % depth
+            count -= 1
+        tail = self._head + count
+        if tail >= depth:
+            tail -= depth
         free = ring[tail]
         ring[tail] = slot
-        self.count += 1
-        if self.count > self.high_water:
-            self.high_water = self.count
+        count += 1
+        self.count = count
+        if count > self.high_water:
+            self.high_water = count
         return free
 
     def oldest(self):
@@ -92,15 +97,19 @@ class Outbox:
 
     def took(self, size):
         """The link took `size` more bytes of the oldest frame."""
-        self.sent += size
-        if START + self.sent >= self._ring[self._head].end:
-            self.sent = 0
-            self._head = (self._head + 1) % len(self._ring)
-            self.count -= 1
+        size += self.sent
+        head = self._head
+        if START + size < self._ring[head].end:
+            self.sent = size
+            return
+        self.sent = 0
+        self.count -= 1
+        head += 1
+        self._head = head if head < self._depth else 0
 
     def _drop_oldest(self):
         ring, head = self._ring, self._head
-        after = (head + 1) % len(ring)
+        after = (head + 1) % self._depth
         if self.sent:
             # Half of the oldest is on the wire already: it stays, the next one goes.
             ring[head], ring[after] = ring[after], ring[head]
@@ -109,5 +118,6 @@ class Outbox:
         self.dropped += 1
 
 
+assert TIME_REPLY < _TYPES
 assert FIRST_ROW + ROW * IMU_BATCH_MAX_ROWS <= SLOT_WORDS
 assert PAYLOAD + IMU_BATCH_SIZE == 2 * FIRST_ROW

@@ -5,7 +5,13 @@ from time import ticks_add, ticks_diff, ticks_ms, ticks_us
 
 from drivers.lis3mdl import LIS3MDL
 from micropython import const
-from wire import FAULT_BUS_STUCK, FAULT_IMU_MISSING, FAULT_IMU_SILENT, FAULT_WRONG_WHO_AM_I
+from wire import (
+    FAULT_BUS_STUCK,
+    FAULT_IMU_MISSING,
+    FAULT_IMU_SILENT,
+    FAULT_WRONG_WHO_AM_I,
+    IMU_BATCH_MAX_ROWS,
+)
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -98,7 +104,7 @@ class Parts:
     def begin(self, lost):
         """Samples the IMU from now on; lost: it should have been sampled in between."""
         chip = self.chip
-        self.batch = self._board.settings["batch"] or (16 if chip.rate_mhz > 250000 else 8)
+        self.batch = self._board.settings["batch"] or _batch(chip.rate_mhz)
         if self.batch != self._shaped:
             self._shaped = self.batch
             self._outbox.shape(self.batch)
@@ -232,3 +238,10 @@ def _who_am_i(i2c, address, register):
 
 def _nearest(choices, wanted):
     return min(choices, key=lambda value: abs(value - wanted))
+
+
+def _batch(rate_mhz):
+    """Samples in a batch where the settings do not say: some 40 ms of them, and above 1 kHz all that a frame holds."""
+    if rate_mhz > 1000000:
+        return IMU_BATCH_MAX_ROWS
+    return 16 if rate_mhz > 250000 else 8

@@ -74,7 +74,7 @@ class PolledSamples:
             came_us = ticks_add(read.early_us, -half_us)
         skipped = clock.skipped(came_us, 1)
         if skipped:
-            clock.interrupted()
+            clock.interrupted(skipped)
             self._skip(skipped)
         clock.seen(read.early_us, look.late_us if same else read.late_us, 1 + skipped)
         self._gave_up = False
@@ -92,15 +92,13 @@ class PolledSamples:
     def _one_came(self, done):
         """Whether exactly one sample came since the chip had none, so that the one read by `done` is whole.
 
-        Less than a period has passed since, then. Before there is a clock, the look without a sample must
-        also tell when it came: to 3/8 of a period.
+        Less than a period has passed since, then. It must also be known which one it is.
         """
         clock = self._sampler.clock
-        eighth = clock.period_us >> 3
         known_us = ticks_diff(done, self._empty_us)
-        if clock.locked:
-            return 0 <= known_us < 7 * eighth
-        return 0 <= known_us < 7 * eighth and ticks_diff(self._look.late_us, self._empty_us) <= 3 * eighth
+        if not 0 <= known_us < clock.period_us - (clock.period_us >> 3):
+            return False
+        return clock.locked or clock.tells(self._empty_us, self._look.late_us)
 
     def _skip(self, skipped):
         """Closes the batch before a gap; the sample behind it moves to the front of the next."""

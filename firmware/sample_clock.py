@@ -30,7 +30,7 @@ class SampleClock:
     """t_us: time of the newest sample, amid its window; period_ns: measured; index: its number, or -1.
 
     half_ns: half of the window. locked: whether window and period are known to an eighth of a period and to
-    1 / 128, as far as numbering samples goes.
+    1 / 32.
     """
 
     def __init__(self):
@@ -102,21 +102,32 @@ class SampleClock:
     def sure(self, early_us, late_us, samples):
         """Whether no sample can have come between the two, with `samples` or more behind it by then."""
         since_us = ticks_diff(early_us, self.ahead_us(samples))
-        if not self.locked or self._fresh or since_us < 0:
+        if self._fresh or since_us < 0:
             return False
         lost = since_us // self.period_us
         half_us = self.half_ahead_ns(samples + lost) // 1000
         since_us %= self.period_us
         return since_us > half_us and since_us + ticks_diff(late_us, early_us) + half_us < self.period_us
 
+    def tells(self, early_us, late_us):
+        """Whether a sample that came between the two can only be one: the next, or one that is periods later."""
+        if self._fresh:
+            return True
+        half_ns = self.half_ahead_ns(1)
+        return (
+            half_ns < self.period_ns >> 1
+            and ticks_diff(late_us, early_us) * 500 < (self.period_ns >> 1) - half_ns
+        )
+
     def before(self, at_us, samples):
         """Whether the sample `samples` ahead cannot have come by `at_us`."""
         half_us = self.half_ahead_ns(samples) // 1000
-        return self.locked and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
+        return not self._fresh and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
 
-    def interrupted(self):
-        """Samples were lost that only the clock can count: a measurement of the period begins anew."""
-        self._mark()
+    def interrupted(self, lost):
+        """So many samples were lost: where the clock may have miscounted them, it measures its period anew."""
+        if lost > (self.period_ns >> 2) // self._doubt_ns:
+            self._mark()
 
     def seen(self, early_us, late_us, samples):
         """Between `early_us` and `late_us` there was a moment at which just `samples` new ones were there."""
@@ -202,7 +213,7 @@ class SampleClock:
             self._mark()
 
     def _judge(self):
-        self.locked = self.half_ns < self.period_ns >> 3 and self._doubt_ns < self.period_ns >> 7
+        self.locked = self.half_ns < self.period_ns >> 3 and self._doubt_ns < self.period_ns >> 5
 
     def _break(self, low, high, early):
         """The sample came before (early) or after its window: the beat has changed, or a look was wrong.

@@ -270,7 +270,7 @@ def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
             clock.late_us(at, SmallInt(682))
             clock.sure(at, fake_port.ticks_add(at, 50), SmallInt(682)), clock.before(at, SmallInt(682))
             if lost and rng.random() < 0.1:
-                clock.interrupted()
+                clock.interrupted(lost)
             beat.look(rng.choice((period_us, 16 * period_us, 90_000.0, 682 * period_us, 3e7)))
             beat.look(1.0)
             for samples in (-682, -1, 1, 682, int(1e8 / period_us)):

@@ -80,7 +80,7 @@ def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample
     assert health.queue_high_water == 24
     assert (health.samples_missed, health.fifo_overruns, health.faults) == (0, 0, 0)
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"
-    assert missing.sum() == 16 * lost
+    assert missing.sum() == 19 * lost, "at this rate a frame is full"
     assert truth.t[int(found[-1, 0])] > 3.5
 
 
