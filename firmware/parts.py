@@ -241,7 +241,7 @@ def _nearest(choices, wanted):
 
 
 def _batch(rate_mhz):
-    """Samples in a batch where the settings do not say: some 40 ms of them, and above 1 kHz all that a frame holds."""
+    """Samples in a batch where the settings do not say: some 40 ms of them, above 1 kHz a full frame."""
     if rate_mhz > 1000000:
         return IMU_BATCH_MAX_ROWS
     return 16 if rate_mhz > 250000 else 8

@@ -110,7 +110,7 @@ class SampleClock:
         return since_us > half_us and since_us + ticks_diff(late_us, early_us) + half_us < self.period_us
 
     def tells(self, early_us, late_us):
-        """Whether a sample that came between the two can only be one: the next, or one that is periods later."""
+        """Whether a sample that came between the two can only be one of a beat: it has its number then."""
         if self._fresh:
             return True
         half_ns = self.half_ahead_ns(1)
@@ -125,7 +125,7 @@ class SampleClock:
         return not self._fresh and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
 
     def interrupted(self, lost):
-        """So many samples were lost: where the clock may have miscounted them, it measures its period anew."""
+        """So many samples were lost: if the clock may have miscounted them, it measures its period anew."""
         if lost > (self.period_ns >> 2) // self._doubt_ns:
             self._mark()
 
