@@ -14,6 +14,8 @@ OVERHEAD = const(8)
 MAX_FRAME = const(250)
 MAX_PAYLOAD = const(242)
 ANY_NODE = const(0)
+UART_BAUD = const(921600)
+CONSOLE_BAUD = const(115200)
 
 HELLO = const(0x01)
 HELLO_FORMAT = "<I3B8sHBBIHBIIIiIBBB"
