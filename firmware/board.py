@@ -106,20 +106,29 @@ class Board:
 
         kind = self.settings["link"]
         if kind == "uart":
-            return link.UartLink(
-                machine.UART(
-                    self.pins["uart"],
-                    self.settings["baud"],
-                    tx=machine.Pin(self.pins["tx"]),
-                    rx=machine.Pin(self.pins["rx"]),
-                    txbuf=_UART_BUFFER,
-                    rxbuf=_UART_BUFFER,
-                    timeout=0,
-                )
-            )
+            return self._open_uart()
         if kind == "udp":
             return self._open_udp(link)
+        if self.kind == BOARD_ESP32:
+            import uart
+
+            return uart.ConsoleLink()
         return link.UsbLink()
+
+    def _open_uart(self):
+        import uart
+
+        baud, pins = self.settings["baud"], self.pins
+        port = machine.UART(
+            pins["uart"],
+            baud,
+            tx=machine.Pin(pins["tx"]),
+            rx=machine.Pin(pins["rx"]),
+            txbuf=_UART_BUFFER,
+            rxbuf=_UART_BUFFER,
+            timeout=0,
+        )
+        return uart.UartLink(port, baud, _UART_BUFFER)
 
     def _open_udp(self, link):
         import socket

@@ -104,25 +104,6 @@ class UsbLink(Link):
         micropython.kbd_intr(_CTRL_C)
 
 
-class UartLink(Link):
-    """A UART that was opened with timeout=0 and room for two frames in its send buffer."""
-
-    def __init__(self, uart):
-        super().__init__()
-        self.MOST = _USB_CHUNK
-        self._uart = uart
-        self._one = bytearray(1)
-        self._writable = _poll(uart, select.POLLOUT)
-
-    def _take(self, raw, at, size):
-        return _write(self._uart, raw, at, size) if _ready(self._writable, select.POLLOUT) else 0
-
-    def _byte(self):
-        if self._uart.any() and self._uart.readinto(self._one):
-            return self._one[0]
-        return -1
-
-
 class UdpLink(Link):
     """One datagram per frame to one host; frames wait while there is no Wi-Fi.
 

@@ -74,5 +74,16 @@ def matched(sent, truth, ticks_start_us=0):
     return np.array(rows)
 
 
+def all_lost(sent):
+    """Frames missing by their sequence numbers, over all types."""
+    last: dict[int, int] = {}
+    lost = 0
+    for frame, _ in sent:
+        if frame.type_id in last:
+            lost += (frame.seq - last[frame.type_id] - 1) & 0xFFFF
+        last[frame.type_id] = frame.seq
+    return lost
+
+
 def request(seq, message, node=1):
     return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))

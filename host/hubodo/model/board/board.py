@@ -35,6 +35,7 @@ REPLUG_NS = 200_000_000
 USB_FRAME_NS = 1_000_000
 STEPPED_REFRESH_NS = 4_000_000
 BUSY_NS = 2_000_000_000
+CONSOLE_BYTE_NS, CONSOLE_FIFO = 10e9 / 115200, 128
 _NS = 1_000_000_000
 _FOREVER = float("inf")
 
@@ -80,6 +81,8 @@ class VirtualBoard:
         self._cause = PWRON_RESET
         self.ports: dict[int, Port] = {0: Port()}
         self.ports[self.link_port] = Port(link=link)
+        if settings.port == "esp32":
+            self.ports[0].byte_ns, self.ports[0].send_buffer = CONSOLE_BYTE_NS, CONSOLE_FIFO
         self._interrupt_char = CTRL_C
         self.interrupt_came = False
         self._interrupt_at = 0
@@ -143,6 +146,7 @@ class VirtualBoard:
                 "flash": str(settings.flash),
                 "raw": raw,
                 "run": ["boot.py", "main.py"] if run_main and not raw else ["boot.py"] if raw else [],
+                "platform": settings.port if settings.port == "esp32" else "",
                 "unique_id": settings.unique_id,
                 "reset_cause": self._cause,
                 "frequency_hz": 125_000_000,
@@ -442,7 +446,7 @@ class VirtualBoard:
         port = self.ports[0]
         if port.received:
             flags |= FLAG_INPUT
-        if len(port.to_send) == 0:
+        if len(port.to_send) == 0 or self.settings.port == "esp32":
             flags |= FLAG_ROOM
         if self.interrupt_came:
             flags |= FLAG_INTERRUPT

@@ -95,20 +95,16 @@ def _soft_reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 def _write(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     port = board.ports.setdefault(a, Port())
-    if a:
-        payload = payload[: max(0, port.room(t))]
-        port.wire_free = max(port.wire_free, t) + port.byte_ns * len(payload)
     if port.link is None:
         board.counts["console"] += len(payload)
-        board.answer(len(payload), t)
+        board.answer(len(payload), port.put_on_wire(t, b"", len(payload)))
         return
     sent = board.noise.apply(payload)
     if board.link_log is not None and payload:
         board.link_log.append((time.time_ns(), payload, sent, board.link.host_open))
     board.counts["bytes_out"] += len(payload)
-    if a:
-        port.on_wire.append((port.wire_free, sent))
-        board.answer(len(payload), t)
+    if port.byte_ns:
+        board.answer(len(payload), port.put_on_wire(t, sent, len(payload)))
         return
     port.to_send += sent
 
@@ -150,7 +146,8 @@ def _count(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
         board.answer(int(ready), t)
         return
     port = board.ports.setdefault(a, Port())
-    board.answer(min(len(port.received), COUNT_MASK) | (COUNT_ROOM if port.room(t) > 0 else 0), t)
+    room = COUNT_ROOM if port.room(t) > 0 or board.settings.port == "esp32" else 0
+    board.answer(min(len(port.received), COUNT_MASK) | room, t)
 
 
 def _uart_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:

@@ -14,6 +14,9 @@ class BoardSettings:
     """What board it is and how its time runs.
 
     Attributes:
+        port: whose UARTs, console and station the board has. Both ports' UARTs hold a write up until all of
+            it is in the send buffer; "rp2" tells beforehand whether there is room, "esp32" always says yes,
+            and its console is such a UART as well. "esp32" is also what sys.platform says then.
         flash: host directory that is the board's file system; changed by what the board writes.
         clock: "real" is time.monotonic; "stepped" advances by sleeps, wire time and the cost of calls
             alone, as fast as it can; "paced" is stepped but never ahead of time.monotonic: where the host
@@ -34,6 +37,7 @@ class BoardSettings:
     """
 
     flash: Path
+    port: Literal["rp2", "esp32"] = "rp2"
     interpreter: Kind = "micropython"
     clock: Literal["real", "paced", "stepped"] = "real"
     clock_ppm: float = 0.0

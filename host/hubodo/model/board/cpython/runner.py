@@ -393,6 +393,7 @@ def _install():
     sys.path[:0] = [FLASH, FLASH + "/lib"]
     sys.dont_write_bytecode = True
     sys.stdin = sys.stdout = Text()
+    sys.platform = CONFIG["platform"] or sys.platform
 
 
 def _on_flash(path):
