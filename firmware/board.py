@@ -108,7 +108,9 @@ class Board:
         if kind == "uart":
             return self._open_uart()
         if kind == "udp":
-            return self._open_udp(link)
+            import wifi
+
+            return wifi.UdpLink(self.settings)
         if self.kind == BOARD_ESP32:
             import uart
 
@@ -129,27 +131,6 @@ class Board:
             timeout=0,
         )
         return uart.UartLink(port, baud, _UART_BUFFER)
-
-    def _open_udp(self, link):
-        import socket
-
-        import network
-
-        settings = self.settings
-        wlan = network.WLAN(network.STA_IF)
-        wlan.active(True)
-
-        def connect():
-            wlan.connect(settings["ssid"], settings["password"])
-
-        def open_socket():
-            address = socket.getaddrinfo(settings["host"], settings["port"])[0][-1]
-            udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            udp.connect(address)
-            udp.setblocking(False)
-            return udp
-
-        return link.UdpLink(wlan, connect, open_socket)
 
     def _bus(self):
         pins = self.pins

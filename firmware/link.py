@@ -1,4 +1,4 @@
-"""The byte streams to the host: USB, UART, UDP; what a stream does not take at once stays in the outbox."""
+"""The byte streams to the host, and USB; what a stream does not take at once stays in the outbox."""
 
 import select
 import sys
@@ -102,56 +102,6 @@ class UsbLink(Link):
 
     def close(self):
         micropython.kbd_intr(_CTRL_C)
-
-
-class UdpLink(Link):
-    """One datagram per frame to one host; frames wait while there is no Wi-Fi.
-
-    wlan: an active station; connect(): joins the network; open_socket(): a connected, non-blocking socket.
-    """
-
-    def __init__(self, wlan, connect, open_socket):
-        super().__init__()
-        self._wlan = wlan
-        self._connect = connect
-        self._open_socket = open_socket
-        self._socket = None
-        self._raw = bytearray(_WHOLE)
-        self._at = self._end = 0
-        connect()
-
-    def turn(self):
-        if not self._wlan.isconnected():
-            if self._socket is not None:
-                self._socket.close()
-                self._socket = None
-                self._connect()
-        elif self._socket is None:
-            self._socket = self._open_socket()
-
-    def _take(self, raw, at, size):
-        if self._socket is None:
-            return 0
-        try:
-            return _write(self._socket, raw, at, size)
-        except OSError:
-            # Full buffers or no route: the frame stays, or is the oldest to go.
-            return 0
-
-    def _byte(self):
-        if self._at == self._end:
-            self._at = self._end = 0
-            if self._socket is None:
-                return -1
-            try:
-                self._end = self._socket.readinto(self._raw) or 0
-            except OSError:
-                return -1
-            if not self._end:
-                return -1
-        byte = self._raw[self._at]
-        self._at += 1
-        return byte
 
 
 def _poll(stream, event):

@@ -3,8 +3,9 @@
 
 def quiet():
     """Ctrl-C is an ordinary byte from here on; one that came just before is raised now, not in an import."""
-    import micropython
     from time import sleep_ms
+
+    import micropython
 
     micropython.kbd_intr(-1)
     sleep_ms(1)
@@ -19,6 +20,6 @@ try:
 except KeyboardInterrupt:
     quiet()
 
-from node import main
+from node import main  # noqa: E402  only when it is quiet
 
 main()

@@ -18,8 +18,8 @@ class Pace:
     """How many of `size` bytes of a send buffer are free, when what was written leaves it at `baud`."""
 
     def __init__(self, baud, size):
-        # Ten bits a byte, and two percent for a UART whose clock is slow.
-        self._byte_ns = 10200000000 // baud
+        # Ten bits a byte, and two percent for a UART whose clock is slow; in hundreds, as small integers.
+        self._byte_ns = 102000000 // (baud // 100)
         self._size = size
         self._full_us = size * self._byte_ns // 1000
         self._empty_us = ticks_us()

@@ -74,9 +74,9 @@ def matched(sent, truth, ticks_start_us=0):
     return np.array(rows)
 
 
-def all_lost(sent):
-    """Frames missing by their sequence numbers, over all types."""
-    last: dict[int, int] = {}
+def all_lost(sent, *, since_boot=False):
+    """Frames missing by their sequence numbers, over all types; since_boot: those before the first as well."""
+    last: dict[int, int] = {frame.type_id: -1 for frame, _ in sent} if since_boot else {}
     lost = 0
     for frame, _ in sent:
         if frame.type_id in last:

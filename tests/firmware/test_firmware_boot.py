@@ -1,4 +1,4 @@
-"""Ctrl-C while a node boots: hosts send any byte, and two to be sure; no node may end at the prompt for it."""
+"""Ctrl-C while a node boots: hosts send any byte, and two to be sure; no node ends at the prompt for it."""
 
 import sys
 import types

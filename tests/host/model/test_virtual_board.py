@@ -79,6 +79,7 @@ streams.register(sys.stdin, select.POLLIN); streams.register(sys.stdout, select.
 streams.register(uart, select.POLLOUT)
 out = sys.stdout.buffer
 wlan = network.WLAN(network.STA_IF); wlan.active(True); wlan.connect('x', 'y')
+while not wlan.isconnected(): time.sleep_ms(10)
 udp = socket.socket(); udp.setblocking(False); udp.connect(('127.0.0.1', 9))
 def read(): i2c.readfrom_mem_into(0x6B, 0x22, burst)
 def write(): i2c.writeto_mem(0x6B, 0x10, one)

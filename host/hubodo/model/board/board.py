@@ -24,6 +24,7 @@ from hubodo.model.board.hypercall import (
     op_codes,
 )
 from hubodo.model.board.link import LineNoise, Link, MemoryLink, PtyLink
+from hubodo.model.board.network import Station
 from hubodo.model.board.port import Port
 from hubodo.model.board.settings import BoardSettings
 from hubodo.model.chips.faults import BrownOut, Fault, Reset, Stall, Unplug
@@ -89,9 +90,10 @@ class VirtualBoard:
         self.wdt_timeout = 0.0
         self.wdt_deadline = _FOREVER
         self._waiting: _Waiting | None = None
-        self.wlan_on = False
-        self.wlan_connected = False
+        self.station = Station(settings.port, settings.air)
         self.sockets: dict[int, socket.socket] = {}
+        self.mail: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
+        """What the air itself has answered to a socket."""
         self._script = sorted(
             ((f.t * _NS, f) for f in faults if isinstance(f, Reset | Unplug) or _restarts(f)),
             key=lambda x: x[0],
@@ -198,7 +200,8 @@ class VirtualBoard:
         self.pins = Pins(self.bus)
         for handle in list(self.sockets):
             self.sockets.pop(handle).close()
-        self.wlan_on = self.wlan_connected = False
+        self.mail.clear()
+        self.station = Station(self.settings.port, self.settings.air)
         if self.stepped:
             self.t += BOOT_NS
         self._boot_ns = self.now()

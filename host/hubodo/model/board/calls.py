@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from hubodo.model.board.hypercall import COUNT_MASK, COUNT_ROOM, EAGAIN, EHOSTUNREACH, EINVAL, ETIMEDOUT, Op
 from hubodo.model.board.link import TX_FIFO
+from hubodo.model.board.network import MULTICAST, NAME_SERVER
 from hubodo.model.board.port import Port
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 WRITE_TIMEOUT_NS = 500_000_000
 BOOT_NS = 150_000_000
+JOIN_NS = 50_000_000
+"""What the radio's commands of a join hold the processor up: assumed, dearer than on either port."""
 WDT_RESET = 3
 _NS = 1_000_000_000
 _FOREVER = float("inf")
@@ -142,7 +145,9 @@ def _read(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 def _count(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     if a & 0x100:
         sock = board.sockets.get(a & 0xFF)
-        ready = sock is not None and bool(select.select([sock], [], [], 0)[0])
+        ready = (
+            bool(board.mail.get(a & 0xFF)) or sock is not None and bool(select.select([sock], [], [], 0)[0])
+        )
         board.answer(int(ready), t)
         return
     port = board.ports.setdefault(a, Port())
@@ -158,13 +163,22 @@ def _uart_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _wlan(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    if a == 0:
-        board.wlan_on = board.wlan_connected = False
-    elif a == 1:
-        board.wlan_on = True
-    elif a in (2, 3):
-        board.wlan_connected = a == 2 and board.wlan_on
-    board.answer(int(board.wlan_connected), t)
+    station, seconds = board.station, t / _NS
+    status = 0
+    if a < 2:
+        station.activate(a == 1, seconds)
+    elif a == 2:
+        status = station.connect(seconds)
+        t += JOIN_NS
+    elif a == 3:
+        station.disconnect()
+    elif a == 4:
+        status = station.status(seconds)
+    elif a == 5:
+        status = int(station.up(seconds))
+    else:
+        station.reconnects((a & 0xFF) - 1)
+    board.answer(status, t)
 
 
 def _udp_open(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
@@ -185,8 +199,14 @@ def _udp_bind(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 def _udp_send(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     host, (port,) = socket.inet_ntoa(payload[:4]), struct.unpack_from("<H", payload, 4)
-    if not board.wlan_connected:
+    if not board.station.up(t / _NS):
         board.answer(-EHOSTUNREACH, t)
+        return
+    if (host, port) in (NAME_SERVER, MULTICAST):
+        reply = board.station.air.reply(t / _NS, payload[6:])
+        if reply is not None:
+            board.mail.setdefault(a, []).append(((host, port), reply))
+        board.answer(len(payload) - 6, t)
         return
     try:
         n = board.sockets[a].sendto(payload[6:], (host, port))
@@ -207,7 +227,10 @@ def _udp_recv(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
     def finished(late: bool) -> bool:
         try:
-            data, (host, port) = sock.recvfrom(most)
+            if board.mail.get(a):
+                (host, port), data = board.mail[a].pop(0)
+            else:
+                data, (host, port) = sock.recvfrom(most)
         except (BlockingIOError, ConnectionError):
             if not (late or wait_ms == 0):
                 return False
@@ -221,6 +244,7 @@ def _udp_recv(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _udp_close(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.mail.pop(a, None)
     if a in board.sockets:
         board.sockets.pop(a).close()
     board.answer(0, t)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.model.board.interpreter import Kind
+from hubodo.model.board.network import Air
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,7 @@ class BoardSettings:
         tick_cost_us: stepped and paced clock, what a look at the clock or at standard input takes.
         battery_mv: at the ADC's divider.
         battery_divider: battery voltage over ADC voltage.
+        air: the Wi-Fi around the board.
         uart_link: None: the link is USB CDC; else it is the UART of that number.
         unique_id: of the processor, in hexadecimal.
         run_for: s of true time after which the board is switched off, or None.
@@ -48,6 +50,7 @@ class BoardSettings:
     battery_mv: float = 3700.0
     battery_divider: float = 3.0
     unique_id: str = "e6614103e7452d2f"
+    air: Air = Air()
     uart_link: int | None = None
     run_for: float | None = None
     wait_for_host: bool = False

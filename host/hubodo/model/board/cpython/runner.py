@@ -197,6 +197,9 @@ class Board:
     def unique_id(self):
         return CONFIG["unique_id"]
 
+    def platform(self):
+        return CONFIG["platform"]
+
     def reset_cause(self):
         return CONFIG["reset_cause"]
 
