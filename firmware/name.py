@@ -1,9 +1,13 @@
-"""Where a host is by its name: an address as it stands, else asked of a name server (RFC 1035) without waiting."""
+"""Where a host is by its name: numbers as they stand, else asked of a name server (RFC 1035); nothing waits."""
 
 import socket
-from time import ticks_ms
+from time import ticks_diff, ticks_ms
 
 from micropython import const
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 _TYPE_A = const(1)
 _NAME_SERVER = const(53)
@@ -17,29 +21,28 @@ class Name:
     def __init__(self, wlan, host):
         self._wlan = wlan
         self._host = host
-        self._socket = None
-        self._query = None
+        self._socket: Any = None
+        self._query: Any = None
 
     def address(self):
         """The address as text, or None while it is asked for: call it again, every second or so."""
         if is_address(self._host):
             return self._host
-        found = None
         try:
             if self._socket is None:
                 self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._socket.setblocking(False)
-                self._query = question(self._host, ticks_ms() & 0xFFFF)
-            else:
-                found = answer(self._socket.recv(512), self._query)
+                self._query = question(self._host, ticks_diff(ticks_ms(), 0) & 0xFFFF)
+            found = answer(self._socket.recv(512), self._query)
+            if found is not None:
+                self.forget()
+                return found
         except OSError:
             # No answer yet.
             pass
-        if found is None:
+        if self._socket is not None:
             self._ask()
-        else:
-            self.forget()
-        return found
+        return None
 
     def forget(self):
         """Ends a question that is under way."""
@@ -53,8 +56,8 @@ class Name:
             if not self._host.endswith(".local"):
                 server = (self._wlan.ifconfig()[3], _NAME_SERVER)
             self._socket.sendto(self._query, server)
-        except (AttributeError, OSError):
-            # No socket, or no network: again with the next call.
+        except OSError:
+            # No network: again with the next call.
             pass
 
 

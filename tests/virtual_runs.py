@@ -75,7 +75,7 @@ def matched(sent, truth, ticks_start_us=0):
 
 
 def all_lost(sent, *, since_boot=False):
-    """Frames missing by their sequence numbers, over all types; since_boot: those before the first as well."""
+    """Frames missing by their sequence numbers, over all types; since_boot: also those before the first."""
     last: dict[int, int] = {frame.type_id: -1 for frame, _ in sent} if since_boot else {}
     lost = 0
     for frame, _ in sent:

@@ -1,4 +1,4 @@
-"""Wi-Fi that comes late, goes and comes back, on both ports: joined again, the host found again, no sample lost."""
+"""Wi-Fi that comes late, goes and comes back, on both ports: joined again, the host found, no sample lost."""
 
 import socket
 import threading
@@ -69,7 +69,7 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
 
 
 def judge(sent, truth, stats):
-    """Nothing but frames was lost, each counted, and the node was never held up for long; places in the truth."""
+    """Nothing but frames was lost, each counted, the node never held up for long; times of what came, s."""
     assert stats["resets"] == [] and stats["counts"].get("at_prompt", 0) == 0
     told = of(sent, m.Health)
     assert (told[-1].samples_missed, told[-1].fifo_overruns, told[-1].faults) == (0, 0, 0)

@@ -1,4 +1,4 @@
-"""The Wi-Fi around a virtual board: an access point that comes and goes, the board's station, a name server."""
+"""The Wi-Fi around a virtual board: an access point that comes and goes, the station, a name server."""
 
 from __future__ import annotations
 

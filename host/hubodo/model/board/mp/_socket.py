@@ -34,7 +34,7 @@ def getaddrinfo(host, port, *_):
         _packed(host)
     except ValueError:
         _board.sleep_ms(7000)
-        raise OSError(-2)
+        raise OSError(-2) from None
     return [(AF_INET, SOCK_DGRAM, 0, "", (host, port))]
 
 
