@@ -1,4 +1,4 @@
-"""Where a host is by its name: numbers as they stand, else asked of a name server (RFC 1035); nothing waits."""
+"""Where a host is by its name: numbers as they stand, else what a name server answers (RFC 1035)."""
 
 import socket
 from time import ticks_diff, ticks_ms

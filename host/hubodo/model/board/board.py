@@ -23,7 +23,7 @@ from hubodo.model.board.hypercall import (
     RESPONSE,
     op_codes,
 )
-from hubodo.model.board.link import LineNoise, Link, MemoryLink, PtyLink
+from hubodo.model.board.link import TX_FIFO, LineNoise, Link, MemoryLink, PtyLink
 from hubodo.model.board.network import Station
 from hubodo.model.board.port import Port
 from hubodo.model.board.settings import BoardSettings
@@ -449,7 +449,7 @@ class VirtualBoard:
         port = self.ports[0]
         if port.received:
             flags |= FLAG_INPUT
-        if len(port.to_send) == 0 or self.settings.port == "esp32":
+        if len(port.to_send) < TX_FIFO or self.settings.port == "esp32":
             flags |= FLAG_ROOM
         if self.interrupt_came:
             flags |= FLAG_INTERRUPT

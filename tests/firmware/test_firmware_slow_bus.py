@@ -1,0 +1,18 @@
+"""A bus that takes 0.9 ms a call beyond the wire, as SoftI2C of an ESP32 does: every sample arrives."""
+
+import numpy as np
+import pytest
+
+from hubowire import messages as m
+from virtual_runs import matched, of, run
+
+
+@pytest.mark.parametrize("rate", [104, 208, 416])
+def test_on_a_slow_bus_every_sample_arrives_through_the_fifo(rate):
+    sent, truth, stats = run(10, config={"rate_hz": rate, "fifo": True}, call_cost_us=900)
+    found = matched(sent, truth)
+    assert (np.diff(found[:, 0]) == 1).all() and (np.diff(found[:, 2]) == 1).all()
+    assert truth.t[int(found[-1, 0])] > 9.5
+    health = of(sent, m.Health)[-1]
+    assert (health.samples_missed, health.fifo_overruns, health.frames_dropped, health.faults) == (0, 0, 0, 0)
+    assert stats["resets"] == []
