@@ -1,4 +1,4 @@
-"""The node's station beside a fake WLAN interface that behaves as each port's: when it tries, and how often."""
+"""The node's station beside a fake WLAN interface that behaves as each port's: when it tries to join."""
 
 import sys
 import types
