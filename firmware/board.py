@@ -106,41 +106,31 @@ class Board:
 
         kind = self.settings["link"]
         if kind == "uart":
-            return link.UartLink(
-                machine.UART(
-                    self.pins["uart"],
-                    self.settings["baud"],
-                    tx=machine.Pin(self.pins["tx"]),
-                    rx=machine.Pin(self.pins["rx"]),
-                    txbuf=_UART_BUFFER,
-                    rxbuf=_UART_BUFFER,
-                    timeout=0,
-                )
-            )
+            return self._open_uart()
         if kind == "udp":
-            return self._open_udp(link)
+            import wifi
+
+            return wifi.UdpLink(self.settings)
+        if self.kind == BOARD_ESP32:
+            import uart
+
+            return uart.ConsoleLink()
         return link.UsbLink()
 
-    def _open_udp(self, link):
-        import socket
+    def _open_uart(self):
+        import uart
 
-        import network
-
-        settings = self.settings
-        wlan = network.WLAN(network.STA_IF)
-        wlan.active(True)
-
-        def connect():
-            wlan.connect(settings["ssid"], settings["password"])
-
-        def open_socket():
-            address = socket.getaddrinfo(settings["host"], settings["port"])[0][-1]
-            udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-            udp.connect(address)
-            udp.setblocking(False)
-            return udp
-
-        return link.UdpLink(wlan, connect, open_socket)
+        baud, pins = self.settings["baud"], self.pins
+        port = machine.UART(
+            pins["uart"],
+            baud,
+            tx=machine.Pin(pins["tx"]),
+            rx=machine.Pin(pins["rx"]),
+            txbuf=_UART_BUFFER,
+            rxbuf=_UART_BUFFER,
+            timeout=0,
+        )
+        return uart.UartLink(port, baud, _UART_BUFFER)
 
     def _bus(self):
         pins = self.pins

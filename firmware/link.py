@@ -1,4 +1,4 @@
-"""The byte streams to the host: USB, UART, UDP; what a stream does not take at once stays in the outbox."""
+"""The byte streams to the host, and USB; what a stream does not take at once stays in the outbox."""
 
 import select
 import sys
@@ -9,9 +9,9 @@ from framing import START, FrameReader
 from micropython import const
 
 _WHOLE = const(256)
-_USB_CHUNK = const(64)
 _SENDS_PER_TURN = const(4)
 _READS_PER_TURN = const(32)
+_LOOK_MS = const(2)
 _CTRL_C = const(3)
 _SLICES = sys.implementation.name != "micropython"
 
@@ -34,12 +34,12 @@ class Link:
     def __init__(self):
         self.reader = FrameReader()
         self._readable = None
-        """Of a stream that can be waited for: its poll for input."""
+        """Of a stream that can be waited for: its poll for input; another is looked at every other ms."""
 
     def wait(self, ms):
         """Sleeps so long, or until a byte comes from the host."""
         if self._readable is None:
-            sleep_ms(ms)
+            sleep_ms(ms if ms < _LOOK_MS else _LOOK_MS)
         else:
             self._readable(ms)
 
@@ -87,9 +87,12 @@ class UsbLink(Link):
     """
 
     ON_CONSOLE = True
+    CHUNK = _WHOLE
+    """MOST of a host that keeps up."""
 
     def __init__(self):
         super().__init__()
+        self.MOST = self.CHUNK
         self._in = sys.stdin.buffer
         self._out = sys.stdout.buffer
         self._one = bytearray(1)
@@ -101,7 +104,7 @@ class UsbLink(Link):
         if not _ready(self._writable, select.POLLOUT):
             self.MOST = 1
             return 0
-        if self.MOST < _WHOLE:
+        if self.MOST < self.CHUNK:
             self.MOST <<= 1
         return _write(self._out, raw, at, size)
 
@@ -112,76 +115,6 @@ class UsbLink(Link):
 
     def close(self):
         micropython.kbd_intr(_CTRL_C)
-
-
-class UartLink(Link):
-    """A UART that was opened with timeout=0 and room for two frames in its send buffer."""
-
-    def __init__(self, uart):
-        super().__init__()
-        self.MOST = _USB_CHUNK
-        self._uart = uart
-        self._one = bytearray(1)
-        self._readable = _poll(uart, select.POLLIN)
-        self._writable = _poll(uart, select.POLLOUT)
-
-    def _take(self, raw, at, size):
-        return _write(self._uart, raw, at, size) if _ready(self._writable, select.POLLOUT) else 0
-
-    def _byte(self):
-        if self._uart.any() and self._uart.readinto(self._one):
-            return self._one[0]
-        return -1
-
-
-class UdpLink(Link):
-    """One datagram per frame to one host; frames wait while there is no Wi-Fi.
-
-    wlan: an active station; connect(): joins the network; open_socket(): a connected, non-blocking socket.
-    """
-
-    def __init__(self, wlan, connect, open_socket):
-        super().__init__()
-        self._wlan = wlan
-        self._connect = connect
-        self._open_socket = open_socket
-        self._socket = None
-        self._raw = bytearray(_WHOLE)
-        self._at = self._end = 0
-        connect()
-
-    def turn(self):
-        if not self._wlan.isconnected():
-            if self._socket is not None:
-                self._socket.close()
-                self._socket = None
-                self._connect()
-        elif self._socket is None:
-            self._socket = self._open_socket()
-
-    def _take(self, raw, at, size):
-        if self._socket is None:
-            return 0
-        try:
-            return _write(self._socket, raw, at, size)
-        except OSError:
-            # Full buffers or no route: the frame stays, or is the oldest to go.
-            return 0
-
-    def _byte(self):
-        if self._at == self._end:
-            self._at = self._end = 0
-            if self._socket is None:
-                return -1
-            try:
-                self._end = self._socket.readinto(self._raw) or 0
-            except OSError:
-                return -1
-            if not self._end:
-                return -1
-        byte = self._raw[self._at]
-        self._at += 1
-        return byte
 
 
 def _poll(stream, event):

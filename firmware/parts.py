@@ -92,7 +92,8 @@ class Parts:
                     odr_hz=_nearest(driver.RATES_HZ, s["rate_hz"]),
                     range_dps=_nearest(driver.RANGES_DPS, s["gyro_range_dps"]),
                     range_g=_nearest(driver.RANGES_G, s["accel_range_g"]),
-                    fifo=s["fifo"],
+                    # Radio commands hold the processor up for longer than a sample.
+                    fifo=s["fifo"] or s["link"] == "udp",
                 )
                 self.found.append((address, who_am_i, self.chip.PART))
             except OSError:

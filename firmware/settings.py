@@ -18,6 +18,7 @@ from wire import (
     CONFIG_KEY_TABLE_RATE_UDPS,
     FILTER_KIND_KALMAN,
     FILTER_KIND_RLS,
+    UART_BAUD,
 )
 
 PATH = "/config.json"
@@ -51,7 +52,7 @@ DEFAULTS = {
     "queue": 24,
     "watchdog": True,
     "low_battery_mv": 3300,
-    "baud": 921600,
+    "baud": UART_BAUD,
     "ssid": "",
     "password": "",
     "host": "",
@@ -79,6 +80,7 @@ BOUNDS = (
     (0, "wheel_radius_mm", 0, 10000),
     (0, "gyro_scale_ppm", -200000, 200000),
     (0, "warmup_s", 10, 100000),
+    (0, "baud", 9600, 3000000),
 )
 
 # (name, how many numbers or none, most of each)

@@ -80,6 +80,17 @@ def matched(sent, truth, ticks_start_us=0):
     return np.array(rows)
 
 
+def all_lost(sent, *, since_boot=False):
+    """Frames missing by their sequence numbers, over all types; since_boot: also those before the first."""
+    last: dict[int, int] = {frame.type_id: -1 for frame, _ in sent} if since_boot else {}
+    lost = 0
+    for frame, _ in sent:
+        if frame.type_id in last:
+            lost += (frame.seq - last[frame.type_id] - 1) & 0xFFFF
+        last[frame.type_id] = frame.seq
+    return lost
+
+
 def request(seq, message, node=1):
     return hubowire.encode_frame(hubowire.Frame(message.type_id, node, seq, hubowire.encode(message)))
 

@@ -58,6 +58,8 @@ def wire_module() -> str:
         f"MAX_FRAME = const({framing.MAX_FRAME})",
         f"MAX_PAYLOAD = const({framing.MAX_PAYLOAD})",
         f"ANY_NODE = const({ANY_NODE})",
+        f"UART_BAUD = const({budget.UART_BAUD})",
+        f"CONSOLE_BAUD = const({budget.CONSOLE_BAUD})",
     ]
     for message in NODE_TO_HOST + HOST_TO_NODE:
         lines += ["", *_message_constants(message)]

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 
 from hubodo.errors import ConfigError
 from hubodo.model.frames import Facing, Side
+from hubowire.budget import UART_BAUD
 
 _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
 _T = TypeVar("_T")
@@ -58,7 +59,7 @@ class RecordConfig:
     calibration: str | None = None
     gnss: str | None = None
     gnss_baud: int = 9600
-    baud: int = 115200
+    baud: int = UART_BAUD
     wait: bool = False
     duration: float | None = None
     compression: Literal["zstd", "lz4", "none"] = "zstd"

@@ -7,6 +7,11 @@ from hubowire.codec import layout
 from hubowire.framing import OVERHEAD
 from hubowire.messages import Filter, Health, Hello, ImuBatch, Mag, Message, TimeReply
 
+UART_BAUD = 921600
+"""What a node's UART speaks unless told otherwise, and its host: every rate of the chips fits."""
+CONSOLE_BAUD = 115200
+"""What the console of an ESP32 speaks, whatever the node is told."""
+
 # A link is called full at this share: what is left takes answers, jitter and repeats.
 FULL = 0.8
 # What a node sends beside its samples with its default settings: message, rows of its table, frames a second.
@@ -56,8 +61,8 @@ def nrf24_link() -> Link:
 
 # Full-speed bulk transfers: at most 19 packets of 64 bytes in each millisecond (USB 2.0, table 5-9).
 LINKS = (
-    serial_link(115200),
-    serial_link(921600),
+    serial_link(CONSOLE_BAUD),
+    serial_link(UART_BAUD),
     Link("USB CDC", 19 * 64 * 1000.0),
     Link("radio 250 kb/s", 250e3 / 8),
     nrf24_link(),

@@ -5,7 +5,7 @@ import pytest
 
 from hubodo.model.chips.faults import BitFlip, BrownOut, MissedSamples, Nack, Stall, StuckBus, WrongWhoAmI
 from hubowire import messages as m
-from virtual_runs import matched, of, run
+from virtual_runs import all_lost, matched, of, run
 
 CTRL1_XL, CTRL2_G, FIFO_CTRL5 = 0x10, 0x11, 0x0A
 
@@ -82,17 +82,6 @@ def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"
     assert missing.sum() == 19 * lost, "at this rate a frame is full"
     assert truth.t[int(found[-1, 0])] > 3.5
-
-
-def all_lost(sent):
-    """Frames missing by their sequence numbers, over all types."""
-    last: dict[int, int] = {}
-    lost = 0
-    for frame, _ in sent:
-        if frame.type_id in last:
-            lost += (frame.seq - last[frame.type_id] - 1) & 0xFFFF
-        last[frame.type_id] = frame.seq
-    return lost
 
 
 @pytest.mark.parametrize(

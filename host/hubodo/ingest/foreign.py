@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from hubowire.budget import CONSOLE_BAUD, UART_BAUD
+
 _SIGNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (
         re.compile(rb"\$G[A-Z]{4},|\$P[A-Z]{3,},"),
@@ -28,8 +30,8 @@ _SIGNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
 )
 
 
-def describe(data: bytes) -> str:
-    """What came and what to do about it, for bytes in which no frame was found."""
+def describe(data: bytes, count: int) -> str:
+    """What came and what to do about it, for `count` bytes in which no frame was found; data: the first."""
     for pattern, what, remedy in _SIGNS:
         if pattern.search(data):
             return f"{what}; {remedy}"
@@ -37,4 +39,7 @@ def describe(data: bytes) -> str:
     if data and text > 0.9 * len(data):
         sample = data.decode("ascii", "replace").strip().splitlines()
         return f"text such as {sample[0][:40] if sample else ''!r}; this port is no wheel node"
-    return "bytes without any frame; check the baud rate (--baud) and which device this is"
+    return (
+        f"{count} bytes, no frame; is the baud rate right (--baud: a node's UART speaks {UART_BAUD}, the "
+        f"console of an ESP32 {CONSOLE_BAUD}), and is this the device?"
+    )

@@ -10,6 +10,7 @@ from typing import Protocol
 from hubodo.errors import LinkError
 from hubodo.ingest.ports import Finder, Lister, PortName, list_devices
 from hubodo.ingest.transport import LinkDown, Transport, open_transport
+from hubowire.budget import UART_BAUD
 
 READ_S = 0.1
 _BACKOFF_S = (0.05, 0.05, 0.1, 0.1, 0.2, 0.5, 1.0)
@@ -67,7 +68,7 @@ class Link:
         news: Inbox,
         now_ns: Callable[[], int],
         *,
-        baud: int = 115200,
+        baud: int = UART_BAUD,
         lister: Lister = list_devices,
     ) -> None:
         self.port = port

@@ -45,6 +45,7 @@ class LinkSession:
         self._decoders: dict[str, FrameDecoder] = {}
         self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
         self._strange = bytearray()
+        self._strange_count = 0
         self._strange_since: int | None = None
         self._heard_ns: int | None = None
         self._reported = 0
@@ -93,6 +94,7 @@ class LinkSession:
                 self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
                 self.frames += 1
                 self._strange.clear()
+                self._strange_count = 0
                 self._strange_since = self.foreign = None
             self._count(decoder)
             if frame is not None:
@@ -100,6 +102,7 @@ class LinkSession:
         self._count(decoder)
         if self._strange_since is None:
             self._strange_since = chunk.t_ns
+        self._strange_count += len(chunk.data)
         if len(self._strange) < _SAMPLE_BYTES:
             self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
 
@@ -110,7 +113,7 @@ class LinkSession:
             and self.foreign is None
             and now_ns - self._strange_since > _FOREIGN_NS
         ):
-            self.foreign = describe(bytes(self._strange))
+            self.foreign = describe(bytes(self._strange), self._strange_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
             self._sink.event(Event(now_ns, "foreign", self.label, text, {"link": self.label}))
             yield text

@@ -92,7 +92,7 @@ class VirtualNode:
         corrupt, lose: probability per byte from the board that it is changed, or missing.
         own_process: run the board in a process of its own (two nodes use two cores), else in a thread.
         scripted_input: with link "memory", (s, bytes) that reach the board at these times.
-        board: further BoardSettings by name (clock_ppm, ticks_start_us, heap_bytes, battery_mv, ...).
+        board: further BoardSettings by name (port, air, clock_ppm, ticks_start_us, heap_bytes, ...).
 
     Raises:
         InterpreterMissing: node or the npm package is absent.

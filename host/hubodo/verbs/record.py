@@ -14,6 +14,7 @@ from hubodo.ingest.daemon import record
 from hubodo.ingest.status import RecordResult
 from hubodo.sensors.calibration import read_calibration
 from hubowire import FINGERPRINT
+from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
 HELP = "record nodes into a log until ctrl-C, with live odometry"
 EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
@@ -41,7 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a GNSS receiver that speaks NMEA; with --vehicle and GTSAM also where on the map (map → odom)",
     )
     parser.add_argument(
-        "--baud", type=int, help="of the nodes' serial ports (default 115200; USB does not care)"
+        "--baud",
+        type=int,
+        help=f"of the nodes' serial ports (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 on its USB "
+        f"converter; USB of a Pico does not care)",
     )
     parser.add_argument("--gnss-baud", type=int, help="of the receiver's serial port (default 9600)")
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")

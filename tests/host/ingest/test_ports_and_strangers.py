@@ -6,6 +6,8 @@ import pytest
 
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.foreign import describe
+from hubodo.ingest.link import Chunk, LinkUp
+from hubodo.ingest.link_session import LinkSession
 from hubodo.ingest.ports import Finder, parse_port
 
 
@@ -15,6 +17,16 @@ class Device:
 
     device: str
     serial_number: str | None
+
+
+class Discards:
+    """A sink that keeps nothing."""
+
+    def raw(self, link, t_log_ns, frame):
+        pass
+
+    def event(self, event):
+        pass
 
 
 @pytest.mark.parametrize(
@@ -72,4 +84,16 @@ def test_a_missing_device_is_named_with_what_is_there_instead(tmp_path):
     ],
 )  # fmt: skip
 def test_strangers_are_told_by_what_they_say(said, heard):
-    assert heard in describe(said)
+    assert heard in describe(said, len(said))
+
+
+def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_named():
+    """What 921600 baud looks like at 115200: bytes of no shape, for three seconds."""
+    session = LinkSession("left", Discards())
+    session.up(LinkUp("left", 0, "/dev/ttyUSB0", False))
+    for i in range(40):
+        chunk = Chunk("left", i * 100_000_000, bytes((17 * i + k) % 255 + 1 for k in range(100)), "")
+        assert list(session.chunk(chunk)) == []
+    (line,) = session.tick(4_000_000_000)
+    assert "4000 bytes, no frame; is the baud rate right" in line
+    assert "921600" in line and "115200" in line and "/dev/ttyUSB0" in line

@@ -79,6 +79,7 @@ streams.register(sys.stdin, select.POLLIN); streams.register(sys.stdout, select.
 streams.register(uart, select.POLLOUT)
 out = sys.stdout.buffer
 wlan = network.WLAN(network.STA_IF); wlan.active(True); wlan.connect('x', 'y')
+while not wlan.isconnected(): time.sleep_ms(10)
 udp = socket.socket(); udp.setblocking(False); udp.connect(('127.0.0.1', 9))
 def read(): i2c.readfrom_mem_into(0x6B, 0x22, burst)
 def write(): i2c.writeto_mem(0x6B, 0x10, one)
@@ -330,22 +331,39 @@ s.write(buf, n)
             assert host.recv(100) == b"answer"
 
 
-def test_uart_takes_what_its_buffer_holds_and_sends_at_its_baud_rate(tmp_path: Path) -> None:
+@pytest.mark.parametrize("port", ["rp2", "esp32"])
+def test_a_uart_holds_a_write_up_until_all_of_it_is_in_its_buffer(tmp_path: Path, port: str) -> None:
+    """As both ports do; room beforehand is told by rp2 alone."""
     program = """
 import machine, time, select
 u = machine.UART(0, baudrate=9600, txbuf=64)
 p = select.poll(); p.register(u, select.POLLOUT)
 print('x')
+before = time.ticks_us()
 a = u.write(bytearray(100)); full = len(p.poll(0))
-time.sleep_ms(20)
-b = u.write(bytearray(100)); more = len(p.poll(0))
+took = time.ticks_diff(time.ticks_us(), before)
 time.sleep_ms(300)
-with open('/r', 'w') as f: f.write('%d %d %d %d %d' % (a, full, b, more, len(p.poll(0))))
+with open('/r', 'w') as f: f.write('%d %d %d %d' % (a, full, len(p.poll(0)), took))
 """
-    node = run(tmp_path, program, 1.0, flash=tmp_path / "flash", uart_link=0)
-    assert len(node.output) == 64 + 19
+    node = run(tmp_path, program, 1.0, flash=tmp_path / "flash", uart_link=0, port=port)
+    assert len(node.output) == 100
     node.stop()
-    assert (tmp_path / "flash" / "r").read_text() == "64 0 19 0 1"
+    *counts, took_us = map(int, (tmp_path / "flash" / "r").read_text().split())
+    assert counts == [100, int(port == "esp32"), 1]
+    assert took_us == pytest.approx((100 - 64) * 10 / 9600 * 1e6, abs=200)
+
+
+def test_an_esp32_s_console_is_a_uart_that_says_yes_and_holds_up(tmp_path: Path) -> None:
+    program = """
+import time, select, sys
+p = select.poll(); p.register(sys.stdout, select.POLLOUT)
+before = time.ticks_us()
+for _ in range(8): sys.stdout.buffer.write(bytes(64)); ready = len(p.poll(0))
+print(sys.platform, ready, time.ticks_diff(time.ticks_us(), before))
+"""
+    platform, ready, took_us = printed(run(tmp_path, program, 1.0, port="esp32"))[0].strip("\0").split()
+    assert (platform, ready) == ("esp32", "1")
+    assert int(took_us) == pytest.approx((512 - 128) * 10 / 115200 * 1e6, abs=500)
 
 
 def test_missing_node_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -26,7 +26,8 @@ from hubodo.model.board.hypercall import (
     RESPONSE,
     op_codes,
 )
-from hubodo.model.board.link import LineNoise, Link, MemoryLink, PtyLink
+from hubodo.model.board.link import TX_FIFO, LineNoise, Link, MemoryLink, PtyLink
+from hubodo.model.board.network import Station
 from hubodo.model.board.port import Port
 from hubodo.model.board.rp2040.pico import Pico
 from hubodo.model.board.settings import BoardSettings
@@ -39,6 +40,7 @@ REPLUG_NS = 200_000_000
 USB_FRAME_NS = 1_000_000
 STEPPED_REFRESH_NS = 4_000_000
 BUSY_NS = 2_000_000_000
+CONSOLE_BYTE_NS, CONSOLE_FIFO = 10e9 / 115200, 128
 _NS = 1_000_000_000
 _FOREVER = float("inf")
 
@@ -84,6 +86,8 @@ class VirtualBoard:
         self._cause = PWRON_RESET
         self.ports: dict[int, Port] = {0: Port()}
         self.ports[self.link_port] = Port(link=link)
+        if settings.port == "esp32":
+            self.ports[0].byte_ns, self.ports[0].send_buffer = CONSOLE_BYTE_NS, CONSOLE_FIFO
         # In an emulated processor MicroPython itself looks for ctrl-C.
         self._emulated = settings.interpreter == "rp2040"
         self._first_interrupt_char = -1 if self._emulated else CTRL_C
@@ -94,9 +98,10 @@ class VirtualBoard:
         self.wdt_timeout = 0.0
         self.wdt_deadline = _FOREVER
         self._waiting: _Waiting | None = None
-        self.wlan_on = False
-        self.wlan_connected = False
+        self.station = Station(settings.port, settings.air)
         self.sockets: dict[int, socket.socket] = {}
+        self.mail: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
+        """What the air itself has answered to a socket."""
         self._script = sorted(
             ((f.t * _NS, f) for f in faults if isinstance(f, Reset | Unplug) or _restarts(f)),
             key=lambda x: x[0],
@@ -153,6 +158,7 @@ class VirtualBoard:
                 "flash": str(settings.flash),
                 "raw": raw,
                 "run": ["boot.py", "main.py"] if run_main and not raw else ["boot.py"] if raw else [],
+                "platform": settings.port if settings.port == "esp32" else "",
                 "unique_id": settings.unique_id,
                 "reset_cause": self._cause,
                 "frequency_hz": 125_000_000,
@@ -205,7 +211,8 @@ class VirtualBoard:
         self.pins = Pins(self.bus)
         for handle in list(self.sockets):
             self.sockets.pop(handle).close()
-        self.wlan_on = self.wlan_connected = False
+        self.mail.clear()
+        self.station = Station(self.settings.port, self.settings.air)
         if self.stepped and not self._emulated:
             self.t += BOOT_NS
         self._boot_ns = self.now()
@@ -473,7 +480,7 @@ class VirtualBoard:
         port = self.ports[0]
         if port.received:
             flags |= FLAG_INPUT
-        if len(port.to_send) == 0:
+        if len(port.to_send) < TX_FIFO or self.settings.port == "esp32":
             flags |= FLAG_ROOM
         if self.interrupt_came:
             flags |= FLAG_INTERRUPT

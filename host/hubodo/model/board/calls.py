@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from hubodo.model.board.hypercall import COUNT_MASK, COUNT_ROOM, EAGAIN, EHOSTUNREACH, EINVAL, ETIMEDOUT, Op
 from hubodo.model.board.link import TX_FIFO
+from hubodo.model.board.network import MULTICAST, NAME_SERVER
 from hubodo.model.board.port import Port
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
 WRITE_TIMEOUT_NS = 500_000_000
 BOOT_NS = 150_000_000
+JOIN_NS = 50_000_000
+"""What the radio's commands of a join hold the processor up: assumed, dearer than on either port."""
 WDT_RESET = 3
 _NS = 1_000_000_000
 _FOREVER = float("inf")
@@ -119,20 +122,16 @@ def _soft_reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 def _write(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     port = board.ports.setdefault(a, Port())
-    if a:
-        payload = payload[: max(0, port.room(t))]
-        port.wire_free = max(port.wire_free, t) + port.byte_ns * len(payload)
     if port.link is None:
         board.counts["console"] += len(payload)
-        board.answer(len(payload), t)
+        board.answer(len(payload), port.put_on_wire(t, b"", len(payload)))
         return
     sent = board.noise.apply(payload)
     if board.link_log is not None and payload:
         board.link_log.append((time.time_ns(), payload, sent, board.link.host_open))
     board.counts["bytes_out"] += len(payload)
-    if a:
-        port.on_wire.append((port.wire_free, sent))
-        board.answer(len(payload), t)
+    if port.byte_ns:
+        board.answer(len(payload), port.put_on_wire(t, sent, len(payload)))
         return
     port.to_send += sent
 
@@ -170,11 +169,14 @@ def _read(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 def _count(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     if a & 0x100:
         sock = board.sockets.get(a & 0xFF)
-        ready = sock is not None and bool(select.select([sock], [], [], 0)[0])
+        ready = (
+            bool(board.mail.get(a & 0xFF)) or sock is not None and bool(select.select([sock], [], [], 0)[0])
+        )
         board.answer(int(ready), t)
         return
     port = board.ports.setdefault(a, Port())
-    board.answer(min(len(port.received), COUNT_MASK) | (COUNT_ROOM if port.room(t) > 0 else 0), t)
+    room = COUNT_ROOM if port.room(t) > 0 or board.settings.port == "esp32" else 0
+    board.answer(min(len(port.received), COUNT_MASK) | room, t)
 
 
 def _uart_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
@@ -185,13 +187,22 @@ def _uart_init(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _wlan(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    if a == 0:
-        board.wlan_on = board.wlan_connected = False
-    elif a == 1:
-        board.wlan_on = True
-    elif a in (2, 3):
-        board.wlan_connected = a == 2 and board.wlan_on
-    board.answer(int(board.wlan_connected), t)
+    station, seconds = board.station, t / _NS
+    status = 0
+    if a < 2:
+        station.activate(a == 1, seconds)
+    elif a == 2:
+        status = station.connect(seconds)
+        t += JOIN_NS
+    elif a == 3:
+        station.disconnect()
+    elif a == 4:
+        status = station.status(seconds)
+    elif a == 5:
+        status = int(station.up(seconds))
+    else:
+        station.reconnects((a & 0xFF) - 1)
+    board.answer(status, t)
 
 
 def _udp_open(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
@@ -212,8 +223,14 @@ def _udp_bind(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 def _udp_send(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
     host, (port,) = socket.inet_ntoa(payload[:4]), struct.unpack_from("<H", payload, 4)
-    if not board.wlan_connected:
+    if not board.station.up(t / _NS):
         board.answer(-EHOSTUNREACH, t)
+        return
+    if (host, port) in (NAME_SERVER, MULTICAST):
+        reply = board.station.air.reply(t / _NS, payload[6:])
+        if reply is not None:
+            board.mail.setdefault(a, []).append(((host, port), reply))
+        board.answer(len(payload) - 6, t)
         return
     try:
         n = board.sockets[a].sendto(payload[6:], (host, port))
@@ -234,7 +251,10 @@ def _udp_recv(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
     def finished(late: bool) -> bool:
         try:
-            data, (host, port) = sock.recvfrom(most)
+            if board.mail.get(a):
+                (host, port), data = board.mail[a].pop(0)
+            else:
+                data, (host, port) = sock.recvfrom(most)
         except (BlockingIOError, ConnectionError):
             if not (late or wait_ms == 0):
                 return False
@@ -248,6 +268,7 @@ def _udp_recv(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _udp_close(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
+    board.mail.pop(a, None)
     if a in board.sockets:
         board.sockets.pop(a).close()
     board.answer(0, t)

@@ -67,7 +67,7 @@ class Op(IntEnum):
     UART_INIT = 17
     """[port; u32 baud, u16 send buffer, u16 receive buffer]"""
     WLAN = 18
-    """[0 off, 1 on, 2 connect, 3 disconnect, 4 status] status = 1 when connected."""
+    """[0 off, 1 on, 2 connect, 3 disconnect, 4 status, 5 is it connected, 0x100 + 1 + reconnects]"""
     UDP_OPEN = 19
     """status = handle."""
     UDP_BIND = 20

@@ -28,6 +28,13 @@ class Port:
             return self.send_buffer
         return self.send_buffer - math.ceil(max(0.0, self.wire_free - t) / self.byte_ns)
 
+    def put_on_wire(self, t: float, sent: bytes, size: int) -> float:
+        """Sends at the UART's rate; the time at which the last of `size` bytes is in the send buffer."""
+        self.wire_free = max(self.wire_free, t) + self.byte_ns * size
+        if self.link is not None:
+            self.on_wire.append((self.wire_free, sent))
+        return max(t, self.wire_free - self.byte_ns * self.send_buffer)
+
     def clear(self) -> None:
         """Forget what waits."""
         for queue in (self.received, self.to_send, self.on_wire):

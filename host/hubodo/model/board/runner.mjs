@@ -368,6 +368,7 @@ mp.registerJsModule("_board", {
     }
   },
   unique_id: () => config.unique_id,
+  platform: () => config.platform,
   reset_cause: () => config.reset_cause,
   frequency: () => config.frequency_hz,
   heap_bytes: () => config.heap_bytes,

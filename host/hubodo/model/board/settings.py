@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.model.board.interpreter import Kind
+from hubodo.model.board.network import Air
 
 
 @dataclass(frozen=True)
@@ -14,6 +15,9 @@ class BoardSettings:
     """What board it is and how its time runs.
 
     Attributes:
+        port: whose UARTs, console and station the board has. Both ports' UARTs hold a write up until all of
+            it is in the send buffer; "rp2" tells beforehand whether there is room, "esp32" always says yes,
+            and its console is such a UART as well. "esp32" is also what sys.platform says then.
         flash: host directory that is the board's file system; changed by what the board writes.
         clock: "real" is time.monotonic; "stepped" advances by sleeps, wire time and the cost of calls
             alone, as fast as it can; "paced" is stepped but never ahead of time.monotonic: where the host
@@ -25,6 +29,7 @@ class BoardSettings:
         tick_cost_us: stepped and paced clock, what a look at the clock or at standard input takes.
         battery_mv: at the ADC's divider.
         battery_divider: battery voltage over ADC voltage.
+        air: the Wi-Fi around the board.
         uart_link: None: the link is USB CDC; else it is the UART of that number.
         unique_id: of the processor, in hexadecimal.
         run_for: s of true time after which the board is switched off, or None.
@@ -41,6 +46,7 @@ class BoardSettings:
     """
 
     flash: Path
+    port: Literal["rp2", "esp32"] = "rp2"
     interpreter: Kind = "micropython"
     clock: Literal["real", "paced", "stepped"] = "real"
     clock_ppm: float = 0.0
@@ -51,6 +57,7 @@ class BoardSettings:
     battery_mv: float = 3700.0
     battery_divider: float = 3.0
     unique_id: str = "e6614103e7452d2f"
+    air: Air = Air()
     uart_link: int | None = None
     run_for: float | None = None
     wait_for_host: bool = False

@@ -45,6 +45,7 @@ class Board:
         self.t = CONFIG["t_ns"]
         self.flags = 0
         self.interrupt_char = 3
+        self.booting, self.interrupted = True, False
         self.contact = -1e18
         self.rate = 1 + CONFIG["clock_ppm"] * 1e-6
         self.t0 = int(CONFIG["t0_ns"])
@@ -90,8 +91,15 @@ class Board:
         self.spend(CONFIG["call_cost_ns"])
         self.contact = self.now()
         if self.flags & FLAG_INTERRUPT:
-            raise KeyboardInterrupt
+            self.interrupted = True
+        self.check_interrupt()
         return status, data[RESPONSE.size : RESPONSE.size + n]
+
+    def check_interrupt(self):
+        """Ctrl-C that came before the user's code is kept for it."""
+        if self.interrupted and not self.booting:
+            self.interrupted = False
+            raise KeyboardInterrupt
 
     def fresh_flags(self):
         if self.now() - self.contact > CONFIG["refresh_ns"]:
@@ -112,6 +120,7 @@ class Board:
         return int(self.device_us() / 1000) % TICKS_PERIOD
 
     def sleep_us(self, us):
+        self.check_interrupt()
         end = self.now() + us * 1000 / self.rate
         while True:
             self.wait_until(min(end, self.now() + NAP_NS))
@@ -187,6 +196,9 @@ class Board:
 
     def unique_id(self):
         return CONFIG["unique_id"]
+
+    def platform(self):
+        return CONFIG["platform"]
 
     def reset_cause(self):
         return CONFIG["reset_cause"]
@@ -393,6 +405,7 @@ def _install():
     sys.path[:0] = [FLASH, FLASH + "/lib"]
     sys.dont_write_bytecode = True
     sys.stdin = sys.stdout = Text()
+    sys.platform = CONFIG["platform"] or sys.platform
 
 
 def _on_flash(path):
@@ -414,6 +427,7 @@ def _run(name):
     if not os.path.exists(path):
         return True
     _kbd_intr(3)
+    board.booting = False
     try:
         with open(path) as file:
             exec(compile(file.read(), path, "exec"), {"__name__": "__main__"})

@@ -21,7 +21,22 @@ def start():
     os.mount(os.VfsPosix("/flash"), "/")
     os.chdir("/")
     os.rename, os.ilistdir = _file_calls(os)
+    if _board.platform():
+        sys.modules["sys"] = _named(sys, _board.platform())
     sys.modules["gc"].collect()
+
+
+def _named(system, platform):
+    """sys with another platform; its own cannot be written to."""
+
+    class Named:
+        pass
+
+    for name in dir(system):
+        if not name.startswith("__"):
+            setattr(Named, name, getattr(system, name))
+    Named.platform = platform
+    return Named
 
 
 def _file_calls(os):

@@ -1,4 +1,4 @@
-"""network of the virtual board: a station that is on the air as soon as it is told to connect."""
+"""network of the virtual board: a WLAN interface with the names and the manners of its port."""
 
 # MicroPython's own types: not the host's code, no host types.
 # mypy: ignore-errors
@@ -7,9 +7,10 @@ import _board
 
 STA_IF = 0
 AP_IF = 1
-STAT_IDLE = 0
-STAT_CONNECTING = 1
-STAT_GOT_IP = 3
+_ESP32 = _board.platform() == "esp32"
+STAT_IDLE = 1000 if _ESP32 else 0
+STAT_CONNECTING = 1001 if _ESP32 else 1
+STAT_GOT_IP = 1010 if _ESP32 else 3
 
 
 def country(code=None):
@@ -35,23 +36,26 @@ class WLAN:
         return self._on
 
     def config(self, *names, **values):
-        return None
+        for name in values:
+            if name == "reconnects" and _ESP32:
+                _board.wlan(0x101 + values[name])
+            elif name != "pm":
+                raise ValueError("unknown config param")
 
     def connect(self, ssid=None, key=None, **options):
-        if not self._on:
-            raise OSError(5)
-        _board.wlan(2)
+        if _board.wlan(2) < 0:
+            raise OSError("Wifi Internal State Error" if _ESP32 else -1)
 
     def disconnect(self):
         _board.wlan(3)
 
     def isconnected(self):
-        return _board.wlan(4) == 1
+        return _board.wlan(5) == 1
 
     def status(self, what=None):
         if what == "rssi":
             return -50
-        return STAT_GOT_IP if self.isconnected() else STAT_IDLE
+        return _board.wlan(4)
 
     def ifconfig(self, setting=None):
-        return ("127.0.0.1", "255.0.0.0", "127.0.0.1", "127.0.0.1")
+        return ("127.0.0.1", "255.0.0.0", "127.0.0.1", "10.0.0.1")

@@ -27,9 +27,14 @@ def _packed(host):
 
 
 def getaddrinfo(host, port, *_):
+    """Numbers at once; for a name it waits as lwIP does for servers that do not answer."""
     if host == "localhost":
         host = "127.0.0.1"
-    _packed(host)
+    try:
+        _packed(host)
+    except ValueError:
+        _board.sleep_ms(7000)
+        raise OSError(-2) from None
     return [(AF_INET, SOCK_DGRAM, 0, "", (host, port))]
 
 

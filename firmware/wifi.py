@@ -1,0 +1,160 @@
+"""UDP over Wi-Fi: one datagram per frame to one host, whose network is joined again after each loss.
+
+Nothing here waits: a join is begun and looked at later, and the host's name is asked for by datagrams of the
+node's own, since a port's getaddrinfo holds the processor for 7 to 14 s when nobody answers.
+"""
+
+import socket
+from time import ticks_add, ticks_diff, ticks_ms
+
+import network
+from link import Link, _write
+from micropython import const
+from name import Name
+
+_WHOLE = const(256)
+_JOIN_MS = const(15000)
+_PAUSE_MS = const(1000)
+_LONGEST_PAUSE_MS = const(30000)
+_FAILING_MS = const(5000)
+_SILENT_MS = const(30000)
+_RETRY_MS = const(50)
+
+
+class Station:
+    """A WLAN interface kept joined to one network: tries follow each other after 1, 2, 4 .. 30 s."""
+
+    def __init__(self, wlan, ssid, password):
+        self._wlan = wlan
+        self._ssid = ssid
+        self._password = password
+        self._joining = False
+        self._pause_ms = _PAUSE_MS
+        self._since_ms = self._again_ms = ticks_ms()
+        for option in ({"reconnects": 0}, {"pm": network.WLAN.PM_NONE}):
+            try:
+                wlan.config(**option)
+            except (OSError, TypeError, ValueError):
+                # Not every port has every option.
+                pass
+
+    def joined(self, ms):
+        """Whether the network is joined; when it is not, does what is due about it."""
+        if self._wlan.isconnected():
+            self._joining = False
+            self._pause_ms = _PAUSE_MS
+            self._again_ms = ms
+            return True
+        if self._joining:
+            # A Pico W's status stays at "joining" after a loss, an ESP32's tells the cause of a failure.
+            step = self._wlan.status() - network.STAT_CONNECTING
+            if not 0 <= step <= 1 or ticks_diff(ms, self._since_ms) >= _JOIN_MS:
+                self._give_up(ms)
+        elif ticks_diff(ms, self._again_ms) >= 0:
+            self._join(ms)
+        return False
+
+    def _join(self, ms):
+        try:
+            self._wlan.connect(self._ssid, self._password)
+            self._joining = True
+            self._since_ms = ms
+        except OSError:
+            # An ESP32 that is at it already takes no other order.
+            self._give_up(ms)
+
+    def _give_up(self, ms):
+        self._joining = False
+        self._again_ms = ticks_add(ms, self._pause_ms)
+        self._pause_ms = min(2 * self._pause_ms, _LONGEST_PAUSE_MS)
+        try:
+            self._wlan.disconnect()
+        except OSError:
+            pass
+
+
+class UdpLink(Link):
+    """Frames wait while there is no network or no host; `turn` is to be called every second."""
+
+    def __init__(self, settings):
+        super().__init__()
+        wlan = network.WLAN(network.STA_IF)
+        wlan.active(True)
+        self._station = Station(wlan, settings["ssid"], settings["password"])
+        self._name = Name(wlan, settings["host"])
+        self._port = settings["port"]
+        self._socket = self._address = None
+        self._raw = bytearray(_WHOLE)
+        self._at = self._end = 0
+        self._failing = False
+        self._failing_ms = self._retry_ms = self._known_ms = ticks_ms()
+        self.turn()
+
+    def turn(self):
+        ms = ticks_ms()
+        if not self._station.joined(ms):
+            self.close()
+        else:
+            if self._failing and ticks_diff(ms, self._failing_ms) >= _FAILING_MS:
+                self.close()
+            if self._socket is None or ticks_diff(ms, self._known_ms) >= _SILENT_MS:
+                self._look_up(ms)
+
+    def close(self):
+        self._name.forget()
+        self._failing = False
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _look_up(self, ms):
+        """Asks where the host is, and sends there from now on; a host that is heard is not asked for."""
+        address = self._name.address()
+        if address is None:
+            return
+        self._known_ms = ms
+        if self._socket is not None:
+            if address == self._address:
+                return
+            self._socket.close()
+            self._socket = None
+        self._address = address
+        try:
+            udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            udp.setblocking(False)
+            udp.connect((address, self._port))
+            self._socket = udp
+        except OSError:
+            # No memory for it, or the network went: again in a second.
+            pass
+
+    def _take(self, raw, at, size):
+        if self._socket is None or (self._failing and ticks_diff(ticks_ms(), self._retry_ms) < 0):
+            return 0
+        try:
+            taken = _write(self._socket, raw, at, size)
+            self._failing = False
+            return taken
+        except OSError:
+            # Full buffers or no route: the frame stays, or is the oldest to go. Each error takes memory.
+            self._retry_ms = ticks_add(ticks_ms(), _RETRY_MS)
+            if not self._failing:
+                self._failing = True
+                self._failing_ms = ticks_ms()
+            return 0
+
+    def _byte(self):
+        if self._at == self._end:
+            self._at = self._end = 0
+            if self._socket is None:
+                return -1
+            try:
+                self._end = self._socket.readinto(self._raw) or 0
+            except OSError:
+                return -1
+            if not self._end:
+                return -1
+            self._known_ms = ticks_ms()
+        byte = self._raw[self._at]
+        self._at += 1
+        return byte

@@ -1,0 +1,112 @@
+"""The node's station beside a fake WLAN interface that behaves as each port's: when it tries to join."""
+
+import sys
+import types
+
+import pytest
+
+from fakes.fake_port import PORT_TICKS
+from hubodo.model.board.network import REFUSED, Air
+from hubodo.model.board.network import Station as PortStation
+
+CONNECTING = {"rp2": 1, "esp32": 1001}
+JOIN_S = 2.5
+
+
+class FakeWlan:
+    """network.WLAN over the virtual board's station, on the ticks of the fake port."""
+
+    def __init__(self, port, air):
+        self.port = PortStation(port, air)
+        self.zero_us = PORT_TICKS.now_us
+        self.asked = []
+        self.refused = 0
+        self.port.activate(True, 0.0)
+
+    @property
+    def t(self):
+        return (PORT_TICKS.now_us - self.zero_us) * 1e-6
+
+    def config(self, **options):
+        if "reconnects" in options:
+            if self.port.port == "rp2":
+                raise ValueError("unknown config param")
+            self.port.reconnects(options["reconnects"])
+
+    def connect(self, ssid, password):
+        assert (ssid, password) == ("net", "secret")
+        if self.port.connect(self.t) == REFUSED:
+            self.refused += 1
+            raise OSError("Wifi Internal State Error")
+        self.asked.append(self.t)
+
+    def disconnect(self):
+        self.port.disconnect()
+
+    def isconnected(self):
+        return self.port.up(self.t)
+
+    def status(self):
+        return self.port.status(self.t)
+
+
+@pytest.fixture
+def station(monkeypatch):
+    """station(port, air): (the firmware's Station, its FakeWlan), on a `network` of that port."""
+
+    def make(port, air):
+        network = types.SimpleNamespace(
+            STA_IF=0, STAT_CONNECTING=CONNECTING[port], WLAN=types.SimpleNamespace(PM_NONE=0)
+        )
+        monkeypatch.setitem(sys.modules, "network", network)
+        monkeypatch.delitem(sys.modules, "wifi", raising=False)
+        import wifi
+
+        wlan = FakeWlan(port, air)
+        return wifi.Station(wlan, "net", "secret"), wlan
+
+    yield make
+    sys.modules.pop("wifi", None)
+
+
+def live(station, wlan, seconds):
+    """Whether the station was joined, second by second."""
+    joined = []
+    for _ in range(seconds):
+        joined.append(station.joined(int(PORT_TICKS.ms())))
+        PORT_TICKS.sleep_us(1_000_000)
+    return joined
+
+
+@pytest.mark.parametrize("port", ["rp2", "esp32"])
+def test_tries_follow_each_other_after_pauses_that_double_up_to_half_a_minute(station, port):
+    node, wlan = station(port, Air(away=((0, 200),), join=JOIN_S))
+    joined = live(node, wlan, 300)
+    # A failure is seen at the next second after JOIN_S; then comes the pause.
+    pauses = [round(b - a) - 3 for a, b in zip(wlan.asked, wlan.asked[1:], strict=False)]
+    assert pauses == [1, 2, 4, 8, 16, *(len(pauses) - 5) * [30]] and len(pauses) >= 8
+    assert wlan.asked[0] < 1 and joined.index(True) < 200 + 30 + 3 + 2
+    assert all(joined[joined.index(True) :])
+
+
+@pytest.mark.parametrize("port", ["rp2", "esp32"])
+def test_after_a_loss_the_first_try_comes_at_once_and_the_pauses_begin_anew(station, port):
+    """A Pico W tells "joining" from the loss on, and nothing joins; an ESP32 leaves it to the node."""
+    node, wlan = station(port, Air(away=((99.5, 102.8),), join=JOIN_S))
+    joined = live(node, wlan, 120)
+    assert [round(t) for t in wlan.asked] == [0, 100, 104]
+    assert joined[3:100] == [True] * 97 and joined[100:107] == [False] * 7 and all(joined[107:])
+
+
+def test_a_join_that_hangs_is_given_up_after_a_quarter_of_a_minute(station):
+    node, wlan = station("rp2", Air(join=1e9))
+    live(node, wlan, 60)
+    assert [round(t) for t in wlan.asked] == [0, 16, 33, 52]
+
+
+def test_an_esp32_that_is_joining_already_refuses_once_and_is_brought_round(station):
+    node, wlan = station("esp32", Air(join=20.0))
+    wlan.port.connect(0.0)
+    joined = live(node, wlan, 45)
+    assert wlan.refused == 1 and wlan.asked[0] == pytest.approx(1, abs=0.1)
+    assert not any(joined[:20])

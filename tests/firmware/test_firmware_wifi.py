@@ -1,0 +1,139 @@
+"""Wi-Fi that comes late, goes and comes back, on both ports: joined again, the host found, no sample lost."""
+
+import socket
+import threading
+
+import numpy as np
+import pytest
+
+import hubowire
+from hubodo.model.board.network import Air
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import messages as m
+from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
+
+PORTS = ["rp2", "esp32"]
+LONGEST_US = 80_000
+"""A join holds the virtual board's processor for 50 ms."""
+
+
+class Listener:
+    """A host's UDP socket, read all the time; `received` is [(frame, message)]."""
+
+    def __init__(self, address="127.0.0.1", port=0):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self.socket.bind((address, port))
+        self.port = self.socket.getsockname()[1]
+        self.datagrams = []
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self):
+        while data := self.socket.recv(2048):
+            self.datagrams.append(data)
+
+    def end(self):
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", self.socket.getsockname())
+        self._thread.join(5)
+        self.socket.close()
+        frames = [f for data in self.datagrams for f in hubowire.FrameDecoder().feed(data)]
+        return [(f, hubowire.decode(f.type_id, f.payload)) for f in frames]
+
+
+def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), interpreter="micropython"):
+    """(what each listener received, truth, the board's statistics, its station's joins)."""
+    if interpreter == "micropython":
+        micropython_or_skip()
+    heard = [Listener(listeners[0])]
+    heard += [Listener(address, heard[0].port) for address in listeners[1:]]
+    config = {"link": "udp", "ssid": "net", "host": host, "port": heard[0].port, "mag_rate_hz": 0}
+    node = VirtualNode(
+        unique_motion(seconds),
+        firmware=FIRMWARE,
+        run_for=seconds,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+        config=config,
+        port=port,
+        air=air,
+        battery_divider=2.0 if port == "esp32" else 3.0,
+        interpreter=interpreter,
+    )
+    with node:
+        node.wait(100)
+        truth, stats = node.chip.truth(), node.stats
+    return [listener.end() for listener in heard], truth, stats
+
+
+def judge(sent, truth, stats):
+    """Nothing but frames was lost, each counted, the node never held up for long; times of what came, s."""
+    assert stats["resets"] == [] and stats["counts"].get("at_prompt", 0) == 0
+    told = of(sent, m.Health)
+    assert (told[-1].samples_missed, told[-1].fifo_overruns, told[-1].faults) == (0, 0, 0)
+    assert max(health.worst_loop_us for health in told) < LONGEST_US
+    found = matched(sent, truth)
+    assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
+    at = max(i for i, (_, message) in enumerate(sent) if message is told[-1])
+    assert 0 <= all_lost(sent[: at + 1], since_boot=True) - told[-1].frames_dropped <= 24
+    return truth.t[found[:, 0].astype(int)]
+
+
+@pytest.mark.parametrize("port", PORTS)
+def test_a_network_that_comes_late_gets_the_newest_samples(port):
+    (sent,), truth, stats = ride(30, port, Air(away=((0, 12),), join=2.0))
+    t = judge(sent, truth, stats)
+    assert 12 - 24 * 8 / 208 < t[0] < 12 + 8 + 2 + 2, "tries follow each other after 1, 2, 4, 8 s"
+    assert t[-1] > 29.5
+
+
+@pytest.mark.parametrize("interpreter", ["micropython", "cpython"])
+@pytest.mark.parametrize("port", PORTS)
+def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone(port, interpreter):
+    air = Air(away=((5, 9), (15, 45)), join=1.5)
+    (sent,), truth, stats = ride(90, port, air, interpreter=interpreter)
+    t = judge(sent, truth, stats)
+    gaps = np.flatnonzero(np.diff(t) > 0.5)
+    assert len(gaps) == 2, "one hole for each loss"
+    queue = 24 * 8 / 208
+    for (begin, end), gap in zip(air.away, gaps, strict=True):
+        assert t[gap] == pytest.approx(begin, abs=0.2)
+        # Pauses double: the last is as long as all before it, and no longer than 30 s.
+        assert end - 2 * queue - 1 < t[gap + 1] < end + min(30, end - begin) + 4
+    assert t[-1] > 89.5
+
+
+@pytest.mark.parametrize("port", PORTS)
+def test_a_station_that_is_joining_already_at_power_on_is_brought_round(port):
+    """After a soft reset an ESP32 goes on with what it was told before, and refuses to be told anew."""
+    (sent,), truth, stats = ride(12, port, Air(join=2.5, left_joining=True))
+    assert judge(sent, truth, stats)[-1] > 11.5
+
+
+@pytest.mark.parametrize("host", ["laptop.lan", "laptop.local"])
+@pytest.mark.parametrize("port", PORTS)
+def test_a_host_is_found_by_its_name_and_again_after_a_loss_where_it_has_moved(port, host):
+    """The name server is silent when the node first asks, and again later: no turn waits for it."""
+    air = Air(
+        away=((10, 12),),
+        silent=((0, 4), (11, 16)),
+        names=((0, host, "127.0.0.1"), (11, host, "127.0.0.2")),
+    )
+    (before, after), truth, stats = ride(30, port, air, host=host, listeners=("127.0.0.1", "127.0.0.2"))
+    t = judge(before + after, truth, stats)
+    first, second = (truth.t[matched(part, truth)[:, 0].astype(int)] for part in (before, after))
+    assert 4 - 24 * 8 / 208 < first[0] < 6.5 and 9.5 < first[-1] < 10.1
+    assert 16 - 2 < second[0] < 19 and second[-1] > 29.5
+    assert (np.diff(t) > 0.5).sum() == 1
+
+
+def test_a_host_that_moves_while_nobody_is_heard_is_found_within_half_a_minute():
+    air = Air(names=((0, "laptop.lan", "127.0.0.1"), (8, "laptop.lan", "127.0.0.2")))
+    (before, after), truth, stats = ride(
+        45, "rp2", air, host="laptop.lan", listeners=("127.0.0.1", "127.0.0.2")
+    )
+    judge(before + after, truth, stats)
+    t = truth.t[matched(after, truth)[:, 0].astype(int)]
+    assert 25 < t[0] < 8 + 30 and t[-1] > 44.5

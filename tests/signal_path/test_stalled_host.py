@@ -1,0 +1,65 @@
+"""A host that holds the port open and stops reading for ten seconds: the newest data wait for it."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+import hubowire
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import messages as m
+from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
+
+STALL_S = 10.0
+DRIVER_US = 520_000
+"""A Pico's USB driver waits for half a second, once, when more is written than fits."""
+
+
+def read_for(port, seconds):
+    data, end = b"", time.monotonic() + seconds
+    while time.monotonic() < end:
+        try:
+            data += os.read(port, 1 << 16)
+        except BlockingIOError:
+            time.sleep(0.01)
+    return data
+
+
+@pytest.mark.real_time
+def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_the_loss_counted():
+    micropython_or_skip()
+    # FIFO: above 250 Hz by itself, and 680 samples deep: the driver's wait is ridden out.
+    node = VirtualNode(
+        unique_motion(60), firmware=FIRMWARE, config={"rate_hz": 416}, clock="paced", wait_for_host=True
+    )
+    port = None
+    with node:
+        port = os.open(node.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            data = read_for(port, 3)
+            before = len(data)
+            time.sleep(STALL_S)
+            data += read_for(port, 4)
+        finally:
+            node.power_off()
+            os.close(port)
+        truth, stats = node.chip.truth(), node.stats
+    decoder = hubowire.FrameDecoder()
+    sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(data)]
+    told = of(sent, m.Health)
+    print(f"{told[-1].frames_dropped} frames dropped, {dict(stats['counts'])}, {decoder.damage}")
+    assert stats["resets"] == [] and before > 10_000
+    assert (told[-1].samples_missed, told[-1].fifo_overruns, told[-1].faults) == (0, 0, 0)
+    assert stats["counts"]["writes_timed_out"] == 1, "the driver waits for its half second, once"
+    assert max(health.worst_loop_us for health in told) < DRIVER_US
+    found = matched(sent, truth)
+    jump = np.diff(found[:, 2])
+    assert np.array_equal(np.diff(found[:, 0]), jump), "what is missing is numbered exactly"
+    t = truth.t[found[:, 0].astype(int)]
+    assert t[-1] > truth.t[-1] - 0.3, "the newest came"
+    at = max(i for i, (_, message) in enumerate(sent) if message is told[-1])
+    # One frame at most is cut where the driver's wait ran out.
+    assert decoder.damage.frames <= 1
+    assert 0 <= all_lost(sent[: at + 1]) - told[-1].frames_dropped <= 1
+    assert told[-1].frames_dropped > 26 * (STALL_S - 5)
