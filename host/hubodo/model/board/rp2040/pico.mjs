@@ -13,7 +13,7 @@ const ASLEEP_NS = 1e6;
 
 export class Pico {
   /**
-   * flash: a Flash; bootrom: Buffer; missCycles: of the XIP cache, 0 = none ever misses; rate: device seconds to a true one.
+   * flash: a Flash; bootrom: Buffer; missCycles: of the XIP cache, 0 = it never misses; rate: device seconds to a true one.
    * `line` is given by `connect`, which switches it on.
    */
   constructor({ flash, bootrom, missCycles, rate, ticksStartUs }) {
@@ -25,7 +25,6 @@ export class Pico {
     this.hooks = new Map(); // pc → functions(core) that are called before the instruction there
     this.waits = new Map(); // pc of a loop that only waits → (core) => device µs until which it does
     this.onReset = () => {};
-    this.onBoot = () => {};
     this._reason = 0;
     this._scratch = null;
     this._ticksStartNs = ticksStartUs * 1000;
@@ -78,7 +77,6 @@ export class Pico {
     for (const number of [0, 1]) new I2cController(mcu, number, this.line, pins);
     this.usb = new UsbHost(mcu, this.line);
     this.core.PC = FLASH;
-    this.onBoot();
   }
 
   _reset() {

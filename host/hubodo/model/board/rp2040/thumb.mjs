@@ -324,7 +324,7 @@ export class FastCore {
             pc -= 2;
             spent = this._rare(pc, spent - 1, n, z, c, v);
             pc = R[PC];
-            n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+            n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
             break;
           }
           pc = a & ~1;
@@ -477,7 +477,7 @@ export class FastCore {
               pc -= 2;
               spent = this._rare(pc, spent - 1, n, z, c, v);
               pc = R[PC];
-              n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+              n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
               break;
             }
           }
@@ -530,46 +530,46 @@ export class FastCore {
           if (!(op & (1 << r))) R[r] = a;
           break;
         case 64: // BEQ
-          if (z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 65: // BNE
-          if (z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 66: // BCS
-          if (c !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (c !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 67: // BCC
-          if (c === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (c === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 68: // BMI
-          if (n < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (n < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 69: // BPL
-          if (n >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (n >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 70: // BVS
-          if (v < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (v < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 71: // BVC
-          if (v >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (v >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 72: // BHI
-          if (c !== 0 && z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (c !== 0 && z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 73: // BLS
-          if (c === 0 || z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (c === 0 || z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 74: // BGE
-          if ((n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if ((n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 75: // BLT
-          if ((n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if ((n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 76: // BGT
-          if (z !== 0 && (n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (z !== 0 && (n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 77: // BLE
-          if (z === 0 || (n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
+          if (z === 0 || (n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; }
           break;
         case 78: // B
           pc += ((op << 21) >> 20) + 2;
@@ -594,7 +594,7 @@ export class FastCore {
           pc -= 2;
           spent = this._rare(pc, spent - 1, n, z, c, v);
           pc = R[PC];
-          n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+          n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
       }
       if (cached && cache.stall !== 0) {
         spent += cache.stall;
