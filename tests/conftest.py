@@ -13,6 +13,7 @@ REAL_TIME = (
     "signal_path",
     "host/flash",
     "host/ingest",
+    "host/model/test_emulated_pico_link.py",
     "host/model/test_virtual_board.py",
     "host/model/test_virtual_board_link.py",
     "host/test_live_map.py",

@@ -19,6 +19,7 @@ from io import StringIO
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from hubodo.cli import main as hubodo
@@ -130,7 +131,16 @@ def main(argv=None):
 
 
 def table(runs, title):
-    heads = ("settings", "samples", "lost", "burst gap", "CPU per\nsample", "CPU\nleft", "gc_alloc\nper s")
+    heads = (
+        "settings",
+        "samples",
+        "lost",
+        "waiting\nat the end",
+        "burst gap",
+        "CPU per\nsample",
+        "CPU\nleft",
+        "gc_alloc\nper s",
+    )
     shown = Table(*heads, "stamp error\nfirst second", "stamp error\nthen", "first\nHello", title=title)
     for run in runs:
         gap = "-" if run.burst_gap_ms is None else f"{run.burst_gap_ms:.1f} ms, {run.fifo_share:.1%} of FIFO"
@@ -138,6 +148,7 @@ def table(runs, title):
             run.name,
             str(run.samples),
             str(run.lost),
+            str(run.waiting),
             gap,
             f"{run.cpu_us:.0f} µs",
             f"{run.cpu_left:.1%}",
@@ -163,7 +174,7 @@ def functions(run):
             f"{f['calls']:.1f}",
             each,
             "heap" if f["heap"] else "",
-            f["name"],
+            escape(f["name"]),
         )
     shown.caption = "native code has no names: an object's address stands for each of its functions"
     return shown

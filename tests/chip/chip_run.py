@@ -24,7 +24,8 @@ SETTLED = 1.0
 class ChipRun:
     """What one run showed. A pair is the least and the most; None: none came.
 
-    samples: that arrived; lost: of those the chip made between the first and the last of them.
+    samples: that arrived; lost: of those the chip made between the first and the last of them; waiting: of
+    those it made after the last.
     burst_gap_ms, fifo_share: the longest time between two bursts from the FIFO, alone and over what it holds.
     cpu_us: work per sample, without waiting and without the I2C bus; cpu_left: share of the time it waited.
     allocations: per second of the loop.
@@ -36,6 +37,7 @@ class ChipRun:
     name: str
     samples: int
     lost: int
+    waiting: int
     burst_gap_ms: float | None
     fifo_share: float | None
     cpu_us: float
@@ -100,6 +102,7 @@ def run_chip(
         name,
         samples=len(found),
         lost=int((np.diff(found[:, 0]) - 1).sum()) if len(found) else len(truth.t),
+        waiting=len(truth.t) - 1 - int(found[-1, 0]) if len(found) else 0,
         burst_gap_ms=None if gap is None else gap * 1e3,
         fifo_share=None if gap is None else gap * rate / FIFO_SAMPLES,
         cpu_us=busy / (rate * meter["seconds"]) if meter else float("nan"),

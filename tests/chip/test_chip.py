@@ -1,10 +1,15 @@
 """The firmware on an emulated Pico keeps its promises: every sample, in time, nothing from the heap."""
 
+import numpy as np
 import pytest
-from chip_run import run_chip
+from chip_run import FIFO_SAMPLES, run_chip
 
 from hubodo.flash.image import build, firmware_folder
-from virtual_runs import pico_or_skip
+from hubodo.model.chips.faults import BrownOut, Nack, Stall, StuckBus
+from hubodo.model.virtual_node import VirtualNode
+from hubowire import FrameDecoder, decode
+from hubowire import messages as m
+from virtual_runs import matched, of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds)
 RUNS = {
@@ -46,10 +51,12 @@ def test_no_sample_is_lost(run):
     assert run.lost <= LOST
 
 
-def test_the_fifo_is_never_more_than_half_full_between_two_bursts(run):
+def test_the_fifo_is_never_more_than_half_full(run):
+    """Neither by a burst that came late nor by a loop that does not keep up."""
     if run.fifo_share is None:
         pytest.skip("this configuration asks for each sample")
     assert run.fifo_share <= FIFO_SHARE
+    assert run.waiting <= FIFO_SHARE * FIFO_SAMPLES
 
 
 def test_the_loop_takes_nothing_from_the_heap(run):
@@ -63,3 +70,29 @@ def test_stamps_are_right_from_the_first_sample_on(run):
 
 def test_hello_comes_soon_after_power_on(run):
     assert run.hello_s <= HELLO_S
+
+
+def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
+    """Every sample is the chip's own, in order, to the end; what is missing is announced."""
+    pico_or_skip()
+    faults = [Nack(1.5, 3), StuckBus(2.0), BrownOut(2.5, of="chips"), Stall(3.3, 0.05)]
+    node = VirtualNode(
+        unique_motion(5),
+        firmware=armv6m(tmp_path),
+        config={"rate_hz": 416},
+        faults=faults,
+        interpreter="rp2040",
+        clock="stepped",
+        link="memory",
+        run_for=4.2,
+    )
+    with node:
+        node.wait(120)
+        output, truth, stats = node.output, node.chip.truth(), node.stats
+    sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
+    found = matched(sent, truth)
+    assert truth.t[int(found[-1, 0])] > 4.1
+    missing = int((np.diff(found[:, 0]) - 1).sum())
+    announced = sum(bool(b.flags & m.BatchFlag.GAP_BEFORE) for b in of(sent, m.ImuBatch))
+    assert missing > 0 and announced >= 1
+    assert stats["counts"]["stalls"] == 1 and stats["bus"]["freed"] == 1 and stats["resets"] == []

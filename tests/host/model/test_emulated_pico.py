@@ -243,6 +243,30 @@ def test_where_an_image_or_the_bootrom_comes_from_is_said_in_one_line(tmp_path: 
         VirtualNode(StillMotion(), firmware=None, interpreter="rp2040", image=tmp_path)
 
 
+ROUNDS = """
+import gc
+def add(p):
+    for _ in range(p[0]): c = p[1] + p[2]
+def div(p):
+    for _ in range(p[0]): c = p[1] / p[2]
+for f, a, b in ((add, 12345678, 56781234), (div, 99999991, 45481), (div, 99999991.2345, 45481.1357)):
+    gc.collect()
+    t = time.ticks_us()
+    f([10000, a, b])
+    print(time.ticks_diff(time.ticks_us(), t))
+"""
+
+
+def test_arithmetic_takes_as_long_as_was_measured_on_a_real_one(tmp_path: Path) -> None:
+    """Published for an RP2040 at 125 MHz whose interpreter is in RAM: 80, 126 and 134 ms."""
+    usual = find_image().firmware
+    image = usual.with_name(f"{usual.stem}-vm-in-sram{usual.suffix}")
+    if not image.is_file():
+        pytest.skip(f"{image} is not there")
+    node = run(tmp_path, READY + ROUNDS, 1.2, image=image, miss_cycles=50)
+    assert [int(us) / 1000 for us in printed(node)] == pytest.approx([80, 126, 134], rel=0.03)
+
+
 BUSY = """
 import struct
 x, n, d = 0.5, 1, {}

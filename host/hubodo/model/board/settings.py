@@ -24,8 +24,9 @@ class BoardSettings:
             machine is too slow for a while, the board's whole world waits and catches up, and loses nothing.
         clock_ppm: the device clock gains this much on true time.
         ticks_start_us: time.ticks_us() at power-on; ticks wrap at 2**30.
-        heap_bytes: MicroPython heap, the board's own modules not counted.
-        call_cost_us: stepped and paced clock, what each call to the board takes beyond its wire time.
+        heap_bytes: MicroPython heap, the board's own modules not counted; a Pico has what it has.
+        call_cost_us: stepped and paced clock, what each call to the board takes beyond its wire time; a Pico
+            takes the cycles that it takes.
         tick_cost_us: stepped and paced clock, what a look at the clock or at standard input takes.
         battery_mv: at the ADC's divider.
         battery_divider: battery voltage over ADC voltage.

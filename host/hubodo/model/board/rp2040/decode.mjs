@@ -22,12 +22,8 @@ const FORMS = [
   ["BEQ", 8, 0xd0], ["BNE", 8, 0xd1], ["BCS", 8, 0xd2], ["BCC", 8, 0xd3], ["BMI", 8, 0xd4], ["BPL", 8, 0xd5],
   ["BVS", 8, 0xd6], ["BVC", 8, 0xd7], ["BHI", 8, 0xd8], ["BLS", 8, 0xd9], ["BGE", 8, 0xda], ["BLT", 8, 0xdb],
   ["BGT", 8, 0xdc], ["BLE", 8, 0xdd], ["B", 11, 0b11100], ["BL", 11, 0b11110],
-]; // prettier-ignore
+];
 
-/** Number of each form by name; OTHER is left to the emulator's own core. */
-export const OTHER = 0;
-export const FORM = Object.fromEntries(FORMS.map(([name], k) => [name, k + 1]));
-
-/** The form of every halfword. */
+/** The form of every halfword: its place in the list from 1 on, or 0 for what is left to the emulator's own core. */
 export const FORM_OF = new Uint8Array(65536);
 FORMS.forEach(([, shift, bits], k) => FORM_OF.fill(k + 1, bits << shift, (bits + 1) << shift));

@@ -19,7 +19,7 @@ export class Line {
     return this._pipe.flags;
   }
 
-  /** Asks with a payload of `bytes`; `then(status, payload)` when the answer is looked for, at the latest with the next request. */
+  /** Asks with a payload of `bytes`; `then(status, payload)` once settled, at the latest by the next request. */
   begin(op, a, bytes, then) {
     const pipe = this._pipe;
     // An answer that is still out may ask in its turn; the payload is written after that.

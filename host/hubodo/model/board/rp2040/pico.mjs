@@ -13,7 +13,8 @@ const ASLEEP_NS = 1e6;
 
 export class Pico {
   /**
-   * flash: a Flash; bootrom: Buffer; missCycles: of the XIP cache, 0 = none ever misses; rate: device seconds to a true one.
+   * flash: a Flash; bootrom: Buffer; missCycles: of the XIP cache, 0 = it never misses.
+   * rate: device seconds to a true one; ticksStartUs: of its timer at power-on.
    * `line` is given by `connect`, which switches it on.
    */
   constructor({ flash, bootrom, missCycles, rate, ticksStartUs }) {
@@ -25,7 +26,6 @@ export class Pico {
     this.hooks = new Map(); // pc → functions(core) that are called before the instruction there
     this.waits = new Map(); // pc of a loop that only waits → (core) => device µs until which it does
     this.onReset = () => {};
-    this.onBoot = () => {};
     this._reason = 0;
     this._scratch = null;
     this._ticksStartNs = ticksStartUs * 1000;
@@ -72,13 +72,13 @@ export class Pico {
     this.cache = this.missCycles ? new XipCache(this.missCycles) : null;
     this.fast = new FastCore(mcu, CLOCK_HZ, this.cache);
     this.fast.onMark = (pc) => this._marked(pc);
-    for (const pc of [this.flash.eraseAt, this.flash.programAt, ...this.hooks.keys(), ...this.waits.keys()]) this.fast.mark(pc, true);
+    const { eraseAt, programAt } = this.flash;
+    for (const pc of [eraseAt, programAt, ...this.hooks.keys(), ...this.waits.keys()]) this.fast.mark(pc, true);
     this._busyUntil = 0;
     const pins = new Pins(mcu, this.line);
     for (const number of [0, 1]) new I2cController(mcu, number, this.line, pins);
     this.usb = new UsbHost(mcu, this.line);
     this.core.PC = FLASH;
-    this.onBoot();
   }
 
   _reset() {

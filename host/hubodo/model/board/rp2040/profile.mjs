@@ -25,9 +25,11 @@ export class Profile {
     const loop = at(LOOP);
     let end = loop;
     while (this._u16(end) !== RETURN) end += 2;
-    pico.hook(loop, (core) => this._enter(this._bytecode(this._u32(core.registers[0]))));
+    pico.hook(loop, ({ registers }) => this._enter(this._bytecode(this._u32(registers[0]))));
     pico.hook(end, () => this._leave());
-    for (const [symbol, name] of Object.entries(OWN)) this._callable(at(symbol), () => this._function(symbol, name, 0));
+    for (const [symbol, name] of Object.entries(OWN)) {
+      this._callable(at(symbol), () => this._function(symbol, name, 0));
+    }
     for (const symbol of NATIVE) {
       this._callable(at(symbol), (core) => {
         const object = core.registers[0];
@@ -137,6 +139,8 @@ export class Profile {
     const rows = [this._outside, ...this._functions.values()].filter((it) => it.own > 0);
     return rows
       .sort((a, b) => b.own - a.own)
-      .map((it) => ({ name: it.name, own_us: us(it.own), all_us: us(it.all), calls: it.calls, heap: it.slots > STACK_SLOTS }));
+      .map(({ name, own, all, calls, slots }) => {
+        return { name, own_us: us(own), all_us: us(all), calls, heap: slots > STACK_SLOTS };
+      });
   }
 }

@@ -1,4 +1,4 @@
-// The interpreter of a virtual node: MicroPython for the Pico in an emulated RP2040, whose world is the board behind two pipes.
+// The interpreter of a virtual node: an emulated RP2040 with the Pico's MicroPython, its board behind two pipes.
 import fs from "node:fs";
 import { Flash } from "./flash.mjs";
 import { Line } from "./line.mjs";

@@ -1,9 +1,11 @@
-// The fast core: runs ARMv6-M instructions on the emulator's registers and memory until a number of cycles is over.
-// What is rare (exceptions, special registers, sleep) it leaves to the core of rp2040js. Cycles: Cortex-M0+ manual, 3.3.
+// The fast core: runs ARMv6-M instructions on rp2040js's registers and memory until so many cycles are over.
+// What is rare (exceptions, special registers, sleep) it leaves to rp2040js. Cycles: Cortex-M0+ manual, 3.3.
+// One function with one switch: so the compiler keeps flags, counter and memory in the host's registers.
 import { FORM_OF } from "./decode.mjs";
 
 const RAM = 0x20000000, FLASH = 0x10000000, SIO = 0xd, APB = 0x4;
 const SP = 13, LR = 14, PC = 15;
+const jump = (op) => (((op << 24) >> 24) << 1) + 2; // of a conditional branch, beyond the next instruction
 
 export class FastCore {
   /**
@@ -34,8 +36,9 @@ export class FastCore {
 
   /** Marks `pc`, so that `onMark` is called before the instruction there; or takes the mark away. */
   mark(pc, on) {
-    const [marks, base] = pc >= RAM ? [this.ramMarks, RAM] : pc >= FLASH ? [this.flashMarks, FLASH] : [this.romMarks, 0];
-    marks[(pc - base) >> 1] = on ? 1 : 0;
+    if (pc >= RAM) this.ramMarks[(pc - RAM) >> 1] = on ? 1 : 0;
+    else if (pc >= FLASH) this.flashMarks[(pc - FLASH) >> 1] = on ? 1 : 0;
+    else this.romMarks[pc >> 1] = on ? 1 : 0;
   }
 
   /** Ends the slice before the next instruction. */
@@ -67,7 +70,9 @@ export class FastCore {
       return (offset & 3) === 0 ? this.flash32[offset >> 2] : this.mcu.readUint32(address) | 0;
     }
     this._before(spent);
-    const value = bytes === 4 ? this.mcu.readUint32(address) : bytes === 2 ? this.mcu.readUint16(address) : this.mcu.readUint8(address);
+    let value = 0;
+    if (bytes === 4) value = this.mcu.readUint32(address);
+    else value = bytes === 2 ? this.mcu.readUint16(address) : this.mcu.readUint8(address);
     this._after();
     return value | 0;
   }
@@ -182,9 +187,7 @@ export class FastCore {
           v = (a ^ b) & (a ^ r);
           R[op & 7] = r;
           break;
-        case 8: // MOV_I
-          n = z = R[(op >> 8) & 7] = op & 0xff;
-          break;
+        case 8: n = z = R[(op >> 8) & 7] = op & 0xff; break; // MOV_I
         case 9: // CMP_I
           a = R[(op >> 8) & 7];
           b = op & 0xff;
@@ -208,12 +211,8 @@ export class FastCore {
           v = (a ^ b) & (a ^ r);
           R[(op >> 8) & 7] = r;
           break;
-        case 12: // AND
-          n = z = R[op & 7] &= R[(op >> 3) & 7];
-          break;
-        case 13: // EOR
-          n = z = R[op & 7] ^= R[(op >> 3) & 7];
-          break;
+        case 12: n = z = R[op & 7] &= R[(op >> 3) & 7]; break; // AND
+        case 13: n = z = R[op & 7] ^= R[(op >> 3) & 7]; break; // EOR
         case 14: // LSL_R
           a = R[op & 7];
           b = R[(op >> 3) & 7] & 0xff;
@@ -224,7 +223,7 @@ export class FastCore {
           a = R[op & 7];
           b = R[(op >> 3) & 7] & 0xff;
           if (b !== 0) c = b <= 32 ? (a >>> (b - 1)) & 1 : 0;
-          n = z = R[op & 7] = b < 32 ? a >>> b : 0;
+          n = z = R[op & 7] = b < 32 ? (a >>> b) | 0 : 0;
           break;
         case 16: // ASR_R
           a = R[op & 7];
@@ -257,16 +256,8 @@ export class FastCore {
           }
           n = z = R[op & 7] = a;
           break;
-        case 20: // TST
-          n = z = R[op & 7] & R[(op >> 3) & 7];
-          break;
-        case 21: // RSB
-          b = R[(op >> 3) & 7];
-          n = z = r = -b | 0;
-          c = b === 0 ? 1 : 0;
-          v = b & r;
-          R[op & 7] = r;
-          break;
+        case 20: n = z = R[op & 7] & R[(op >> 3) & 7]; break; // TST
+        case 21: b = R[(op >> 3) & 7]; n = z = r = -b | 0; c = b === 0 ? 1 : 0; v = b & r; R[op & 7] = r; break; // RSB
         case 22: // CMP_R
           a = R[op & 7];
           b = R[(op >> 3) & 7];
@@ -281,18 +272,10 @@ export class FastCore {
           c = r >>> 0 < a >>> 0 ? 1 : 0;
           v = (a ^ r) & (b ^ r);
           break;
-        case 24: // ORR
-          n = z = R[op & 7] |= R[(op >> 3) & 7];
-          break;
-        case 25: // MUL
-          n = z = R[op & 7] = Math.imul(R[op & 7], R[(op >> 3) & 7]);
-          break;
-        case 26: // BIC
-          n = z = R[op & 7] &= ~R[(op >> 3) & 7];
-          break;
-        case 27: // MVN
-          n = z = R[op & 7] = ~R[(op >> 3) & 7];
-          break;
+        case 24: n = z = R[op & 7] |= R[(op >> 3) & 7]; break; // ORR
+        case 25: n = z = R[op & 7] = Math.imul(R[op & 7], R[(op >> 3) & 7]); break; // MUL
+        case 26: n = z = R[op & 7] &= ~R[(op >> 3) & 7]; break; // BIC
+        case 27: n = z = R[op & 7] = ~R[(op >> 3) & 7]; break; // MVN
         case 28: // ADD_H
           b = (op >> 3) & 15;
           b = b === PC ? pc + 2 : R[b];
@@ -324,18 +307,13 @@ export class FastCore {
             pc -= 2;
             spent = this._rare(pc, spent - 1, n, z, c, v);
             pc = R[PC];
-            n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+            n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
             break;
           }
           pc = a & ~1;
           spent++;
           break;
-        case 32: // BLX
-          a = R[(op >> 3) & 15];
-          R[LR] = pc | 1;
-          pc = a & ~1;
-          spent++;
-          break;
+        case 32: a = R[(op >> 3) & 15]; R[LR] = pc | 1; pc = a & ~1; spent++; break; // BLX
         case 33: // LDR_L
           a = ((pc + 2) & ~3) + ((op & 0xff) << 2);
           spent++;
@@ -428,30 +406,14 @@ export class FastCore {
           }
           R[op & 7] = r === 37 ? (b << 24) >> 24 : b;
           break;
-        case 50: // ADR
-          R[(op >> 8) & 7] = ((pc + 2) & ~3) + ((op & 0xff) << 2);
-          break;
-        case 51: // ADD_S
-          R[(op >> 8) & 7] = R[SP] + ((op & 0xff) << 2);
-          break;
-        case 52: // INC_S
-          R[SP] += (op & 0x7f) << 2;
-          break;
-        case 53: // DEC_S
-          R[SP] -= (op & 0x7f) << 2;
-          break;
-        case 54: // SXTH
-          R[op & 7] = (R[(op >> 3) & 7] << 16) >> 16;
-          break;
-        case 55: // SXTB
-          R[op & 7] = (R[(op >> 3) & 7] << 24) >> 24;
-          break;
-        case 56: // UXTH
-          R[op & 7] = R[(op >> 3) & 7] & 0xffff;
-          break;
-        case 57: // UXTB
-          R[op & 7] = R[(op >> 3) & 7] & 0xff;
-          break;
+        case 50: R[(op >> 8) & 7] = ((pc + 2) & ~3) + ((op & 0xff) << 2); break; // ADR
+        case 51: R[(op >> 8) & 7] = R[SP] + ((op & 0xff) << 2); break; // ADD_S
+        case 52: R[SP] += (op & 0x7f) << 2; break; // INC_S
+        case 53: R[SP] -= (op & 0x7f) << 2; break; // DEC_S
+        case 54: R[op & 7] = (R[(op >> 3) & 7] << 16) >> 16; break; // SXTH
+        case 55: R[op & 7] = (R[(op >> 3) & 7] << 24) >> 24; break; // SXTB
+        case 56: R[op & 7] = R[(op >> 3) & 7] & 0xffff; break; // UXTH
+        case 57: R[op & 7] = R[(op >> 3) & 7] & 0xff; break; // UXTB
         case 58: // PUSH
           a = R[SP];
           if (op & 0x100) {
@@ -477,7 +439,7 @@ export class FastCore {
               pc -= 2;
               spent = this._rare(pc, spent - 1, n, z, c, v);
               pc = R[PC];
-              n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+              n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
               break;
             }
           }
@@ -499,8 +461,7 @@ export class FastCore {
           a = R[(op >> 3) & 7];
           R[op & 7] = (a << 24) | ((a & 0xff00) << 8) | ((a >>> 8) & 0xff00) | (a >>> 24);
           break;
-        case 61: // NOP
-          break;
+        case 61:  break; // NOP
         case 62: // STM
           a = R[(op >> 8) & 7];
           for (b = 0; b < 8; b++) {
@@ -529,52 +490,21 @@ export class FastCore {
           }
           if (!(op & (1 << r))) R[r] = a;
           break;
-        case 64: // BEQ
-          if (z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 65: // BNE
-          if (z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 66: // BCS
-          if (c !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 67: // BCC
-          if (c === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 68: // BMI
-          if (n < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 69: // BPL
-          if (n >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 70: // BVS
-          if (v < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 71: // BVC
-          if (v >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 72: // BHI
-          if (c !== 0 && z !== 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 73: // BLS
-          if (c === 0 || z === 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 74: // BGE
-          if ((n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 75: // BLT
-          if ((n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 76: // BGT
-          if (z !== 0 && (n ^ v) >= 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 77: // BLE
-          if (z === 0 || (n ^ v) < 0) { pc += (((op << 24) >> 24) << 1) + 2; spent++; } // prettier-ignore
-          break;
-        case 78: // B
-          pc += ((op << 21) >> 20) + 2;
-          spent++;
-          break;
+        case 64: if (z === 0) { pc += jump(op); spent++; } break; // BEQ
+        case 65: if (z !== 0) { pc += jump(op); spent++; } break; // BNE
+        case 66: if (c !== 0) { pc += jump(op); spent++; } break; // BCS
+        case 67: if (c === 0) { pc += jump(op); spent++; } break; // BCC
+        case 68: if (n < 0) { pc += jump(op); spent++; } break; // BMI
+        case 69: if (n >= 0) { pc += jump(op); spent++; } break; // BPL
+        case 70: if (v < 0) { pc += jump(op); spent++; } break; // BVS
+        case 71: if (v >= 0) { pc += jump(op); spent++; } break; // BVC
+        case 72: if (c !== 0 && z !== 0) { pc += jump(op); spent++; } break; // BHI
+        case 73: if (c === 0 || z === 0) { pc += jump(op); spent++; } break; // BLS
+        case 74: if ((n ^ v) >= 0) { pc += jump(op); spent++; } break; // BGE
+        case 75: if ((n ^ v) < 0) { pc += jump(op); spent++; } break; // BLT
+        case 76: if (z !== 0 && (n ^ v) >= 0) { pc += jump(op); spent++; } break; // BGT
+        case 77: if (z === 0 || (n ^ v) < 0) { pc += jump(op); spent++; } break; // BLE
+        case 78: pc += ((op << 21) >> 20) + 2; spent++; break; // B
         case 79: // BL
           b = code[at + 1];
           if (b >> 14 === 3 && b & 0x1000) {
@@ -583,7 +513,8 @@ export class FastCore {
               cache.touch(pc - FLASH);
             }
             a = (op >> 10) & 1;
-            r = (((op & 0x3ff) << 12) | ((b & 0x7ff) << 1)) | ((1 ^ a ^ ((b >> 13) & 1)) << 23) | ((1 ^ a ^ ((b >> 11) & 1)) << 22);
+            r = ((op & 0x3ff) << 12) | ((b & 0x7ff) << 1);
+            r |= ((1 ^ a ^ ((b >> 13) & 1)) << 23) | ((1 ^ a ^ ((b >> 11) & 1)) << 22);
             R[LR] = (pc + 2) | 1;
             pc = (pc + 2 + (a ? r | 0xff000000 : r)) | 0;
             spent += 2;
@@ -594,7 +525,7 @@ export class FastCore {
           pc -= 2;
           spent = this._rare(pc, spent - 1, n, z, c, v);
           pc = R[PC];
-          n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0; // prettier-ignore
+          n = core.N ? -1 : 0; z = core.Z ? 0 : 1; c = core.C ? 1 : 0; v = core.V ? -1 : 0;
       }
       if (cached && cache.stall !== 0) {
         spent += cache.stall;

@@ -1,4 +1,4 @@
-// The USB cable and the host at its end: enumerates, says whether somebody has the port open, takes packets when it has room.
+// The USB cable and the host at its end: enumerates, opens and closes the port, takes packets when it has room.
 import { USBCDC } from "rp2040js";
 import { FLAG_INPUT, FLAG_OPEN, FLAG_PLUGGED, FLAG_ROOM } from "../pipe.mjs";
 

@@ -1,0 +1,52 @@
+"""The daemon's clock: the wall clock's time, without its steps, and slower for what cannot keep up."""
+
+import pytest
+
+from hubodo.cli import main
+from hubodo.ingest import daemon
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def passing(monkeypatch):
+    """Sets how far both clocks of the host have come, s."""
+    wall, monotonic = 1_700_000_000 * S, 5_000 * S
+    now = {"wall": wall, "monotonic": monotonic}
+    monkeypatch.setattr(daemon.time, "time_ns", lambda: now["wall"])
+    monkeypatch.setattr(daemon.time, "monotonic_ns", lambda: now["monotonic"])
+
+    def go(seconds, step=0.0):
+        now["wall"] = wall + int((seconds + step) * S)
+        now["monotonic"] = monotonic + int(seconds * S)
+
+    return go
+
+
+def test_a_step_of_the_wall_clock_is_not_seen(passing):
+    clock = daemon.steady_clock()
+    start = clock()
+    passing(3.0, step=60.0)
+    assert clock() - start == 3 * S
+
+
+def test_a_slowed_clock_agrees_in_processes_that_begin_at_different_times(passing):
+    zero = 1_700_000_000 * S - 10 * S
+    early = daemon.steady_clock(4.0, zero)
+    passing(2.0)
+    late = daemon.steady_clock(4.0, zero)
+    passing(6.0)
+    assert early() == late() == zero + 4 * S
+
+
+def test_without_a_zero_it_is_slow_from_its_start_on(passing):
+    clock = daemon.steady_clock(2.0)
+    start = clock()
+    passing(3.0)
+    assert clock() - start == 3 * S // 2
+
+
+def test_time_that_stands_still_is_refused(tmp_path, capfd):
+    words = ["record", str(tmp_path / "ttyNONE"), "-o", str(tmp_path / "x.mcap"), "--time-scale", "0"]
+    assert main(words) == 2
+    assert "--time-scale 0.0: must be above 0" in capfd.readouterr().err
