@@ -157,7 +157,7 @@ class Node:
         if chip.gyro_lsb_ndps == self._lsb_ndps:
             return
         self._lsb_ndps = chip.gyro_lsb_ndps
-        self.warm = bias_choice.warm_up(s, chip, self.board.reset_cause)
+        self.warm = bias_choice.warm_up(s, chip, self.parts.was_running)
         for axis in range(_AXES):
             known = bias_choice.known_bias_q18(s, axis, chip)
             if known is not None:

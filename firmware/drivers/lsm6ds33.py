@@ -102,6 +102,8 @@ class LSM6DS33:
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
+        self.was_running = self._read(_CTRL2_G) != 0
+        """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         stray = memoryview(bytearray(2 * _PATTERN))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from hubodo.model.board.hypercall import COUNT_MASK, COUNT_ROOM, EAGAIN, EHOSTUNREACH, EINVAL, ETIMEDOUT, Op
 from hubodo.model.board.link import TX_FIFO
+from hubodo.model.board.models import RADIO_SELECT_PIN
 from hubodo.model.board.port import Port
 
 if TYPE_CHECKING:
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
 WRITE_TIMEOUT_NS = 500_000_000
 BOOT_NS = 150_000_000
-WDT_RESET = 3
+RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
+FLOATING_V = 0.4
 _NS = 1_000_000_000
 _FOREVER = float("inf")
 
@@ -66,10 +68,17 @@ def _pin_get(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _adc(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    if a == 4:
+    model, settings = board.model, board.settings
+    pin = a + RP2_ADC_PIN if model.platform == "rp2" and a < RP2_CORE_TEMP else a
+    if a == RP2_CORE_TEMP and model.platform == "rp2":
         volts = 0.706 - 0.001721 * (25.0 - 27.0)
+    elif pin != model.battery:
+        volts = FLOATING_V
+    elif model.radio and (board.wlan_on or not board.pins.drives_high(RADIO_SELECT_PIN)):
+        # The radio's chip select also switches the divider: MicroPython's issue 10406 has the 608 counts.
+        volts = 0.0306
     else:
-        volts = board.settings.battery_mv / 1000 / board.settings.battery_divider
+        volts = settings.battery_mv / 1000 / model.factor
     board.answer(0, t, struct.pack("<H", max(0, min(65535, round(volts / 3.3 * 65535)))))
 
 
@@ -82,7 +91,7 @@ def _wdt(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    board.reset("machine.reset", WDT_RESET)
+    board.reset("machine.reset")
 
 
 def _soft_reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:

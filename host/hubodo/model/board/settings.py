@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.model.board.interpreter import Kind
+from hubodo.model.board.models import ModelName
+
+Wiring = Literal["good", "swapped", "no_pull_ups", "no_power", "sda_low", "scl_low"]
 
 
 @dataclass(frozen=True)
@@ -15,6 +18,11 @@ class BoardSettings:
 
     Attributes:
         flash: host directory that is the board's file system; changed by what the board writes.
+        model: which board it is, see `models`.
+        wiring: how the sensor board hangs on it. "no_pull_ups": lines that nothing pulls (nothing connected
+            looks the same); too slow for 400 kHz, so nobody answers. "no_power": the sensor board's pull-ups
+            pull both lines to its dead supply.
+        flash_journal: file that takes a JSON line for every change of the file system, in order.
         clock: "real" is time.monotonic; "stepped" advances by sleeps, wire time and the cost of calls
             alone, as fast as it can; "paced" is stepped but never ahead of time.monotonic: where the host
             machine is too slow for a while, the board's whole world waits and catches up, and loses nothing.
@@ -23,8 +31,7 @@ class BoardSettings:
         heap_bytes: MicroPython heap, the board's own modules not counted.
         call_cost_us: stepped and paced clock, what each call to the board takes beyond its wire time.
         tick_cost_us: stepped and paced clock, what a look at the clock or at standard input takes.
-        battery_mv: at the ADC's divider.
-        battery_divider: battery voltage over ADC voltage.
+        battery_mv: the supply, at the divider of the model.
         uart_link: None: the link is USB CDC; else it is the UART of that number.
         unique_id: of the processor, in hexadecimal.
         run_for: s of true time after which the board is switched off, or None.
@@ -34,6 +41,9 @@ class BoardSettings:
     """
 
     flash: Path
+    model: ModelName = "pico"
+    wiring: Wiring = "good"
+    flash_journal: Path | None = None
     interpreter: Kind = "micropython"
     clock: Literal["real", "paced", "stepped"] = "real"
     clock_ppm: float = 0.0
@@ -42,7 +52,6 @@ class BoardSettings:
     call_cost_us: float = 30.0
     tick_cost_us: float = 10.0
     battery_mv: float = 3700.0
-    battery_divider: float = 3.0
     unique_id: str = "e6614103e7452d2f"
     uart_link: int | None = None
     run_for: float | None = None

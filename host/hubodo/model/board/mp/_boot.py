@@ -16,12 +16,32 @@ def start():
         del sys.modules["_" + name]
     import os
 
+    sys.modules["sys"] = _Sys()
     sys.path[:] = ["", ".frozen", "/lib"]
     os.umount("/")
     os.mount(os.VfsPosix("/flash"), "/")
     os.chdir("/")
     os.rename, os.ilistdir = _file_calls(os)
     sys.modules["gc"].collect()
+
+
+class _Implementation:
+    """sys.implementation of the board; the bytecode stays that of this interpreter."""
+
+    name = sys.implementation.name
+    version = sys.implementation.version
+    _machine = _board.machine_name()
+    _mpy = sys.implementation._mpy
+
+
+class _Sys:
+    """sys, as it calls itself on the board."""
+
+    platform = _board.platform()
+    implementation = _Implementation()
+
+    def __getattr__(self, name):
+        return getattr(sys, name)
 
 
 def _file_calls(os):
