@@ -231,11 +231,12 @@ def main():
     """Runs the node until it is told to leave; then restarts the board, or gives back the REPL.
 
     A watchdog cannot be stopped, and the REPL does not feed it: where one runs, the way to the REPL is a
-    restart that finds the file STAY_IN_REPL.
+    restart that finds the file STAY_IN_REPL. Power that came back meanwhile is for running.
     """
     try:
         os.remove(STAY_IN_REPL)
-        return
+        if machine.reset_cause() != machine.PWRON_RESET:
+            return
     except OSError:
         pass
     board = Board(configuration.load())
