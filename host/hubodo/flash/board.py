@@ -9,6 +9,7 @@ import tempfile
 import termios
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import serial
@@ -28,7 +29,10 @@ _RAW_PROMPT = b"\r\n>"
 _ASK_PROMPT = b"\r\x02"
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
-_LOOK = "import sys;print([sys.platform,getattr(sys.implementation,'_mpy',0),sys.version])"
+_LOOK = (
+    "import sys;i=sys.implementation;"
+    "print([sys.platform,getattr(i,'_machine',''),getattr(i,'_mpy',0),tuple(i.version[:3]),sys.version])"
+)
 _SERIAL = (
     "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
 )
@@ -111,6 +115,17 @@ class FlashError(HubodoError):
     """The board did not answer, or does not hold what was sent."""
 
 
+@dataclass(frozen=True)
+class Look:
+    """A board's MicroPython. architecture: processor word for mpy-cross, None for bytecode only."""
+
+    platform: str
+    machine: str
+    architecture: str | None
+    version: tuple[int, ...]
+    text: str
+
+
 class FlashBoard:
     """Talks to MicroPython's REPL through mpremote, and to a running node through its own protocol.
 
@@ -120,15 +135,20 @@ class FlashBoard:
     def __init__(self, port: str) -> None:
         self.port = port
 
-    def look(self) -> tuple[str, str | None, str]:
-        """Platform, processor word for mpy-cross (None: bytecode only) and MicroPython version."""
-        platform, mpy, version = ast.literal_eval(self._run("exec", _LOOK).strip().splitlines()[-1])
+    def look(self) -> Look:
+        """What MicroPython says of itself and of the board."""
+        platform, machine, mpy, version, text = ast.literal_eval(self.run(_LOOK).strip().splitlines()[-1])
         number = mpy >> 10 & 0x3F
-        return platform, ARCHITECTURES[number] if number < len(ARCHITECTURES) else None, version
+        architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
+        return Look(platform, machine, architecture, version, text)
+
+    def run(self, code: str) -> str:
+        """What a piece of Python prints on the board."""
+        return self._run("exec", code)
 
     def unique_id(self) -> str:
         """The board's own number, as its `Hello` tells it, in hex."""
-        return self._run("exec", _SERIAL).strip().splitlines()[-1]
+        return self.run(_SERIAL).strip().splitlines()[-1]
 
     def interrupt(self) -> None:
         """Brings a streaming node to its REPL; harmless to a board that runs something else.
@@ -169,7 +189,7 @@ class FlashBoard:
         folders = [
             slot + folder for slot in ("", *SLOTS) for folder in ("", *_folders(names)) if slot + folder
         ]
-        lines = self._run("exec", _SURVEY.format(folders=folders)).splitlines()
+        lines = self.run(_SURVEY.format(folders=folders)).splitlines()
         found = [line.split(" ", 2) for line in lines if line.startswith("# ") and line.count(" ") >= 2]
         held = {path: digest for _, digest, path in found if len(digest) == _HASH_CHARACTERS}
         return held, slot_named("\n".join(lines))
@@ -178,7 +198,7 @@ class FlashBoard:
         """The node's /config.json, empty where there is none."""
         code = "import os\nprint(open('config.json').read() if 'config.json' in os.listdir() else '{}')"
         with contextlib.suppress(ValueError):
-            found = json.loads(self._run("exec", code))
+            found = json.loads(self.run(code))
             if isinstance(found, dict):
                 return found
         return {}
@@ -195,14 +215,14 @@ class FlashBoard:
         folders = _folders(image)
         if todo.slot is not None:
             made = [todo.slot, *(todo.slot + folder for folder in folders)]
-            self._run("exec", _PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
+            self.run(_PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
         if todo.send:
             progress(f"{len(todo.send)} of {len(image)} files")
             self._copy(todo.send)
         if todo.swap or todo.forget:
             expect = sorted(todo.expect.items())
             code = _SWAP.format(expect=expect, swap=todo.swap, new=NEW, forget=todo.forget, folders=folders)
-            wrong = ast.literal_eval(self._run("exec", code).strip().splitlines()[-1])
+            wrong = ast.literal_eval(self.run(code).strip().splitlines()[-1])
             if wrong:
                 raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
         return sorted(_name(path, todo.slot) for path in todo.send)
