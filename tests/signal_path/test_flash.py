@@ -2,6 +2,7 @@
 
 import json
 import os
+import termios
 
 import pytest
 
@@ -132,6 +133,20 @@ def test_a_port_where_nobody_answers_is_one_clear_line(capfd, monkeypatch):
     assert code == 1
     assert err.count("\n") == 1
     assert "mpremote" in err
+
+
+def test_the_port_is_opened_at_the_speed_of_a_console(monkeypatch):
+    """An ESP32's USB is a UART behind another chip: at another speed nothing of it can be read."""
+    import hubodo.flash.board as module
+
+    monkeypatch.setattr(module, "_COMES_BACK", 0.0)
+    master, slave = os.openpty()
+    try:
+        module.FlashBoard(os.ttyname(slave)).interrupt()
+        assert termios.tcgetattr(slave)[4:6] == [termios.B115200] * 2
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 def test_an_unknown_node_name_is_refused_before_the_port_is_touched(tmp_path, capfd):

@@ -23,6 +23,8 @@ from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 _COMMAND_TIMEOUT = 60.0
 _HASH_CHARACTERS = 64
 _COMES_BACK = 6.0
+CONSOLE_BAUD = 115200
+"""Of MicroPython's console where a chip of the board makes USB of a UART; USB itself does not care."""
 _PROMPT = b">>> "
 _RAW_PROMPT = b"\r\n>"
 # Ends a line that was begun, then ctrl-B: a REPL that took the 0x01 of a frame for ctrl-A is in raw mode.
@@ -157,7 +159,7 @@ class FlashBoard:
         """
         request = encode_frame(Frame(Reboot.type_id, 0, 0, encode(Reboot(RebootMode.REPL))))
         try:
-            link = serial.Serial(self.port, timeout=0.1, exclusive=True)
+            link = serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True)
         except (serial.SerialException, OSError) as error:
             reason = "is busy: stop what reads it" if "lock" in str(error) else "cannot be opened"
             raise FlashError(f"{self.port}: {reason} ({error})") from None
@@ -168,7 +170,7 @@ class FlashBoard:
         while time.monotonic() < end:
             with (
                 contextlib.suppress(*_LINK_GONE),
-                serial.Serial(self.port, timeout=0.1, exclusive=True) as link,
+                serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True) as link,
             ):
                 link.write(_ASK_PROMPT)
                 if self._wait_for((_PROMPT,), link, 1.0):
@@ -251,7 +253,7 @@ class FlashBoard:
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             try:
-                with serial.Serial(self.port, timeout=0.2, exclusive=True) as link:
+                with serial.Serial(self.port, CONSOLE_BAUD, timeout=0.2, exclusive=True) as link:
                     asked = False
                     while time.monotonic() < end:
                         for frame in decoder.feed(link.read(link.in_waiting or 1)):

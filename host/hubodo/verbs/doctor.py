@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
+from hubodo.flash.board import CONSOLE_BAUD
 from hubodo.flash.doctor import Examination, examine
 
 HELP = "look at a board in bring-up order: port, wiring, firmware, sensor, samples, clock"
@@ -50,7 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="interrupt a node that runs: look at its wires and files from within, then start it again",
     )
     parser.add_argument("--seconds", type=float, default=6.0, help="how long to listen (default: 6)")
-    parser.add_argument("--baud", type=int, default=921600, help="of a node that sends by UART")
+    parser.add_argument(
+        "--baud", type=int, default=CONSOLE_BAUD, help=f"(default: {CONSOLE_BAUD}, a console's)"
+    )
 
 
 def run(args: argparse.Namespace) -> Diagnosis:
