@@ -89,28 +89,18 @@ for a,z in {copy}:
                     break
                 g.write(m[:k])
 """
-_SWAP = (
-    _HASH
-    + """
-def same(n,h):
+_SWAP = """
+import os
+for n in {swap}:
+    os.rename('/'+n+'{new}','/'+n)
+for n in {forget}:
+    os.remove(n)
+for n in {folders}:
     try:
-        return sha(n)==h
+        os.rmdir(n)
     except OSError:
-        return False
-wrong=[n for n,h in {expect} if not same(n,h)]
-print(wrong)
-if not wrong:
-    for n in {swap}:
-        os.rename('/'+n+'{new}','/'+n)
-    for n in {forget}:
-        os.remove(n)
-    for n in {folders}:
-        try:
-            os.rmdir(n)
-        except OSError:
-            pass
+        pass
 """
-)
 
 
 class FlashError(HubodoError):
@@ -221,12 +211,12 @@ class FlashBoard:
         if todo.send:
             progress(f"{len(todo.send)} of {len(image)} files")
             self._copy(todo.send)
-        if todo.swap or todo.forget:
-            expect = sorted(todo.expect.items())
-            code = _SWAP.format(expect=expect, swap=todo.swap, new=NEW, forget=todo.forget, folders=folders)
-            wrong = ast.literal_eval(self.run(code).strip().splitlines()[-1])
+            held, _ = self.survey(image)
+            wrong = [path for path, digest in sorted(todo.expect.items()) if held.get(path) != digest]
             if wrong:
                 raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
+        if todo.swap or todo.forget:
+            self.run(_SWAP.format(swap=todo.swap, new=NEW, forget=todo.forget, folders=folders))
         return sorted(_name(path, todo.slot) for path in todo.send)
 
     def _copy(self, files: dict[str, bytes]) -> None:
