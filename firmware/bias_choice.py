@@ -10,16 +10,10 @@ from wire import (
     FILTER_KIND_KALMAN,
     FILTER_KIND_OFF,
     FILTER_KIND_RLS,
-    RESET_CAUSE_BROWN_OUT,
-    RESET_CAUSE_POWER_ON,
-    RESET_CAUSE_UNKNOWN,
 )
 
 FILTER_KINDS = (FILTER_KIND_OFF, FILTER_KIND_KALMAN, FILTER_KIND_RLS)
 """What FILTER_KIND may be."""
-
-_COLD = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
-"""Resets that the chip came out of without power; after another it is warm."""
 
 _LIMIT_Q18 = const((1 << 29) - 1)
 
@@ -51,11 +45,10 @@ def initialisation(s, clock):
     return PseudoInit(kind, s, clock)
 
 
-def warm_up(s, chip, reset_cause):
-    """A new `WarmUp` as the settings say, or None.
+def warm_up(s, chip, was_running):
+    """A new `WarmUp` as the settings say, or None. was_running: the gyro ran before the processor started.
 
-    Time since power-on is that of the ticks, which a reset starts anew: after one without loss of power the
-    chip is taken to be warm.
+    Its age is that of the ticks, which a reset starts anew: a gyro that ran through one is taken to be warm.
     """
     if not s["warmup_udps"]:
         return None
@@ -63,7 +56,7 @@ def warm_up(s, chip, reset_cause):
 
     now_ms = ticks_ms()
     c1_q18 = [steps_q18(c1, chip) for c1 in s["warmup_udps"]]
-    return WarmUp(c1_q18, s["warmup_s"] * 1000, now_ms, now_ms if reset_cause in _COLD else -1)
+    return WarmUp(c1_q18, s["warmup_s"] * 1000, now_ms, -1 if was_running else now_ms)
 
 
 def known_bias_q18(s, axis, chip):

@@ -1,4 +1,4 @@
-"""The board: pins by sys.platform (or as /config.json says), bus, link, watchdog, battery, identity."""
+"""The board: bus, link, watchdog, battery, identity, on the pins of `pins.py` or as /config.json says."""
 
 import os
 import sys
@@ -6,70 +6,46 @@ import time
 
 import machine
 from micropython import const
-from wire import (
-    BOARD_ESP32,
-    BOARD_OTHER,
-    BOARD_RP2,
-    RESET_CAUSE_HARD,
-    RESET_CAUSE_POWER_ON,
-    RESET_CAUSE_SOFT,
-    RESET_CAUSE_UNKNOWN,
-    RESET_CAUSE_WATCHDOG,
-)
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 _BUS_HZ = const(400000)
 _WATCHDOG_MS = const(8000)
 _UART_BUFFER = const(512)
-
-# battery: ADC pin, or -1; battery_factor: supply over ADC voltage.
-_RP2_PINS = {"i2c": 0, "sda": 4, "scl": 5, "uart": 0, "tx": 0, "rx": 1, "battery": 29, "battery_factor": 3}
-_ESP32_PINS = {
-    "i2c": 0,
-    "sda": 21,
-    "scl": 22,
-    "uart": 2,
-    "tx": 17,
-    "rx": 16,
-    "battery": 35,
-    "battery_factor": 2,
-}
-_BOARDS = {"rp2": (BOARD_RP2, _RP2_PINS), "esp32": (BOARD_ESP32, _ESP32_PINS)}
-
-# Not every port has every one of these names.
-_RESET_CAUSES = (
-    ("PWRON_RESET", RESET_CAUSE_POWER_ON),
-    ("HARD_RESET", RESET_CAUSE_HARD),
-    ("WDT_RESET", RESET_CAUSE_WATCHDOG),
-    ("SOFT_RESET", RESET_CAUSE_SOFT),
-)
 
 
 class Board:
     """The node's hardware, made from its settings."""
 
     def __init__(self, settings):
-        self.kind, pins = _BOARDS.get(sys.platform, (BOARD_OTHER, _RP2_PINS))
-        self.pins = dict(pins)
-        if settings["link"] == "udp" and self.kind == BOARD_RP2:
-            # On a Pico W this pin belongs to the radio.
-            self.pins["battery"] = -1
+        name = getattr(sys.implementation, "_machine", "")
+        self.kind, self.pins, self.reset_cause = _identity(name, settings["link"])
         self.pins.update(settings["pins"])
         self.settings = settings
         self.serial = (bytes(machine.unique_id()) + bytes(8))[:8]
         self.boot_id = _random_u16()
-        self.reset_cause = _reset_cause()
         self.i2c = self._bus()
         self._watchdog = None
-        self._battery = None
+        self._battery: Any = None
+        if self.pins["battery_enable"] >= 0 and self.pins["battery"] >= 0:
+            machine.Pin(self.pins["battery_enable"], machine.Pin.OUT, value=1)
         if self.pins["battery"] >= 0:
             self._battery = machine.ADC(machine.Pin(self.pins["battery"]))
-        self._battery_full_mv = 3300 * self.pins["battery_factor"]
+        self._knows_volts = hasattr(self._battery, "read_uv")
+        if self._knows_volts:
+            # An ESP32 measures to 0.95 V unless it is told.
+            self._battery.atten(self._battery.ATTN_11DB)
 
     def battery_mv(self):
         """Supply voltage, 0 when it is not measured."""
         if self._battery is None:
             return 0
-        return self._battery.read_u16() * self._battery_full_mv >> 16
+        factor = self.pins["battery_factor"]
+        if self._knows_volts:
+            return self._battery.read_uv() * factor // 1000
+        return self._battery.read_u16() * (3300 * factor) >> 16
 
     def start_watchdog(self):
         """From here on `feed` must come at least every eight seconds; there is no way back but a reset."""
@@ -111,7 +87,7 @@ class Board:
             import wifi
 
             return wifi.UdpLink(self.settings)
-        if self.kind == BOARD_ESP32:
+        if sys.platform == "esp32":
             import uart
 
             return uart.ConsoleLink()
@@ -139,12 +115,18 @@ class Board:
         )
 
 
-def _reset_cause():
-    cause = machine.reset_cause()
-    for name, code in _RESET_CAUSES:
-        if cause == getattr(machine, name, None):
-            return code
-    return RESET_CAUSE_UNKNOWN
+def _identity(name, link):
+    """(Board, pins, ResetCause). What only the start needs is let go again: a node has little memory."""
+    from pins import WITH_RADIO, board_of
+    from reset_cause import reset_cause
+
+    kind, pins = board_of(name)
+    if link == "udp" and kind in WITH_RADIO:
+        # The radio needs the pins of the battery.
+        pins["battery"] = -1
+    cause = reset_cause(name)
+    del sys.modules["pins"], sys.modules["reset_cause"]
+    return kind, pins, cause
 
 
 def _random_u16():

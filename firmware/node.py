@@ -165,7 +165,7 @@ class Node:
         if chip.gyro_lsb_ndps == self._lsb_ndps:
             return
         self._lsb_ndps = chip.gyro_lsb_ndps
-        self.warm = bias_choice.warm_up(s, chip, self.board.reset_cause)
+        self.warm = bias_choice.warm_up(s, chip, self.parts.was_running)
         for axis in range(_AXES):
             known = bias_choice.known_bias_q18(s, axis, chip)
             if known is not None:
@@ -247,11 +247,12 @@ def main():
     """Runs the node until it is told to leave; then restarts the board, or gives back the REPL.
 
     A watchdog cannot be stopped, and the REPL does not feed it: where one runs, the way to the REPL is a
-    restart that finds the file STAY_IN_REPL.
+    restart that finds the file STAY_IN_REPL. Power that came back meanwhile is for running.
     """
     try:
         os.remove(STAY_IN_REPL)
-        return
+        if machine.reset_cause() != machine.PWRON_RESET:
+            return
     except OSError:
         pass
     board = Board(configuration.load())

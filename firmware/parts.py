@@ -11,6 +11,10 @@ from wire import (
     FAULT_IMU_SILENT,
     FAULT_WRONG_WHO_AM_I,
     IMU_BATCH_MAX_ROWS,
+    RESET_CAUSE_BROWN_OUT,
+    RESET_CAUSE_HARD,
+    RESET_CAUSE_POWER_ON,
+    RESET_CAUSE_UNKNOWN,
 )
 
 TYPE_CHECKING = False
@@ -33,6 +37,7 @@ _RECONFIGURE_US = const(1000000)
 _FAILURES_BEFORE_RECOVERY = const(3)
 _AGAIN_US = const(2000)
 _PAUSE_US = const(250000)
+_WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
 _TIMED_OUT = (110, 116)
 """ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
 
@@ -49,6 +54,8 @@ class Parts:
         self.mag: Any = None
         self.found = []
         self.faults = 0
+        self.was_running: Any = None
+        """Whether the first IMU that was found ran already when the processor started; None before."""
         self.batch = 8
         self._shaped = self._id_register = 0
         self.i2c_errors = self.recoveries = self.failures = 0
@@ -96,6 +103,7 @@ class Parts:
                     fifo=s["fifo"] or s["link"] == "udp",
                 )
                 self.found.append((address, who_am_i, self.chip.PART))
+                self._judge_reset()
             except OSError:
                 self.i2c_errors += 1
                 self.faults |= FAULT_IMU_MISSING
@@ -145,6 +153,14 @@ class Parts:
                     self._check_settings(ms)
         elif running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
             self._search()
+
+    def _judge_reset(self):
+        """An IMU that ran through the processor's start kept its power: so that was a reset."""
+        if self.was_running is not None:
+            return
+        self.was_running = self.chip.was_running
+        if self.was_running and self._board.reset_cause in _WITHOUT_POWER:
+            self._board.reset_cause = RESET_CAUSE_HARD
 
     def _find_mag(self):
         i2c, rate_hz = self._board.i2c, self._board.settings["mag_rate_hz"]

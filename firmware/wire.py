@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0x88FF7B16)
+FINGERPRINT = const(0xDDF051AD)
 
 DELIMITER = const(0)
 HEADER_FORMAT = "<BBH"
@@ -130,6 +130,12 @@ PART_MPU6500 = const(4)
 BOARD_OTHER = const(0)
 BOARD_RP2 = const(1)
 BOARD_ESP32 = const(2)
+BOARD_PICO = const(3)
+BOARD_PICO_W = const(4)
+BOARD_PICO_2 = const(5)
+BOARD_PICO_2_W = const(6)
+BOARD_ESP32_S3 = const(7)
+BOARD_ESP32_C3 = const(8)
 
 RESET_CAUSE_UNKNOWN = const(0)
 RESET_CAUSE_POWER_ON = const(1)

@@ -90,7 +90,10 @@ class LSM6DS33:
         self.temperature_raw = 0
         self.realigned = 0
         self._byte = bytearray(1)
-        self.who_am_i = self._read(_WHO_AM_I)
+        # WHO_AM_I, CTRL1_XL, CTRL2_G
+        found = bytearray(3)
+        i2c.readfrom_mem_into(address, _WHO_AM_I, found)
+        self.who_am_i = found[0]
         if self.who_am_i not in self.WHO_AM_I:
             raise OSError("chip 0x{:02x} at 0x{:02x}: not an LSM6DS33".format(self.who_am_i, address))
         self._settings = (
@@ -102,6 +105,8 @@ class LSM6DS33:
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
+        self.was_running = found[2] != 0
+        """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         self._level = memoryview(self._status)[:2]

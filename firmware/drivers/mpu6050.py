@@ -109,6 +109,8 @@ class MPU6050:
         )
         user_control = _FIFO_ON if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control)) + self._settings
+        self.was_running = self._read(_INT_ENABLE) != 0
+        """Whether it was set already: power-on clears this, so the chip has kept its power since."""
         self._burst = bytearray(15)
         self._count = bytearray(2)
         self._ready = 0

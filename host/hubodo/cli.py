@@ -28,6 +28,11 @@ class Result(Protocol):
     def render(self, console: Console) -> None: ...
 
 
+def _failed(result: Result | None) -> bool:
+    """Whether a result that was reached in good order says that something is wrong."""
+    return bool(getattr(result, "failed", False))
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         line = " ".join(message.split())
@@ -75,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         result: Result | None = args.run(args)
         if result is not None:
             _show(result, as_json=args.json)
-        return EXIT_OK
+        return EXIT_FAILED if _failed(result) else EXIT_OK
     except BrokenPipeError:
         # The reader of our output (head, less) is gone: nobody is left to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -16,15 +16,21 @@ class Part(IntEnum):
 
 
 class Board(IntEnum):
-    """What runs the firmware, from ``sys.platform``."""
+    """What runs the firmware, from ``sys.implementation._machine``; RP2: another board with its processor."""
 
     OTHER = 0
     RP2 = 1
     ESP32 = 2
+    PICO = 3
+    PICO_W = 4
+    PICO_2 = 5
+    PICO_2_W = 6
+    ESP32_S3 = 7
+    ESP32_C3 = 8
 
 
 class ResetCause(IntEnum):
-    """Why the node last started."""
+    """Why the node last started. HARD: reset with the power on; SOFT: by the program itself."""
 
     UNKNOWN = 0
     POWER_ON = 1

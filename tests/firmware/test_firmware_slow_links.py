@@ -6,6 +6,7 @@ import pytest
 from hubowire import messages as m
 from virtual_runs import all_lost, matched, of, run
 
+MODEL = {"rp2": "pico", "esp32": "esp32"}
 LONGEST_US = 8000
 """What a turn may take with all that is done once a second in it; a sample at 104 Hz comes every 9600 us."""
 
@@ -24,8 +25,7 @@ SLOW = [
 def test_a_slow_link_costs_the_oldest_frames_and_neither_samples_nor_time(port, link, rate, config):
     uart = {"uart_link": 2 if port == "esp32" else 0} if link == "uart" else {}
     config = {"link": link, "rate_hz": rate, **config}
-    divider = 2.0 if port == "esp32" else 3.0
-    sent, truth, stats = run(10, config=config, port=port, battery_divider=divider, **uart)
+    sent, truth, stats = run(10, config=config, model=MODEL[port], **uart)
     found = matched(sent, truth)
     missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"

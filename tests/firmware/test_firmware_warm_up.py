@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import settings
 import warm_up
-import wire
 from small_int import SmallInt
 
 from fakes.fake_port import PORT_TICKS, TICKS
@@ -76,12 +75,12 @@ def test_the_settings_are_in_millionths_of_a_degree_per_second():
     found = [bias_choice.known_bias_q18(s, axis, CHIP) / 2**18 for axis in range(3)]
     assert found == pytest.approx([-3.0, 0.0, 29_000 / 70], abs=2**-18)
     PORT_TICKS.now_us = 0.0
-    warm = bias_choice.warm_up(s, CHIP, wire.RESET_CAUSE_POWER_ON)
+    warm = bias_choice.warm_up(s, CHIP, False)
     assert [warm.grown_q18(axis) for axis in range(3)] == [0, 0, 0]
     assert warm._c1 == [round(30 / 7 * 2**18), 0, -(1 << 18)]
-    after = bias_choice.warm_up(s, CHIP, wire.RESET_CAUSE_WATCHDOG)
+    after = bias_choice.warm_up(s, CHIP, True)
     assert after.grown_q18(0) == after._c1[0], "a reset that left the chip its power"
-    assert bias_choice.warm_up(settings.DEFAULTS, CHIP, wire.RESET_CAUSE_POWER_ON) is None
+    assert bias_choice.warm_up(settings.DEFAULTS, CHIP, False) is None
     assert bias_choice.known_bias_q18(settings.DEFAULTS, 0, CHIP) is None
     assert time.ticks_ms() == 0
 

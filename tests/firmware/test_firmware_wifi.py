@@ -57,9 +57,8 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
         link="memory",
         own_process=False,
         config=config,
-        port=port,
+        model="pico_w" if port == "rp2" else "esp32",
         air=air,
-        battery_divider=2.0 if port == "esp32" else 3.0,
         interpreter=interpreter,
     )
     with node:

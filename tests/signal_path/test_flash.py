@@ -2,11 +2,13 @@
 
 import json
 import os
+import termios
 
 import pytest
 
 from hubodo.cli import main
 from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.slots import main_for
 from hubodo.model.motion import StillMotion
 from hubodo.model.virtual_node import VirtualNode
 
@@ -34,8 +36,10 @@ def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
     assert code == 0, err
     assert found["node"] == 2
     assert set(found["copied"]) == {*image, "config.json"}
-    for name, content in image.items():
-        assert (board.flash / name).read_bytes() == content
+    for name in set(image) - {"main.py"}:
+        assert (board.flash / "fw_a" / name).read_bytes() == image[name]
+    assert (board.flash / "main.py").read_bytes() == main_for(image["main.py"], "/fw_a")
+    assert {path.name for path in board.flash.iterdir()} == {"config.json", "fw_a", "main.py"}
     assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 2, "rate_hz": 416}
 
 
@@ -84,16 +88,19 @@ time_constant = {{ value = 3600.0, sigma = 60.0 }}
     assert json.loads((board.flash / "config.json").read_text()) == json.loads(before) | found["calibrated"]
 
 
-def test_damaged_files_and_old_sources_that_hide_new_files_are_put_right(image, tmp_path, capfd):
+def test_a_node_with_its_firmware_at_the_root_is_taken_over(image, tmp_path, capfd):
+    """Damaged files are sent anew, sound ones copied on the node, old sources that would hide new ones go."""
     for name, content in {**image, "wire.mpy": b"damaged", "node.py": b"raise ValueError\n"}.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
+    (tmp_path / "notes.txt").write_text("mine")
     with VirtualNode(StillMotion(), firmware=None, flash=tmp_path, seed=2) as node:
         code, found, err = flash(capfd, node.port)
     assert code == 0, err
-    assert found["copied"] == ["wire.mpy"]
-    assert (tmp_path / "wire.mpy").read_bytes() == image["wire.mpy"]
-    assert not (tmp_path / "node.py").exists()
+    assert found["copied"] == ["main.py", "wire.mpy"]
+    for name in set(image) - {"main.py"}:
+        assert (tmp_path / "fw_a" / name).read_bytes() == image[name]
+    assert {path.name for path in tmp_path.iterdir()} == {"fw_a", "main.py", "notes.txt"}
 
 
 def test_a_port_that_is_read_by_somebody_else_is_said_to_be_busy(board, capfd):
@@ -126,6 +133,20 @@ def test_a_port_where_nobody_answers_is_one_clear_line(capfd, monkeypatch):
     assert code == 1
     assert err.count("\n") == 1
     assert "mpremote" in err
+
+
+def test_the_port_is_opened_at_the_speed_of_a_console(monkeypatch):
+    """An ESP32's USB is a UART behind another chip: at another speed nothing of it can be read."""
+    import hubodo.flash.board as module
+
+    monkeypatch.setattr(module, "_COMES_BACK", 0.0)
+    master, slave = os.openpty()
+    try:
+        module.FlashBoard(os.ttyname(slave)).interrupt()
+        assert termios.tcgetattr(slave)[4:6] == [termios.B115200] * 2
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 def test_an_unknown_node_name_is_refused_before_the_port_is_touched(tmp_path, capfd):

@@ -8,50 +8,96 @@ import sys
 import tempfile
 import termios
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
 import serial
 
 from hubodo.errors import HubodoError
 from hubodo.flash.image import ARCHITECTURES, digests
+from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, plan, slot_named
 from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
 _COMMAND_TIMEOUT = 60.0
+_HASH_CHARACTERS = 64
 _COMES_BACK = 6.0
+CONSOLE_BAUD = 115200
+"""Of MicroPython's console where a chip of the board makes USB of a UART; USB itself does not care."""
 _PROMPT = b">>> "
 _RAW_PROMPT = b"\r\n>"
 # Ends a line that was begun, then ctrl-B: a REPL that took the 0x01 of a frame for ctrl-A is in raw mode.
 _ASK_PROMPT = b"\r\x02"
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
-_LOOK = "import sys;print([sys.platform,getattr(sys.implementation,'_mpy',0),sys.version])"
+_LOOK = (
+    "import sys;i=sys.implementation;"
+    "print([sys.platform,getattr(i,'_machine',''),getattr(i,'_mpy',0),tuple(i.version[:3]),sys.version])"
+)
 _SERIAL = (
     "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
 )
-# Reads each file in small pieces: a node has little memory.
+# Reads each file in small pieces, into the same memory: a node has little.
 _HASH = """
-import hashlib,binascii
-for n in {names}:
-    try:
-        f=open(n,'rb')
-    except OSError:
-        continue
+import os,hashlib,binascii
+b=bytearray(512)
+m=memoryview(b)
+def sha(n):
     h=hashlib.sha256()
-    while True:
-        b=f.read(512)
-        if not b:
-            break
-        h.update(b)
-    f.close()
-    print('%s %s'%(n,binascii.hexlify(h.digest()).decode()))
+    with open(n,'rb') as f:
+        while True:
+            k=f.readinto(b)
+            if not k:
+                return binascii.hexlify(h.digest()).decode()
+            h.update(m[:k])
 """
-_REMOVE = """
+_SURVEY = (
+    _HASH
+    + """
+def walk(d):
+    for e in list(os.ilistdir(d or '/')):
+        n=d+'/'+e[0]
+        if not e[1]&0x4000:
+            print('# %s %s'%(sha(n),n))
+        elif n in {folders}:
+            walk(n)
+walk('')
+try:
+    print(open('/main.py').read())
+except OSError:
+    pass
+"""
+)
+_PREPARE = """
 import os
-for n in {names}:
+for n in {folders}:
     try:
-        os.remove(n)
+        os.mkdir(n)
+    except OSError:
+        pass
+for n in {remove}:
+    os.remove(n)
+b=bytearray(512)
+m=memoryview(b)
+for a,z in {copy}:
+    with open(a,'rb') as f:
+        with open(z,'wb') as g:
+            while True:
+                k=f.readinto(b)
+                if not k:
+                    break
+                g.write(m[:k])
+"""
+_SWAP = """
+import os
+for n in {swap}:
+    os.rename('/'+n+'{new}','/'+n)
+for n in {forget}:
+    os.remove(n)
+for n in {folders}:
+    try:
+        os.rmdir(n)
     except OSError:
         pass
 """
@@ -59,6 +105,17 @@ for n in {names}:
 
 class FlashError(HubodoError):
     """The board did not answer, or does not hold what was sent."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """A board's MicroPython. architecture: processor word for mpy-cross, None for bytecode only."""
+
+    platform: str
+    machine: str
+    architecture: str | None
+    version: tuple[int, ...]
+    text: str
 
 
 class FlashBoard:
@@ -70,15 +127,20 @@ class FlashBoard:
     def __init__(self, port: str) -> None:
         self.port = port
 
-    def look(self) -> tuple[str, str | None, str]:
-        """Platform, processor word for mpy-cross (None: bytecode only) and MicroPython version."""
-        platform, mpy, version = ast.literal_eval(self._run("exec", _LOOK).strip().splitlines()[-1])
-        number = mpy >> 10
-        return platform, ARCHITECTURES[number] if number < len(ARCHITECTURES) else None, version
+    def look(self) -> Look:
+        """What MicroPython says of itself and of the board."""
+        platform, machine, mpy, version, text = ast.literal_eval(self.run(_LOOK).strip().splitlines()[-1])
+        number = mpy >> 10 & 0x3F
+        architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
+        return Look(platform, machine, architecture, version, text)
+
+    def run(self, code: str) -> str:
+        """What a piece of Python prints on the board."""
+        return self._run("exec", code)
 
     def unique_id(self) -> str:
         """The board's own number, as its `Hello` tells it, in hex."""
-        return self._run("exec", _SERIAL).strip().splitlines()[-1]
+        return self.run(_SERIAL).strip().splitlines()[-1]
 
     def interrupt(self) -> None:
         """Brings a streaming node to its REPL; harmless to a board that runs something else.
@@ -87,7 +149,7 @@ class FlashBoard:
         """
         request = encode_frame(Frame(Reboot.type_id, 0, 0, encode(Reboot(RebootMode.REPL))))
         try:
-            link = serial.Serial(self.port, timeout=0.1, exclusive=True)
+            link = serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True)
         except (serial.SerialException, OSError) as error:
             reason = "is busy: stop what reads it" if "lock" in str(error) else "cannot be opened"
             raise FlashError(f"{self.port}: {reason} ({error})") from None
@@ -98,7 +160,7 @@ class FlashBoard:
         while time.monotonic() < end:
             with (
                 contextlib.suppress(*_LINK_GONE),
-                serial.Serial(self.port, timeout=0.1, exclusive=True) as link,
+                serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True) as link,
             ):
                 link.write(_ASK_PROMPT)
                 if self._wait_for((_PROMPT,), link, 1.0):
@@ -114,42 +176,48 @@ class FlashBoard:
             seen = (seen + link.read(4096))[-64:]
         return seen.endswith(prompts)
 
-    def held(self, names: list[str]) -> dict[str, str]:
-        """SHA-256 of those files that the board holds."""
-        lines = self._run("exec", _HASH.format(names=names)).split("\n")
-        return dict(line.split() for line in lines if len(line.split()) == 2)
+    def survey(self, names: Iterable[str]) -> tuple[dict[str, str], str | None]:
+        """SHA-256 of every file where files of these names may be, by path; and the slot that runs."""
+        folders = [
+            slot + folder for slot in ("", *SLOTS) for folder in ("", *_folders(names)) if slot + folder
+        ]
+        lines = self.run(_SURVEY.format(folders=folders)).splitlines()
+        found = [line.split(" ", 2) for line in lines if line.startswith("# ") and line.count(" ") >= 2]
+        held = {path: digest for _, digest, path in found if len(digest) == _HASH_CHARACTERS}
+        return held, slot_named("\n".join(lines))
 
     def config(self) -> dict[str, object]:
         """The node's /config.json, empty where there is none."""
         code = "import os\nprint(open('config.json').read() if 'config.json' in os.listdir() else '{}')"
         with contextlib.suppress(ValueError):
-            found = json.loads(self._run("exec", code))
+            found = json.loads(self.run(code))
             if isinstance(found, dict):
                 return found
         return {}
 
     def copy(self, image: dict[str, bytes], progress: Callable[[str], None]) -> list[str]:
-        """Copies the files that differ, removes older forms of them, and compares every hash.
+        """Puts an image into the free slot, compares every hash, and has the node run it from the next start.
 
-        Returns the names copied. Raises FlashError when a file does not come back as it was sent.
+        Until the last step the node starts what it had: see `slots`. Returns the names sent.
+        Raises FlashError when a file does not come back as it was sent.
         """
-        wanted = digests(image)
-        held = self.held(sorted(image))
-        changed = [name for name in sorted(image) if held.get(name) != wanted[name]]
-        # MicroPython imports x.py before x.mpy: an old source would hide the new file.
-        stale = [name.removesuffix(".mpy") + ".py" for name in image if name.endswith(".mpy")]
-        self._run("exec", _REMOVE.format(names=stale))
-        folders = sorted({str(Path(name).parent) for name in changed} - {"."})
-        for folder in folders:
-            self._run("exec", f"import os\ntry:\n    os.mkdir({folder!r})\nexcept OSError:\n    pass")
-        if changed:
-            progress(f"{len(changed)} of {len(image)} files")
-            self._copy({name: image[name] for name in changed})
-        held = self.held(sorted(image))
-        wrong = [name for name in sorted(image) if held.get(name) != wanted[name]]
-        if wrong:
-            raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
-        return changed
+        hashes = digests(image | {slot: main_for(image[MAIN], slot) for slot in SLOTS})
+        held, running = self.survey(image)
+        todo = plan(image, hashes, held, running)
+        folders = _folders(image)
+        if todo.slot is not None:
+            made = [todo.slot, *(todo.slot + folder for folder in folders)]
+            self.run(_PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
+        if todo.send:
+            progress(f"{len(todo.send)} of {len(image)} files")
+            self._copy(todo.send)
+            held, _ = self.survey(image)
+            wrong = [path for path, digest in sorted(todo.expect.items()) if held.get(path) != digest]
+            if wrong:
+                raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
+        if todo.swap or todo.forget:
+            self.run(_SWAP.format(swap=todo.swap, new=NEW, forget=todo.forget, folders=folders))
+        return sorted(_name(path, todo.slot) for path in todo.send)
 
     def _copy(self, files: dict[str, bytes]) -> None:
         """All files in one conversation: each start of mpremote costs a second or more."""
@@ -175,7 +243,7 @@ class FlashBoard:
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             try:
-                with serial.Serial(self.port, timeout=0.2, exclusive=True) as link:
+                with serial.Serial(self.port, CONSOLE_BAUD, timeout=0.2, exclusive=True) as link:
                     asked = False
                     while time.monotonic() < end:
                         for frame in decoder.feed(link.read(link.in_waiting or 1)):
@@ -204,3 +272,13 @@ class FlashBoard:
             said = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no answer"]
             raise FlashError(f"{self.port}: mpremote {command[0]}: {said[0]}; is MicroPython on the board?")
         return done.stdout
+
+
+def _folders(names: Iterable[str]) -> list[str]:
+    """The folders that an image needs below a slot."""
+    return sorted({f"/{Path(name).parent}" for name in names} - {"/."})
+
+
+def _name(path: str, slot: str | None) -> str:
+    """The name in the image of a file that was sent to a path."""
+    return path.removeprefix(f"{slot}/").removeprefix("/").removesuffix(NEW)

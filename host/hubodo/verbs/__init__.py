@@ -15,6 +15,7 @@ VERBS: tuple[str, ...] = (
     "fuse",
     "recover",
     "flash",
+    "doctor",
     "allan",
     "warmup",
     "calibrate",

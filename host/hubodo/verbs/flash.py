@@ -99,12 +99,12 @@ def run(args: argparse.Namespace) -> Flashed:
     board = FlashBoard(args.port)
     with note.status(f"{args.port}: looking") as status:
         board.interrupt()
-        platform, architecture, version = board.look()
+        look = board.look()
         config = board.config() | settings if settings or calibration else {}
         if calibration is not None:
             config = _calibrated(config, calibration, args.calibration, board.unique_id())
-        status.update(f"compiling for {architecture or 'bytecode'}")
-        image = build(firmware_folder(), architecture)
+        status.update(f"compiling for {look.architecture or 'bytecode'}")
+        image = build(firmware_folder(), look.architecture)
         if settings or calibration is not None:
             image[_CONFIG] = json.dumps(config).encode()
         copied = board.copy(image, lambda name: status.update(f"copying {name}"))
@@ -120,9 +120,9 @@ def run(args: argparse.Namespace) -> Flashed:
     seconds = time.monotonic() - started
     return Flashed(
         args.port,
-        platform,
-        version,
-        architecture,
+        look.platform,
+        look.text,
+        look.architecture,
         len(image),
         tuple(copied),
         node,

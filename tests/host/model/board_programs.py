@@ -9,7 +9,7 @@ from pathlib import Path
 
 STREAM_FIFO = """
 import machine, sys, time, select
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 w = bytearray(1)
 def put(r, v):
     w[0] = v
@@ -40,7 +40,7 @@ time.sleep_ms(50)
 
 STREAM_POLLED = """
 import machine, sys, time
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 w = bytearray(1)
 def put(r, v):
     w[0] = v

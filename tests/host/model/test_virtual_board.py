@@ -23,7 +23,7 @@ from hubodo.model.virtual_node import VirtualNode
 
 WHO = """
 import machine
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 print(i2c.readfrom_mem(0x6B, 0x0F, 1)[0], i2c.scan())
 """
 
@@ -70,9 +70,9 @@ def test_it_prints_over_a_pseudo_terminal_in_real_time(tmp_path: Path) -> None:
 
 NO_ALLOCATION = """
 import machine, time, micropython, sys, select, network, socket
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 burst = bytearray(12); one = bytearray(b'\\x64'); frame = bytearray(40)
-pin = machine.Pin(5, machine.Pin.OUT); adc = machine.ADC(29); dog = machine.WDT(timeout=5000)
+pin = machine.Pin(6, machine.Pin.OUT); adc = machine.ADC(29); dog = machine.WDT(timeout=5000)
 uart = machine.UART(0, 115200)
 streams = select.poll()
 streams.register(sys.stdin, select.POLLIN); streams.register(sys.stdout, select.POLLOUT)
@@ -209,7 +209,7 @@ def test_a_skewed_clock_sleeps_and_counts_by_itself(tmp_path: Path) -> None:
 def test_a_refused_transfer_and_a_stuck_bus_are_what_the_rp2_port_raises(tmp_path: Path) -> None:
     program = """
 import machine, time
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 def who():
     try: return i2c.readfrom_mem(0x6B, 0x0F, 1)[0]
     except OSError as e: return -e.errno
@@ -217,7 +217,7 @@ time.sleep_ms(1000)
 print(who(), who(), who())
 time.sleep_ms(1000)
 print(who())
-sda = machine.Pin(0, machine.Pin.OPEN_DRAIN, value=1); scl = machine.Pin(1, machine.Pin.OPEN_DRAIN, value=1)
+sda = machine.Pin(4, machine.Pin.OPEN_DRAIN, value=1); scl = machine.Pin(5, machine.Pin.OPEN_DRAIN, value=1)
 pulses = 0
 while not sda.value():
     scl.value(0); scl.value(1); pulses += 1
@@ -242,7 +242,7 @@ def test_an_unfed_watchdog_restarts_the_board(tmp_path: Path) -> None:
 def test_brown_out_takes_the_chips_along_and_the_reset_pin_does_not(tmp_path: Path) -> None:
     program = """
 import machine, time
-i2c = machine.I2C(0, scl=machine.Pin(1), sda=machine.Pin(0), freq=400000)
+i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 print(machine.reset_cause(), i2c.readfrom_mem(0x6B, 0x10, 1)[0])
 i2c.writeto_mem(0x6B, 0x10, b'\\x64')
 while True: time.sleep_ms(1)
@@ -345,7 +345,14 @@ took = time.ticks_diff(time.ticks_us(), before)
 time.sleep_ms(300)
 with open('/r', 'w') as f: f.write('%d %d %d %d' % (a, full, len(p.poll(0)), took))
 """
-    node = run(tmp_path, program, 1.0, flash=tmp_path / "flash", uart_link=0, port=port)
+    node = run(
+        tmp_path,
+        program,
+        1.0,
+        flash=tmp_path / "flash",
+        uart_link=0,
+        model={"rp2": "pico", "esp32": "esp32"}[port],
+    )
     assert len(node.output) == 100
     node.stop()
     *counts, took_us = map(int, (tmp_path / "flash" / "r").read_text().split())
@@ -361,7 +368,7 @@ before = time.ticks_us()
 for _ in range(8): sys.stdout.buffer.write(bytes(64)); ready = len(p.poll(0))
 print(sys.platform, ready, time.ticks_diff(time.ticks_us(), before))
 """
-    platform, ready, took_us = printed(run(tmp_path, program, 1.0, port="esp32"))[0].strip("\0").split()
+    platform, ready, took_us = printed(run(tmp_path, program, 1.0, model="esp32"))[0].strip("\0").split()
     assert (platform, ready) == ("esp32", "1")
     assert int(took_us) == pytest.approx((512 - 128) * 10 / 115200 * 1e6, abs=500)
 

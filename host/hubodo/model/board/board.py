@@ -15,8 +15,10 @@ from typing import Any
 
 from hubodo.model.board import interpreter as interpreters
 from hubodo.model.board.bus import I2cBus, Pins
-from hubodo.model.board.calls import BOOT_NS, HANDLERS, WDT_RESET
+from hubodo.model.board.calls import BOOT_NS, HANDLERS
 from hubodo.model.board.hypercall import (
+    EIO,
+    ENODEV,
     FLAG_INPUT,
     FLAG_INTERRUPT,
     FLAG_OPEN,
@@ -27,15 +29,16 @@ from hubodo.model.board.hypercall import (
     op_codes,
 )
 from hubodo.model.board.link import TX_FIFO, LineNoise, Link, MemoryLink, PtyLink
+from hubodo.model.board.models import MODELS
 from hubodo.model.board.network import Station
 from hubodo.model.board.port import Port
+from hubodo.model.board.reset_registers import ResetRegisters, Why
 from hubodo.model.board.rp2040.pico import Pico
 from hubodo.model.board.settings import BoardSettings
 from hubodo.model.chips.faults import BrownOut, Fault, Reset, Stall, Unplug
 from hubodo.model.chips.registers import RegisterChip
 
 CTRL_C = 3
-PWRON_RESET = 1
 REPLUG_NS = 200_000_000
 USB_FRAME_NS = 1_000_000
 STEPPED_REFRESH_NS = 4_000_000
@@ -71,7 +74,15 @@ class VirtualBoard:
     ) -> None:
         self.settings, self.chips, self.link = settings, tuple(chips), link
         self.noise = noise or LineNoise()
-        self.bus = I2cBus(self.chips, faults)
+        self.model = MODELS[settings.model]
+        self.bus = I2cBus(
+            self.chips,
+            faults,
+            sda=self.model.sda,
+            scl=self.model.scl,
+            wiring=settings.wiring,
+            refusal=EIO if self.model.platform == "rp2" else ENODEV,
+        )
         self.pins = Pins(self.bus)
         self.counts: Counter[str] = Counter()
         self.calls: Counter[int] = Counter()
@@ -83,10 +94,10 @@ class VirtualBoard:
         self.t = 0.0
         self._t0_ns = 0
         self._boot_ns = 0.0
-        self._cause = PWRON_RESET
+        self._registers = ResetRegisters(self.model)
         self.ports: dict[int, Port] = {0: Port()}
         self.ports[self.link_port] = Port(link=link)
-        if settings.port == "esp32":
+        if self.model.platform == "esp32":
             self.ports[0].byte_ns, self.ports[0].send_buffer = CONSOLE_BYTE_NS, CONSOLE_FIFO
         # In an emulated processor MicroPython itself looks for ctrl-C.
         self._emulated = settings.interpreter == "rp2040"
@@ -98,7 +109,7 @@ class VirtualBoard:
         self.wdt_timeout = 0.0
         self.wdt_deadline = _FOREVER
         self._waiting: _Waiting | None = None
-        self.station = Station(settings.port, settings.air)
+        self.station = Station(self.model.platform, settings.air)
         self.sockets: dict[int, socket.socket] = {}
         self.mail: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
         """What the air itself has answered to a socket."""
@@ -158,9 +169,10 @@ class VirtualBoard:
                 "flash": str(settings.flash),
                 "raw": raw,
                 "run": ["boot.py", "main.py"] if run_main and not raw else ["boot.py"] if raw else [],
-                "platform": settings.port if settings.port == "esp32" else "",
                 "unique_id": settings.unique_id,
-                "reset_cause": self._cause,
+                **self.model.as_config(),
+                **self._registers.as_config(),
+                "flash_journal": str(settings.flash_journal) if settings.flash_journal else "",
                 "frequency_hz": 125_000_000,
                 **(self._pico.for_runner() if self._pico is not None else {}),
             },
@@ -199,11 +211,11 @@ class VirtualBoard:
             self._interpreter.kill()
             self._interpreter = None
 
-    def reset(self, why: str, cause: int) -> None:
-        """Restart the processor as after power-on or watchdog: USB goes away and comes back."""
+    def reset(self, why: Why) -> None:
+        """Restart the processor: USB goes away and comes back."""
         self.kill()
         self.resets.append((self.now() / _NS, why))
-        self._cause = cause
+        self._registers.reset(why)
         self.wdt_deadline, self.wdt_timeout = _FOREVER, 0.0
         for port in self.ports.values():
             port.clear()
@@ -212,7 +224,7 @@ class VirtualBoard:
         for handle in list(self.sockets):
             self.sockets.pop(handle).close()
         self.mail.clear()
-        self.station = Station(self.settings.port, self.settings.air)
+        self.station = Station(self.model.platform, self.settings.air)
         if self.stepped and not self._emulated:
             self.t += BOOT_NS
         self._boot_ns = self.now()
@@ -442,10 +454,10 @@ class VirtualBoard:
             if isinstance(fault, Unplug):
                 self._unplug(fault.seconds * _NS)
             else:
-                self.reset("brown-out" if isinstance(fault, BrownOut) else "reset pin", PWRON_RESET)
+                self.reset("brown-out" if isinstance(fault, BrownOut) else "reset pin")
                 return True
         if t >= self.wdt_deadline:
-            self.reset("watchdog", WDT_RESET)
+            self.reset("watchdog")
             return True
         return False
 
@@ -480,7 +492,7 @@ class VirtualBoard:
         port = self.ports[0]
         if port.received:
             flags |= FLAG_INPUT
-        if len(port.to_send) < TX_FIFO or self.settings.port == "esp32":
+        if len(port.to_send) < TX_FIFO or self.model.platform == "esp32":
             flags |= FLAG_ROOM
         if self.interrupt_came:
             flags |= FLAG_INTERRUPT

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hubodo.model.board.hypercall import EIO, ETIMEDOUT
+from hubodo.model.board.settings import Wiring
 from hubodo.model.chips.faults import Fault, StuckBus
 from hubodo.model.chips.registers import NotAcknowledged, RegisterChip
 
@@ -29,17 +30,29 @@ class Read:
 class I2cBus:
     """Chips on two wires; every transaction takes its bits' time and fails as MicroPython reports it.
 
-    A refused address is -EIO after the address byte, a held SDA is -ETIMEDOUT after 50 ms: what the rp2
-    port of MicroPython raises as OSError(5) and OSError(110).
+    A refused address is -`refusal` after the address byte, EIO on the rp2 port, a held SDA is -ETIMEDOUT
+    after 50 ms; MicroPython raises them as OSError. The chips hang on the pins `sda` and `scl`, and answer
+    there alone; wiring: see `BoardSettings`.
     """
 
-    def __init__(self, chips: Sequence[RegisterChip], faults: Sequence[Fault] = ()) -> None:
+    def __init__(
+        self,
+        chips: Sequence[RegisterChip],
+        faults: Sequence[Fault] = (),
+        *,
+        sda: int = 0,
+        scl: int = 1,
+        wiring: Wiring = "good",
+        refusal: int = EIO,
+    ) -> None:
         self.chips = {chip.address: chip for chip in chips}
+        self.wiring, self.refusal = wiring, refusal
+        self.sda_wire, self.scl_wire = (scl, sda) if wiring == "swapped" else (sda, scl)
         self.bit_time = 1.0 / DEFAULT_HZ
         self.counts: Counter[str] = Counter()
         self._stuck_at = sorted(f.t for f in faults if isinstance(f, StuckBus))
         self._pulses_left = 0
-        self.scl_pin, self.sda_pin = 1, 0
+        self.scl_pin, self.sda_pin = scl, sda
         self._scl_level = 1
         self._open: RegisterChip | None = None
         self._reading: Read | None = None
@@ -52,6 +65,12 @@ class I2cBus:
         self.scl_pin = scl_pin if scl_pin >= 0 else self.scl_pin
         self.sda_pin = sda_pin if sda_pin >= 0 else self.sda_pin
 
+    def _held(self, pin: int) -> bool:
+        """Whether the wiring holds the line at a pin low."""
+        low = {"sda_low": (self.sda_wire,), "scl_low": (self.scl_wire,)}
+        both = (self.sda_wire, self.scl_wire)
+        return pin in (both if self.wiring == "no_power" else low.get(self.wiring, ()))
+
     def _stuck(self, t: float) -> bool:
         if self._stuck_at and self._stuck_at[0] <= t:
             self._stuck_at.pop(0)
@@ -63,15 +82,19 @@ class I2cBus:
         if (self._stuck_at or self._pulses_left) and self._stuck(t):
             self.counts["timeout"] += 1
             return -ETIMEDOUT
-        chip = self.chips.get(address)
+        if self._held(self.sda_pin) or self._held(self.scl_pin):
+            self.counts["timeout"] += 1
+            return -ETIMEDOUT
+        wired = (self.sda_pin, self.scl_pin) == (self.sda_wire, self.scl_wire)
+        chip = self.chips.get(address) if wired and self.wiring != "no_pull_ups" else None
         if chip is None:
             self.counts["nack"] += 1
-            return -EIO
+            return -self.refusal
         try:
             chip.acknowledge(t)
         except NotAcknowledged:
             self.counts["nack"] += 1
-            return -EIO
+            return -self.refusal
         self.counts["transactions"] += 1
         return chip
 
@@ -142,7 +165,7 @@ class I2cBus:
 
     def pin_driven(self, t: float, pin: int, level: int) -> None:
         """SCL moved by hand: each falling and rising edge clocks the slave that holds SDA."""
-        if pin != self.scl_pin:
+        if pin != self.scl_wire:
             return
         if level and not self._scl_level and self._stuck(t):
             self._pulses_left -= 1
@@ -150,9 +173,13 @@ class I2cBus:
                 self.counts["freed"] += 1
         self._scl_level = level
 
-    def sda_level(self, t: float) -> int:
-        """What a pin that listens on SDA reads."""
-        return 0 if self._stuck(t) else 1
+    def level(self, t: float, pin: int, pulled_up: bool) -> int | None:
+        """What a pin that drives nothing reads on a line of the bus; None for other pins."""
+        if pin not in (self.sda_wire, self.scl_wire):
+            return None
+        if self._held(pin) or (pin == self.sda_wire and self._stuck(t)):
+            return 0
+        return int(pulled_up or self.wiring != "no_pull_ups")
 
 
 class Pins:
@@ -180,14 +207,16 @@ class Pins:
         if self.modes.get(pin) in (_OUT, _OPEN_DRAIN):
             self._bus.pin_driven(t, pin, level)
 
+    def drives_high(self, pin: int) -> bool:
+        """Whether the processor holds the pin high."""
+        return self.modes.get(pin) == _OUT and bool(self.levels.get(pin, 0))
+
     def get(self, t: float, pin: int) -> int:
         """Level on the pin: the bus lines are pulled up, a stuck slave pulls SDA down."""
-        if pin == self._bus.sda_pin and not (
-            self.modes.get(pin) in (_OUT, _OPEN_DRAIN) and not self.levels.get(pin, 1)
-        ):
-            return self._bus.sda_level(t)
-        if self.modes.get(pin) in (_OUT, _OPEN_DRAIN):
+        mode, level = self.modes.get(pin), self.levels.get(pin, 1)
+        if mode == _OUT or (mode == _OPEN_DRAIN and not level):
             return self.levels.get(pin, 0)
-        if pin == self._bus.scl_pin:
-            return 1
-        return 1 if self.pulls.get(pin) == 1 else 0
+        on_bus = self._bus.level(t, pin, self.pulls.get(pin) == 1)
+        if on_bus is not None:
+            return on_bus
+        return level if mode == _OPEN_DRAIN else int(self.pulls.get(pin) == 1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from hubodo.model.board.hypercall import COUNT_MASK, COUNT_ROOM, EAGAIN, EHOSTUNREACH, EINVAL, ETIMEDOUT, Op
 from hubodo.model.board.link import TX_FIFO
+from hubodo.model.board.models import RADIO_SELECT_PIN
 from hubodo.model.board.network import MULTICAST, NAME_SERVER
 from hubodo.model.board.port import Port
 
@@ -22,7 +23,8 @@ WRITE_TIMEOUT_NS = 500_000_000
 BOOT_NS = 150_000_000
 JOIN_NS = 50_000_000
 """What the radio's commands of a join hold the processor up: assumed, dearer than on either port."""
-WDT_RESET = 3
+RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
+FLOATING_V = 0.4
 _NS = 1_000_000_000
 _FOREVER = float("inf")
 
@@ -83,10 +85,17 @@ def _pin_get(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _adc(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    if a == 4:
+    model, settings = board.model, board.settings
+    pin = a + RP2_ADC_PIN if model.platform == "rp2" and a < RP2_CORE_TEMP else a
+    if a == RP2_CORE_TEMP and model.platform == "rp2":
         volts = 0.706 - 0.001721 * (25.0 - 27.0)
+    elif pin != model.battery:
+        volts = FLOATING_V
+    elif model.radio and (board.station.active or not board.pins.drives_high(RADIO_SELECT_PIN)):
+        # The radio's chip select also switches the divider: MicroPython's issue 10406 has the 608 counts.
+        volts = 0.0306
     else:
-        volts = board.settings.battery_mv / 1000 / board.settings.battery_divider
+        volts = settings.battery_mv / 1000 / model.factor
     board.answer(0, t, struct.pack("<H", max(0, min(65535, round(volts / 3.3 * 65535)))))
 
 
@@ -99,7 +108,7 @@ def _wdt(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
 
 
 def _reset(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
-    board.reset("machine.reset", WDT_RESET)
+    board.reset("machine.reset")
 
 
 def _restarted(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
@@ -175,7 +184,7 @@ def _count(board: VirtualBoard, a: int, payload: bytes, t: float) -> None:
         board.answer(int(ready), t)
         return
     port = board.ports.setdefault(a, Port())
-    room = COUNT_ROOM if port.room(t) > 0 or board.settings.port == "esp32" else 0
+    room = COUNT_ROOM if port.room(t) > 0 or board.model.platform == "esp32" else 0
     board.answer(min(len(port.received), COUNT_MASK) | room, t)
 
 

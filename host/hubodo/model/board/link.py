@@ -153,7 +153,10 @@ class PtyLink:
         if self._master < 0:
             return b""
         try:
-            return os.read(self._master, RX_FIFO)
+            data = os.read(self._master, RX_FIFO)
+            # Whoever wrote that may have come since the last look, and wants the answer.
+            self._looked = 0.0
+            return data
         except BlockingIOError:
             return b""
         except OSError:

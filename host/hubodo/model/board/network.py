@@ -72,6 +72,11 @@ class Station:
         self._state, self._until = "off", 0.0
         self._fresh = True
 
+    @property
+    def active(self) -> bool:
+        """Whether it is switched on."""
+        return self._state != "off"
+
     def activate(self, on: bool, t: float) -> None:
         """Switches it on or off."""
         if not on:

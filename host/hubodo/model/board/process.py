@@ -138,7 +138,7 @@ class BoardService:
         self.board.plug()
 
     def _do_reset(self) -> None:
-        self.board.reset("reset pin", 1)
+        self.board.reset("reset pin")
 
     def _do_output(self) -> bytes:
         return bytes(self.board.link.output) if isinstance(self.board.link, MemoryLink) else b""

@@ -368,8 +368,15 @@ mp.registerJsModule("_board", {
     }
   },
   unique_id: () => config.unique_id,
-  platform: () => config.platform,
   reset_cause: () => config.reset_cause,
+  register: (address) => config.registers[address] ?? 0,
+  machine_name: () => config.machine,
+  platform: () => config.platform,
+  radio: () => config.radio,
+  pin_exists: (pin) => config.pins.includes(pin),
+  pin_measures: (pin) => config.adc_pins.includes(pin),
+  i2c_count: () => config.i2c_count,
+  uart_count: () => config.uart_count,
   frequency: () => config.frequency_hz,
   heap_bytes: () => config.heap_bytes,
 });
@@ -395,33 +402,49 @@ const onHost = (p) => (p.startsWith(`${FLASH}/`) ? path.join(config.flash, p.sli
 const absolute = (p) => (p.startsWith("/") ? p : `${FS.cwd()}/${p}`.replace("//", "/"));
 const { close, unlink, mkdir, rmdir, rename } = FS;
 
+// What is on the host is a change that stays, and a line of the journal where one is kept.
+function changed(what, p, more) {
+  if (config.flash_journal) fs.appendFileSync(config.flash_journal, `${JSON.stringify({ what, path: p, ...more })}\n`);
+}
+
 FS.close = (stream) => {
   const host = stream.path && (stream.flags & 3) !== 0 ? onHost(stream.path) : null;
   const node = stream.node;
   close(stream);
   // A file without bytes has no typed array to take them from.
-  if (host !== null && FS.isFile(node.mode)) fs.writeFileSync(host, node.usedBytes ? node.contents.subarray(0, node.usedBytes) : "");
+  if (host === null || !FS.isFile(node.mode)) return;
+  const bytes = Buffer.from(node.usedBytes ? node.contents.subarray(0, node.usedBytes) : "");
+  fs.writeFileSync(host, bytes);
+  changed("write", stream.path.slice(FLASH.length), { base64: bytes.toString("base64") });
 };
 FS.unlink = (p) => {
   unlink(p);
   const host = onHost(absolute(p));
-  if (host !== null) fs.unlinkSync(host);
+  if (host === null) return;
+  fs.unlinkSync(host);
+  changed("unlink", absolute(p).slice(FLASH.length));
 };
 FS.mkdir = (p, m) => {
   const made = mkdir(p, m);
   const host = onHost(absolute(p));
-  if (host !== null) fs.mkdirSync(host);
+  if (host === null) return made;
+  fs.mkdirSync(host);
+  changed("mkdir", absolute(p).slice(FLASH.length));
   return made;
 };
 FS.rmdir = (p) => {
   rmdir(p);
   const host = onHost(absolute(p));
-  if (host !== null) fs.rmdirSync(host);
+  if (host === null) return;
+  fs.rmdirSync(host);
+  changed("rmdir", absolute(p).slice(FLASH.length));
 };
 FS.rename = (a, b) => {
   rename(a, b);
   const [from, to] = [onHost(absolute(a)), onHost(absolute(b))];
-  if (from !== null && to !== null) fs.renameSync(from, to);
+  if (from === null || to === null) return;
+  fs.renameSync(from, to);
+  changed("rename", absolute(a).slice(FLASH.length), { to: absolute(b).slice(FLASH.length) });
 };
 
 // What is left of the memory beyond the heap is taken away, but for what system calls need.

@@ -7,7 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.model.board.interpreter import Kind
+from hubodo.model.board.models import ModelName
 from hubodo.model.board.network import Air
+
+Wiring = Literal["good", "swapped", "no_pull_ups", "no_power", "sda_low", "scl_low"]
 
 
 @dataclass(frozen=True)
@@ -15,10 +18,14 @@ class BoardSettings:
     """What board it is and how its time runs.
 
     Attributes:
-        port: whose UARTs, console and station the board has. Both ports' UARTs hold a write up until all of
-            it is in the send buffer; "rp2" tells beforehand whether there is room, "esp32" always says yes,
-            and its console is such a UART as well. "esp32" is also what sys.platform says then.
         flash: host directory that is the board's file system; changed by what the board writes.
+        model: which board it is, see `models`. Both ports' UARTs hold a write up until all of it is in the
+            send buffer; rp2 tells beforehand whether there is room, ESP32 always says yes, and its console is
+            such a UART as well.
+        wiring: how the sensor board hangs on it. "no_pull_ups": lines that nothing pulls (nothing connected
+            looks the same); too slow for 400 kHz, so nobody answers. "no_power": the sensor board's pull-ups
+            pull both lines to its dead supply.
+        flash_journal: file that takes a JSON line for every change of the file system, in order.
         clock: "real" is time.monotonic; "stepped" advances by sleeps, wire time and the cost of calls
             alone, as fast as it can; "paced" is stepped but never ahead of time.monotonic: where the host
             machine is too slow for a while, the board's whole world waits and catches up, and loses nothing.
@@ -28,8 +35,7 @@ class BoardSettings:
         call_cost_us: stepped and paced clock, what each call to the board takes beyond its wire time; a Pico
             takes the cycles that it takes.
         tick_cost_us: stepped and paced clock, what a look at the clock or at standard input takes.
-        battery_mv: at the ADC's divider.
-        battery_divider: battery voltage over ADC voltage.
+        battery_mv: the supply, at the divider of the model.
         air: the Wi-Fi around the board.
         uart_link: None: the link is USB CDC; else it is the UART of that number.
         unique_id: of the processor, in hexadecimal.
@@ -47,7 +53,9 @@ class BoardSettings:
     """
 
     flash: Path
-    port: Literal["rp2", "esp32"] = "rp2"
+    model: ModelName = "pico"
+    wiring: Wiring = "good"
+    flash_journal: Path | None = None
     interpreter: Kind = "micropython"
     clock: Literal["real", "paced", "stepped"] = "real"
     clock_ppm: float = 0.0
@@ -56,7 +64,6 @@ class BoardSettings:
     call_cost_us: float = 30.0
     tick_cost_us: float = 10.0
     battery_mv: float = 3700.0
-    battery_divider: float = 3.0
     unique_id: str = "e6614103e7452d2f"
     air: Air = Air()
     uart_link: int | None = None

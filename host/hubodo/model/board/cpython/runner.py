@@ -197,11 +197,32 @@ class Board:
     def unique_id(self):
         return CONFIG["unique_id"]
 
+    def reset_cause(self):
+        return CONFIG["reset_cause"]
+
+    def register(self, address):
+        return CONFIG["registers"].get(address, 0)
+
+    def machine_name(self):
+        return CONFIG["machine"]
+
     def platform(self):
         return CONFIG["platform"]
 
-    def reset_cause(self):
-        return CONFIG["reset_cause"]
+    def radio(self):
+        return CONFIG["radio"]
+
+    def pin_exists(self, pin):
+        return pin in CONFIG["pins"]
+
+    def pin_measures(self, pin):
+        return pin in CONFIG["adc_pins"]
+
+    def i2c_count(self):
+        return CONFIG["i2c_count"]
+
+    def uart_count(self):
+        return CONFIG["uart_count"]
 
     def frequency(self):
         return CONFIG["frequency_hz"]
@@ -404,6 +425,7 @@ def _install():
     os.rename = lambda a, b: really_rename(_on_flash(a), _on_flash(b))
     sys.path[:0] = [FLASH, FLASH + "/lib"]
     sys.dont_write_bytecode = True
+    sys.implementation._machine = CONFIG["machine"]
     sys.stdin = sys.stdout = Text()
     sys.platform = CONFIG["platform"] or sys.platform
 

@@ -16,27 +16,32 @@ def start():
         del sys.modules["_" + name]
     import os
 
+    sys.modules["sys"] = _Sys()
     sys.path[:] = ["", ".frozen", "/lib"]
     os.umount("/")
     os.mount(os.VfsPosix("/flash"), "/")
     os.chdir("/")
     os.rename, os.ilistdir = _file_calls(os)
-    if _board.platform():
-        sys.modules["sys"] = _named(sys, _board.platform())
     sys.modules["gc"].collect()
 
 
-def _named(system, platform):
-    """sys with another platform; its own cannot be written to."""
+class _Implementation:
+    """sys.implementation of the board; the bytecode stays that of this interpreter."""
 
-    class Named:
-        pass
+    name = sys.implementation.name
+    version = sys.implementation.version
+    _machine = _board.machine_name()
+    _mpy = sys.implementation._mpy
 
-    for name in dir(system):
-        if not name.startswith("__"):
-            setattr(Named, name, getattr(system, name))
-    Named.platform = platform
-    return Named
+
+class _Sys:
+    """sys, as it calls itself on the board."""
+
+    platform = _board.platform()
+    implementation = _Implementation()
+
+    def __getattr__(self, name):
+        return getattr(sys, name)
 
 
 def _file_calls(os):

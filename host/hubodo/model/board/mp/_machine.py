@@ -27,11 +27,25 @@ _uart_init = _board.uart_init
 _WAITING = 0x3FFF
 _ROOM = 0x4000
 
+_RP2 = _board.platform() == "rp2"
+_LED = 64 if _board.radio() else 25
+
 PWRON_RESET = 1
-HARD_RESET = 2
 WDT_RESET = 3
-DEEPSLEEP_RESET = 4
-SOFT_RESET = 5
+if not _RP2:
+    HARD_RESET = 2
+    DEEPSLEEP_RESET = 4
+    SOFT_RESET = 5
+
+
+class _Words:
+    """mem32: the registers that tell why the processor started; others read 0."""
+
+    def __getitem__(self, address):
+        return _board.register("%x" % address)
+
+
+mem32 = _Words()
 
 
 def unique_id():
@@ -112,11 +126,17 @@ class Pin:
 
 
 def _pin_number(id):
-    if isinstance(id, int):
-        return id
     if id == "LED":
-        return 25
-    return int(id[2:])
+        return _LED
+    number = id if isinstance(id, int) else int(id[2:])
+    if not _board.pin_exists(number):
+        raise ValueError("invalid pin")
+    return number
+
+
+def _wanted(valid, what):
+    if not valid:
+        raise ValueError("bad {} pin".format(what))
 
 
 def _number(pin, default):
@@ -126,7 +146,15 @@ def _number(pin, default):
 
 
 class I2C:
+    _HARDWARE = True
+
     def __init__(self, id=0, *, scl=None, sda=None, freq=400000, timeout=50000):
+        if not 0 <= id < _board.i2c_count():
+            raise ValueError("I2C({}) doesn't exist".format(id))
+        if _RP2 and self._HARDWARE:
+            # ports/rp2/machine_i2c.c: SDA on even pins, SCL on odd, the two units in turn.
+            _wanted(scl is None or _number(scl, 1) & 3 == 1 + 2 * id, "SCL")
+            _wanted(sda is None or _number(sda, 0) & 3 == 2 * id, "SDA")
         self._id = id
         self._mem = id << 1
         self._plain = id << 1 | 1
@@ -178,23 +206,42 @@ class I2C:
 
 
 class SoftI2C(I2C):
+    _HARDWARE = False
+
     def __init__(self, scl, sda, *, freq=400000, timeout=50000):
         super().__init__(0, scl=scl, sda=sda, freq=freq)
 
 
 class ADC:
+    """On an ESP32 a fresh one measures to 0.95 V: ATTN_0DB is the default there."""
+
     CORE_TEMP = 4
+    ATTN_0DB = 0
+    ATTN_11DB = 3
 
     def __init__(self, id):
         self._id = id._id if isinstance(id, Pin) else id
+        on_pin = _board.pin_measures(self._id)
+        if not (on_pin or (_RP2 and isinstance(id, int) and 0 <= id <= 4)):
+            raise ValueError("Pin doesn't have ADC capabilities" if _RP2 else "invalid pin")
+        if not _RP2:
+            self._most_uv = 950000
+            self.read_uv = self._uv
+            self.atten = self._set_atten
 
     def read_u16(self):
-        return _adc(self._id)
+        return _adc(self._id) if _RP2 else self._uv() // 100 * 65535 // (self._most_uv // 100)
+
+    def _uv(self):
+        return min(_adc(self._id) * 5035 // 100, self._most_uv)
+
+    def _set_atten(self, atten):
+        self._most_uv = 3100000 if atten == self.ATTN_11DB else 950000
 
 
 class WDT:
     def __init__(self, id=0, timeout=5000):
-        if not 1 <= timeout <= 8388:
+        if _RP2 and not 1 <= timeout <= 8388:
             raise ValueError("timeout exceeds 8388")
         _wdt(1, timeout)
 
@@ -204,6 +251,15 @@ class WDT:
 
 class UART(io.IOBase):
     def __init__(self, id, baudrate=115200, **options):
+        if not 0 <= id < _board.uart_count():
+            raise ValueError("UART({}) doesn't exist".format(id))
+        if _RP2:
+            # ports/rp2/machine_uart.c: TX on every fourth pin, RX behind it, the two units in eights.
+            for what, rest in (("tx", 0), ("rx", 1)):
+                pin = options.get(what)
+                if pin is not None:
+                    number = _number(pin, 0)
+                    _wanted(number & 3 == rest and (number + 4 & 8) >> 3 == id, what.upper())
         self._port = id + 1
         self._timeout = 0
         self.init(baudrate, **options)

@@ -1,0 +1,61 @@
+"""Which board this is, by what MicroPython says of itself, and where its wires go."""
+
+from wire import (
+    BOARD_ESP32,
+    BOARD_ESP32_C3,
+    BOARD_ESP32_S3,
+    BOARD_OTHER,
+    BOARD_PICO,
+    BOARD_PICO_2,
+    BOARD_PICO_2_W,
+    BOARD_PICO_W,
+    BOARD_RP2,
+)
+
+# battery: ADC pin, or -1; battery_factor: supply over ADC voltage; battery_enable: driven high to measure.
+_PICO = {
+    "i2c": 0,
+    "sda": 4,
+    "scl": 5,
+    "uart": 0,
+    "tx": 0,
+    "rx": 1,
+    "battery": 29,
+    "battery_factor": 3,
+    "battery_enable": -1,
+}
+# GPIO25 is the radio's chip select, GPIO29 its clock: VSYS / 3 is on it only while the radio is not selected.
+_PICO_W = dict(_PICO, battery_enable=25)
+_RP2 = dict(_PICO, battery=-1)
+# No divider is on these boards: the battery is where /config.json says.
+_ESP32 = dict(_PICO, sda=21, scl=22, uart=2, tx=17, rx=16, battery=-1, battery_factor=2)
+# GPIO22 to 25 do not exist; 26 to 37 belong to flash and PSRAM, 19 and 20 to USB.
+_ESP32_S3 = dict(_ESP32, sda=8, scl=9, uart=1, tx=17, rx=18)
+# GPIO22 and up do not exist; 11 to 17 belong to flash, 18 and 19 to USB, 20 and 21 to the console.
+_ESP32_C3 = dict(_ESP32, sda=6, scl=7, uart=1, tx=4, rx=5)
+
+# (how the text ends; Board; pins): the first that fits.
+_BOARDS = (
+    ("Raspberry Pi Pico W with RP2040", BOARD_PICO_W, _PICO_W),
+    ("Raspberry Pi Pico 2 W with RP2350", BOARD_PICO_2_W, _PICO_W),
+    ("Raspberry Pi Pico with RP2040", BOARD_PICO, _PICO),
+    ("Raspberry Pi Pico 2 with RP2350", BOARD_PICO_2, _PICO),
+    (" with RP2040", BOARD_RP2, _RP2),
+    (" with RP2350", BOARD_RP2, _RP2),
+    (" with ESP32", BOARD_ESP32, _ESP32),
+    (" with ESP32S3", BOARD_ESP32_S3, _ESP32_S3),
+    (" with ESP32C3", BOARD_ESP32_C3, _ESP32_C3),
+)
+
+WITH_RADIO = (BOARD_PICO_W, BOARD_PICO_2_W)
+"""Boards whose radio shares the battery's pin."""
+
+
+def board_of(machine):
+    """(Board, its pins) for the text of `sys.implementation._machine`."""
+    # "ESP32-S3" in some versions; "RP2350-RISCV" where the other cores run.
+    text = machine.replace("-RISCV", "").replace("-", "")
+    for ending, kind, pins in _BOARDS:
+        if text.endswith(ending):
+            return kind, dict(pins)
+    return BOARD_OTHER, dict(_RP2)

@@ -1,0 +1,177 @@
+"""A node whose power, or whose host, goes away while it is flashed runs what it had or what is new, whole."""
+
+import ast
+import base64
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import hubowire
+from hubodo.cli import main
+from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.slots import MAIN, main_for
+from hubodo.model.motion import StillMotion
+from hubodo.model.virtual_node import VirtualNode
+from hubowire.messages import Hello
+
+TOLD = """
+
+_main = main
+
+
+def main():
+    import sys
+
+    print("builds", sorted({m.BUILD for m in sys.modules.values() if hasattr(m, "BUILD")}))
+    _main()
+"""
+
+
+def firmware(folder, name):
+    """The firmware with `name` in every file; before it runs, the node says whose modules it has loaded."""
+    shutil.copytree(firmware_folder(), folder, ignore=shutil.ignore_patterns("__pycache__"))
+    for path in folder.rglob("*.py"):
+        if path.name != MAIN:
+            more = TOLD if path.name == "node.py" else ""
+            path.write_text(f"{path.read_text()}\nBUILD = {name!r}\n{more}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def firmwares(tmp_path_factory):
+    """Folders of an old and of a new firmware, and the old one's files as a node holds them."""
+    root = tmp_path_factory.mktemp("firmware")
+    old, new = firmware(root / "old", "old"), firmware(root / "new", "new")
+    return old, new, build(old, None)
+
+
+def lay(image, root, slot):
+    """Puts an image onto a board's file system, in a slot or beside main.py."""
+    for name, content in image.items():
+        path = root / ("" if name == MAIN else slot.lstrip("/")) / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(main_for(content, slot) if name == MAIN and slot else content)
+
+
+def apply(change, root):
+    """One line of the journal on a copy of the file system."""
+    path = root / change["path"].lstrip("/")
+    match change["what"]:
+        case "write":
+            path.write_bytes(base64.b64decode(change["base64"]))
+        case "rename":
+            path.replace(root / change["to"].lstrip("/"))
+        case "unlink":
+            path.unlink()
+        case "mkdir":
+            path.mkdir()
+        case "rmdir":
+            path.rmdir()
+
+
+def comes_up_as(flash):
+    """Whose firmware a board with this file system runs after power-on; it must be whole, and say Hello."""
+    node = VirtualNode(
+        StillMotion(),
+        firmware=None,
+        flash=flash,
+        run_for=0.6,
+        clock="stepped",
+        link="memory",
+        own_process=False,
+    )
+    with node:
+        node.wait(60)
+        output, prompts = node.output, node.stats["counts"].get("at_prompt", 0)
+    hellos = [f for f in hubowire.FrameDecoder().feed(output) if f.type_id == Hello.type_id]
+    assert hellos and not prompts, output[-600:]
+    (said,) = re.findall(rb"builds (\[[^\]]*\])", output)
+    return ast.literal_eval(said.decode())
+
+
+def flash(port, new, monkeypatch, capfd, *words):
+    import hubodo.verbs.flash as verb
+
+    monkeypatch.setattr(verb, "firmware_folder", lambda: new)
+    code = main(["flash", str(port), "--json", *words])
+    out, err = capfd.readouterr()
+    assert code == 0, err
+    return json.loads(out.splitlines()[-1])
+
+
+@pytest.mark.parametrize("slot", ["", "/fw_b"])
+def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
+    firmwares, slot, tmp_path, monkeypatch, capfd
+):
+    """What flashing does to the file system, change by change; then the board is switched on."""
+    _, new, image = firmwares
+    before, journal = tmp_path / "before", tmp_path / "journal"
+    lay(image, before, slot)
+    (before / "config.json").write_text('{"node_id": 1}')
+    shutil.copytree(before, tmp_path / "flash")
+    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "flash", flash_journal=journal) as node:
+        found = flash(node.port, new, monkeypatch, capfd, "--node", "right")
+    assert found["node"] == 2
+    changes = [json.loads(line) for line in journal.read_text().splitlines()]
+    switch = next(k for k, c in enumerate(changes) if c.get("to") == f"/{MAIN}")
+    assert any(change["path"] == "/stay_in_repl" for change in changes)
+    ran, tried = [], [*range(0, switch - 3, 5), *range(switch - 3, switch + 3), len(changes) - 1]
+    for k, change in enumerate(changes):
+        apply(change, before)
+        if k in tried:
+            shutil.copytree(before, tmp_path / f"cut{k}")
+            ran.append((k, comes_up_as(tmp_path / f"cut{k}")))
+    print(f"{len(changes)} changes, {len(ran)} of them followed by power-on, the switch is number {switch}")
+    assert [builds for k, builds in ran] == [["old"] if k < switch else ["new"] for k, _ in ran]
+
+    half = tmp_path / f"cut{tried[len(tried) // 2]}"
+    with VirtualNode(StillMotion(), firmware=None, flash=half) as node:
+        flash(node.port, new, monkeypatch, capfd)
+    assert comes_up_as(half) == ["new"]
+
+
+def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp_path, monkeypatch, capfd):
+    _, new, image = firmwares
+    lay(image, tmp_path / "flash", "/fw_a")
+    code = (
+        "import sys; from pathlib import Path; import hubodo.verbs.flash as verb\n"
+        "from hubodo.cli import main\n"
+        f"verb.firmware_folder = lambda: Path({str(new)!r})\nsys.exit(main(['flash', sys.argv[1]]))"
+    )
+    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "flash") as node:
+        host = subprocess.Popen([sys.executable, "-c", code, str(node.port)], start_new_session=True)
+        end = time.monotonic() + 60
+        while len(list((tmp_path / "flash").glob("fw_b/*.mpy"))) < 8 and time.monotonic() < end:
+            time.sleep(0.02)
+        os.killpg(host.pid, signal.SIGKILL)
+        host.wait()
+        node.power_off()
+        shutil.copytree(tmp_path / "flash", tmp_path / "cut")
+    copied = len(list((tmp_path / "cut").glob("fw_b/*.mpy")))
+    assert 8 <= copied < len(image) - 5
+    assert comes_up_as(tmp_path / "cut") == ["old"]
+    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "cut") as node:
+        found = flash(node.port, new, monkeypatch, capfd)
+    assert len(found["copied"]) <= len(image) - copied + 1, "what was there already is not sent again"
+    assert comes_up_as(tmp_path / "cut") == ["new"]
+
+
+def test_a_slot_that_does_not_load_gives_way_to_the_other(firmwares, tmp_path):
+    """A file that this MicroPython does not take, and one that is missing; nothing of that slot stays."""
+    _, new, image = firmwares
+    fresh = build(new, None)
+    for name, content in (("outbox.mpy", b"M\x05\x00\x1f"), ("drivers/lis3mdl.mpy", None)):
+        root = tmp_path / Path(name).stem
+        lay(fresh, root, "/fw_b")
+        lay({key: value for key, value in image.items() if key != MAIN}, root, "/fw_a")
+        path = root / "fw_b" / name
+        path.unlink() if content is None else path.write_bytes(content)
+        assert comes_up_as(root) == ["old"]
