@@ -47,8 +47,9 @@ class Outbox:
         self.dropped = 0
         self.high_water = 0
         self.count = 0
-        self.sent = 0
-        """Bytes of the oldest frame that the link has taken."""
+        self.sent = -START
+        """Bytes of the oldest frame that the link has taken; the first has a zero before it, which ends what a
+        restart has cut off."""
         self._depth = depth
         self._ring = [Slot() for _ in range(depth)]
         self._head = 0
@@ -110,7 +111,7 @@ class Outbox:
     def _drop_oldest(self):
         ring, head = self._ring, self._head
         after = (head + 1) % self._depth
-        if self.sent:
+        if self.sent > 0:
             # Half of the oldest is on the wire already: it stays, the next one goes.
             ring[head], ring[after] = ring[after], ring[head]
         self._head = after

@@ -9,6 +9,7 @@ from wire import (
     FAULT_BUS_STUCK,
     FAULT_IMU_MISSING,
     FAULT_IMU_SILENT,
+    FAULT_POLLED_TOO_FAST,
     FAULT_WRONG_WHO_AM_I,
     IMU_BATCH_MAX_ROWS,
     RESET_CAUSE_BROWN_OUT,
@@ -38,6 +39,8 @@ _FAILURES_BEFORE_RECOVERY = const(3)
 _AGAIN_US = const(2000)
 _PAUSE_US = const(250000)
 _WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
+_GIVEN_UP_MOST = const(16)
+"""Polling that gives up more than one sample in so many is too fast for this board and its bus."""
 _TIMED_OUT = (110, 116)
 """ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
 
@@ -67,6 +70,8 @@ class Parts:
         self._searched = searched
         self._search_ms = self._settings_ms = ticks_ms()
         self._pause_us = self._check_us = self._since_us = ticks_us()
+        self._given_up = 0
+        self._too_fast = False
 
     def find(self):
         """Looks for an IMU and a magnetometer at their addresses."""
@@ -99,9 +104,10 @@ class Parts:
                     odr_hz=_nearest(driver.RATES_HZ, s["rate_hz"]),
                     range_dps=_nearest(driver.RANGES_DPS, s["gyro_range_dps"]),
                     range_g=_nearest(driver.RANGES_G, s["accel_range_g"]),
-                    # Radio commands hold the processor up for longer than a sample.
-                    fifo=s["fifo"] or s["link"] == "udp",
+                    fifo=self._wants_fifo(),
                 )
+                if self.chip.uses_fifo and not self._wants_fifo():
+                    self.faults |= FAULT_POLLED_TOO_FAST
                 self.found.append((address, who_am_i, self.chip.PART))
                 self._judge_reset()
             except OSError:
@@ -109,6 +115,11 @@ class Parts:
                 self.faults |= FAULT_IMU_MISSING
         self._find_mag()
         gc.collect()
+
+    def _wants_fifo(self):
+        """Radio commands hold the processor up for longer than a sample; polling may have been too much for it."""
+        s = self._board.settings
+        return s["fifo"] or s["link"] == "udp" or self._too_fast
 
     def begin(self, lost):
         """Samples the IMU from now on; lost: it should have been sampled in between."""
@@ -212,13 +223,23 @@ class Parts:
     def _check_settings(self, ms):
         """A bit of a setting that turned over would go on changing samples: looked for every second.
 
+        So is whether polling keeps up; what it cannot hold goes through the FIFO from then on.
+
         Best between two polled samples. A chip that became slower is always overdue, and leaves no such time.
         """
         soon = not self.chip.uses_fifo and ticks_diff(self._sampler.due_us, ticks_us()) < _CHECK_US
         if soon and ticks_diff(ms, self._settings_ms) < _POSTPONE_MS:
             return
         self._settings_ms = ticks_add(ms, _SETTINGS_MS)
-        self._revive(False)
+        sampler = self._sampler
+        given_up = sampler.given_up - self._given_up
+        self._given_up = sampler.given_up
+        if given_up * _GIVEN_UP_MOST > self.chip.rate_mhz // 1000:
+            self._too_fast = True
+            self.faults |= FAULT_POLLED_TOO_FAST
+            self._search()
+        else:
+            self._revive(False)
 
     def _watch_imu(self, now):
         """A chip that answers but has no samples is set up again."""

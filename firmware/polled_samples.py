@@ -65,6 +65,7 @@ class PolledSamples:
         if not same and not clock.sure(read.early_us, done, 1):
             # Torn, or without a number. The clock counts it with the next.
             self._gave_up = True
+            sampler.given_up += 1
             sampler.due_us = now
             return
         half_us = clock.period_us >> 1

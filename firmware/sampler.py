@@ -54,8 +54,8 @@ class Sampler:
     def __init__(self, outbox, use):
         self.clock = SampleClock()
         self.chip: Any = None
-        self.missed = 0
-        self.overruns = 0
+        self.missed = self.given_up = self.overruns = 0
+        """given_up: polled samples that were torn, or had no number."""
         self.last_us = ticks_us()
         """When the last sample was seen; since `begin`, when that was."""
         self.due_us = self.last_us

@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0xDDF051AD)
+FINGERPRINT = const(0x30ACB9BA)
 
 DELIMITER = const(0)
 HEADER_FORMAT = "<BBH"
@@ -189,3 +189,4 @@ FAULT_WRONG_WHO_AM_I = const(2)
 FAULT_BUS_STUCK = const(4)
 FAULT_IMU_SILENT = const(8)
 FAULT_LOW_BATTERY = const(16)
+FAULT_POLLED_TOO_FAST = const(32)

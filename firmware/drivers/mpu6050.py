@@ -33,6 +33,7 @@ _GYRO_AND_ACCEL = const(0x78)
 _FIFO_ON = const(0x40)
 _FIFO_RESET = const(0x04)
 _SAMPLE = const(12)
+_FIFO_SIZE = const(1024)
 
 # (public value, what it truly is, divider of 1 kHz minus 1, low-pass code below half the rate)
 _RATES_HZ = (
@@ -163,9 +164,11 @@ class MPU6050:
         """Whole samples that wait in the FIFO; -1 when it has overflowed."""
         count = self._count
         self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
-        if self._read(_INT_STATUS) & _FIFO_OVERFLOW:
+        size = count[0] << 8 | count[1]
+        # The flag can stand only while the FIFO is full, and another transfer would blur when this one looked.
+        if size > _FIFO_SIZE - _SAMPLE and self._read(_INT_STATUS) & _FIFO_OVERFLOW:
             return -1
-        return (count[0] << 8 | count[1]) // _SAMPLE
+        return size // _SAMPLE
 
     def fifo_read_into(self, rows):
         """One burst of len(rows) / 12 whole samples, put into the order of the wire."""
@@ -183,6 +186,8 @@ class MPU6050:
         """Empties the FIFO and starts it again at a whole sample."""
         self._write(_USER_CTRL, _FIFO_RESET)
         self._write(_USER_CTRL, _FIFO_ON)
+        # Reading the flag of an overflow clears it.
+        self._read(_INT_STATUS)
 
     def read_temperature(self):
         """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""

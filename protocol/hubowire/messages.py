@@ -116,6 +116,7 @@ class Fault(IntEnum):
     BUS_STUCK = 4
     IMU_SILENT = 8
     LOW_BATTERY = 16
+    POLLED_TOO_FAST = 32
 
 
 @dataclass(frozen=True, slots=True)

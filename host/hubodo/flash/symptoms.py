@@ -127,6 +127,9 @@ def _samples(heard: Heard, hello: Hello, health: Health | None) -> Finding:
         return wrong("samples", text, remedy)
     if abs(rate / nominal - 1) > RATE_TOLERANCE:
         return wrong("samples", text, "the chip is a clone, or the board's clock is wrong: see 'clock'")
+    if health is not None and health.faults & Fault.POLLED_TOO_FAST:
+        remedy = "harmless: take 'fifo' out of /config.json, or lower 'rate_hz' to 208 or less"
+        return unknown("samples", f"{text}; too fast to be polled, so they come through the FIFO", remedy)
     if health is not None and health.i2c_errors:
         remedy = "shorter wires, stronger pull-ups (4.7 kΩ or 2.2 kΩ); some at start are harmless"
         return unknown("samples", f"{text}, {health.i2c_errors} transfers failed since the start", remedy)
