@@ -9,6 +9,7 @@ from wire import BATCH_FLAG_FIFO_OVERRUN, BATCH_FLAG_GAP_BEFORE
 _LOOK_WIRE_US = const(120)
 """A transfer of two bytes."""
 _TEMPERATURE_US = const(1000000)
+_FIRST_LOOKS = const(64)
 _LOOK_US = const(500)
 """A look that took so much longer than the quickest, and half a period, is repeated."""
 
@@ -37,9 +38,8 @@ class FifoSamples:
         """One look at the FIFO, and a burst when a batch is in it."""
         sampler, chip, look = self._sampler, self._chip, self._look
         if self._begins:
-            # What came while everything was set up is not known by time.
-            chip.fifo_flush()
             self._begins = False
+            self._await_first()
             return
         if self._torn:
             self._torn = False
@@ -69,6 +69,20 @@ class FifoSamples:
         else:
             aim_us = clock.aim_us(1 if clock.wide() else sampler.batch - level)
             sampler.due_us = look.due_us(aim_us)
+
+    def _await_first(self):
+        """What came while everything was set up has no time; the next sample is looked for without pause."""
+        chip, look, clock = self._chip, self._look, self._sampler.clock
+        chip.fifo_flush()
+        for _ in range(_FIRST_LOOKS):
+            begun = ticks_us()
+            level = chip.fifo_level()
+            look.took(begun, begun, ticks_us())
+            if level:
+                break
+            clock.seen(look.early_us, look.late_us, 0)
+        if level > 0 and self._count(begun, level):
+            self.left = level
 
     def _count(self, now, level):
         """Tells the clock what the look showed; False when it was of no use, or the FIFO was emptied."""

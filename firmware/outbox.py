@@ -48,8 +48,8 @@ class Outbox:
         self.high_water = 0
         self.count = 0
         self.sent = -START
-        """Bytes of the oldest frame that the link has taken; the first has a zero before it, which ends what a
-        restart has cut off."""
+        """Bytes of the oldest frame that the link has taken; the first has a zero before it, which ends what
+        a restart has cut off."""
         self._depth = depth
         self._ring = [Slot() for _ in range(depth)]
         self._head = 0

@@ -117,7 +117,7 @@ class Parts:
         gc.collect()
 
     def _wants_fifo(self):
-        """Radio commands hold the processor up for longer than a sample; polling may have been too much for it."""
+        """Radio commands hold the processor up for longer than a sample; polling may have been too much."""
         s = self._board.settings
         return s["fifo"] or s["link"] == "udp" or self._too_fast
 

@@ -165,7 +165,7 @@ class MPU6050:
         count = self._count
         self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
         size = count[0] << 8 | count[1]
-        # The flag can stand only while the FIFO is full, and another transfer would blur when this one looked.
+        # The flag can stand only while the FIFO is full; another transfer would blur when this one looked.
         if size > _FIFO_SIZE - _SAMPLE and self._read(_INT_STATUS) & _FIFO_OVERFLOW:
             return -1
         return size // _SAMPLE

@@ -29,6 +29,7 @@ from hubodo.model.virtual_node import VirtualNode
 from hubowire import messages as m
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import estimator_times
 from chip_run import STARTED, run_chip
 
 SETTINGS = {
@@ -116,14 +117,17 @@ def main(argv=None):
         status.update(f"{len(args.settings)} runs of {args.seconds:g} emulated seconds")
         with ThreadPoolExecutor(AT_ONCE) as pool:
             runs = list(pool.map(one, args.settings))
+        times = estimator_times.estimator_times(firmware, Path(scratch), pico)
     if args.json:
-        print(json.dumps([dataclasses.asdict(run) for run in runs], indent=1))
+        rows = {"runs": runs, "estimators": times}
+        print(json.dumps({name: list(map(dataclasses.asdict, of)) for name, of in rows.items()}, indent=1))
         return 0
     console = Console(width=max(Console().width, 150))
     console.print(table(runs, f"{image.firmware.stem}, {args.miss} cycles a miss, seed {args.seed}"))
     console.print(
         f"flashed in {took:.0f} s; emulated at {min(r.speed for r in runs):.2f} of real time or more"
     )
+    console.print(estimator_times.table(times))
     if args.profile:
         for run in runs:
             console.print(functions(run))

@@ -5,6 +5,7 @@ import pytest
 from chip_run import FIFO_SAMPLES, run_chip
 
 from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.slots import MAIN, SLOTS, main_for
 from hubodo.model.chips.faults import BrownOut, Nack, Stall, StuckBus
 from hubodo.model.virtual_node import VirtualNode
 from hubowire import FrameDecoder, decode
@@ -30,10 +31,12 @@ HELLO_S = 0.7
 
 
 def armv6m(folder):
-    """The firmware as `hubodo flash` compiles it for a Pico."""
+    """The firmware as `hubodo flash` compiles it for a Pico, and where it lays it."""
+    slot = SLOTS[0]
     for name, content in build(firmware_folder(), "armv6m").items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_bytes(content)
+        place = folder / (name if name == MAIN else f"{slot[1:]}/{name}")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(main_for(content, slot) if name == MAIN else content)
     return folder
 
 

@@ -32,7 +32,8 @@ def test_a_slow_link_costs_the_oldest_frames_and_neither_samples_nor_time(port, 
     told = of(sent, m.Health)
     assert len(told) >= 1 and stats["resets"] == []
     assert (told[-1].samples_missed, told[-1].fifo_overruns, told[-1].faults) == (0, 0, 0)
-    assert max(health.worst_loop_us for health in told) < LONGEST_US
+    # In the first turn of all the first sample is waited for.
+    assert max(health.worst_loop_us for health in told[1:]) < LONGEST_US
     too_much = (port, link, rate) != ("esp32", "usb", 416)
     at = max(i for i, (_, message) in enumerate(sent) if message is told[-1])
     assert 0 <= all_lost(sent[: at + 1]) - told[-1].frames_dropped <= 24, "those that went while it waited"

@@ -28,6 +28,7 @@ NATIVE = frozenset(
     {
         *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
         *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
+        *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
         *("drivers/lsm6ds33.py", "drivers/mpu6050.py", "drivers/lis3mdl.py"),
     }
 )
