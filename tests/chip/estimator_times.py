@@ -1,4 +1,4 @@
-"""What the estimators of a node take of an emulated Pico's time, beside the time that Shah et al. state for theirs."""
+"""What a node's estimators take of an emulated Pico's time, beside the time that Shah et al. give."""
 
 import re
 from dataclasses import dataclass
@@ -69,7 +69,7 @@ class EstimatorTime:
 
 
 def estimator_times(firmware: Path, scratch: Path, pico: dict[str, object]) -> list[EstimatorTime]:
-    """Measured by the board's own clock. firmware: as it is flashed. Raises RuntimeError when it fails there."""
+    """Measured by the board's own clock. firmware: as it is flashed. Raises RuntimeError: it failed."""
     folder = scratch / "estimators"
     copytree(firmware, folder)
     (folder / "main.py").write_text(_place(folder) + PROGRAM)

@@ -65,7 +65,7 @@ def test_a_sound_board_is_ok_in_every_check_and_runs_on(flashed, tmp_path, capfd
         assert {verdict for verdict, _, _ in found.values()} == {"ok"} and code == 0, list(found.values())
         assert "Raspberry Pi Pico W" in found["MicroPython"][1]
         assert "0x6B answers 0x69: LSM6DS33" in found["wires"][1] and "GPIO4" in found["wires"][1]
-        assert re.search(r"20[78]\.\d Hz of 208 Hz, \d+ samples, 0 lost", found["samples"][1])
+        assert re.search(r"41[5-7]\.\d Hz of 416 Hz, \d+ samples, 0 lost", found["samples"][1])
         assert "gravity 9.8" in found["rest"][1]
         code, found = doctor(capfd, node.port)
     assert code == 0, "it runs on"
@@ -119,7 +119,7 @@ NODES = {
     "lost samples": (
         {"faults": [MissedSamples(t, 9) for t in (2.5, 3.0, 3.5, 4.0)]},
         "samples",
-        r"Hz of 208 Hz, \d+ samples, \d\d lost",
+        r"Hz of 416 Hz, \d+ samples, \d\d lost",
     ),
     "half of gravity": ({"motion": StillMotion(force=(0, 0, 4.9))}, "rest", r"gravity 4\.9"),
     "gyro that turns at rest": ({"motion": StillMotion(rate=(0, 0, 0.9))}, "rest", r"\+51\.\d+ deg/s"),

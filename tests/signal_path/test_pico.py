@@ -9,6 +9,7 @@ from recorded import judge, recorder
 from hubodo.cli import main
 from hubodo.demo.ride import write_image
 from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.slots import MAIN, SLOTS, main_for
 from hubodo.log.mcap import read_recording
 from hubodo.model.motion import StillMotion
 from hubodo.model.virtual_node import VirtualNode
@@ -52,7 +53,10 @@ def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
         assert code == 0, err
         assert set(json.loads(out)["copied"]) == {*image, "config.json"}
         assert json.loads(out)["serial"] == "e6614103e7452d2f"
+        slot = SLOTS[0]
         for name, content in image.items():
-            assert (board.flash / name).read_bytes() == content
+            held = content if name != MAIN else main_for(content, slot)
+            place = name if name == MAIN else f"{slot[1:]}/{name}"
+            assert (board.flash / place).read_bytes() == held
         assert [why for _, why in board.stats["resets"]] == ["machine.reset"]
     assert json.loads(out)["node"] == 2

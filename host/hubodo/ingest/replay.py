@@ -147,6 +147,7 @@ class _Maker:
             0,
             _MAX_BATCH,
             0,
+            min(65534, math.ceil(1e6 * self._time_error())),
         )
         self.quantisation = Quantisation(
             name, node_id, gyro_step, accel_step, self._time_error(), "temperature" in table

@@ -12,15 +12,30 @@ _wait_input = _board.wait_input
 
 
 class poll:
-    """Standard input is what can be waited for."""
+    """Its own waiting is for standard input alone; for anything else MicroPython waits."""
 
     def __init__(self):
         self._poll = _Poll()
+        self._input_alone = True
 
     def register(self, stream, flags=POLLIN | POLLOUT):
         self._poll.register(stream, flags)
+        self._input_alone = self._input_alone and flags == POLLIN
+
+    def unregister(self, stream):
+        self._poll.unregister(stream)
+
+    def modify(self, stream, flags):
+        self._poll.modify(stream, flags)
+
+    def poll(self, timeout=-1):
+        return self._poll.poll(self._left(timeout))
 
     def ipoll(self, timeout=-1, flags=0):
-        if timeout:
+        return self._poll.ipoll(self._left(timeout), flags)
+
+    def _left(self, timeout):
+        if timeout and self._input_alone:
             _wait_input(timeout)
-        return self._poll.ipoll(0, flags)
+            return 0
+        return timeout
