@@ -59,7 +59,7 @@ def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_
     t = truth.t[found[:, 0].astype(int)]
     assert t[-1] > truth.t[-1] - 0.3, "the newest came"
     at = max(i for i, (_, message) in enumerate(sent) if message is told[-1])
-    # One frame at most is cut where the driver's wait ran out, and takes the next along when its end is missing.
+    # One frame at most is cut where the driver waited too long; without its end it takes the next along.
     assert decoder.damage.frames <= 1
     assert 0 <= all_lost(sent[: at + 1]) - told[-1].frames_dropped <= 2
     assert told[-1].frames_dropped > 26 * (STALL_S - 5)
