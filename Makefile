@@ -18,8 +18,8 @@ test: setup          ## everything that can be proven without hardware; what wai
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
 
-chip: setup          ## the firmware on an emulated Pico: losses, processor, heap and time stamps of each configuration
-	$(BIN)/python tests/chip/chip.py
+chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; some three minutes
+	$(BIN)/python tests/chip/chip.py --seconds 60
 
 bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_decoder.py

@@ -87,6 +87,8 @@ class Node:
             self.link.send(self.outbox)
         if self.link.receive():
             self.commands.handle(self.link.reader, ticks_us())
+            # At once: what an answer waits here, the host takes for the way.
+            self.link.send(self.outbox)
         ms = ticks_ms()
         if ticks_diff(ms, self._look_ms) >= 0:
             self._look_ms = ticks_add(ms, _LOOK_MS)

@@ -1,4 +1,4 @@
-"""What all tests share: one hypothesis profile, importable helpers, and which of them run alone."""
+"""What all tests share: one hypothesis profile, importable helpers, and which of them wait for the clock."""
 
 import sys
 from pathlib import Path
@@ -7,9 +7,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
-# These wait for ports, processes or the clock: beside others that keep the machine busy they would be late.
+# These wait for ports, processes or the clock: beside others that keep the machine busy they would be late,
+# beside each other hardly, since they mostly wait.
 REAL_TIME = (
-    "firmware/test_firmware_budget.py",
     "signal_path",
     "host/flash",
     "host/ingest",
