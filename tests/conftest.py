@@ -7,10 +7,13 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
-# These wait for ports, processes or the clock: beside others that keep the machine busy they would be late,
-# beside each other hardly, since they mostly wait.
+# These wait for ports, processes or the clock: beside others that keep the machine busy they would be late.
 REAL_TIME = (
-    "signal_path",
+    "signal_path/test_hidden_effect.py",
+    "signal_path/test_links.py",
+    "signal_path/test_pico.py",
+    "signal_path/test_stalled_host.py",
+    "signal_path/test_wheelchair_ride.py",
     "host/flash",
     "host/ingest",
     "host/model/test_emulated_pico_link.py",

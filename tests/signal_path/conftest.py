@@ -9,9 +9,17 @@ from wheelchair_ride import drive
 from shared_data import where
 
 
+def wanted(request, name):
+    """Whether tests of that file are run at all."""
+    return any(item.path.name == name for item in request.session.items)
+
+
 @pytest.fixture(scope="session", autouse=True)
-def hidden_ride(tmp_path_factory):
-    """(process, its folder)"""
+def hidden_ride(request, tmp_path_factory):
+    """(process, its folder); None where nobody asks for it."""
+    if not wanted(request, "test_hidden_effect.py"):
+        yield None
+        return
     folder = tmp_path_factory.mktemp("hidden")
     process = begin(folder)
     yield process, folder
@@ -20,8 +28,11 @@ def hidden_ride(tmp_path_factory):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def wheelchair_ride(tmp_path_factory):
-    """The future of the ride; none where the recording is not on this machine."""
+def wheelchair_ride(request, tmp_path_factory):
+    """The future of the ride; None where the recording is not on this machine, or nobody asks for it."""
     data = where("wheelchair")
+    if not wanted(request, "test_wheelchair_ride.py"):
+        yield None
+        return
     with ThreadPoolExecutor(1) as pool:
         yield pool.submit(drive, data, tmp_path_factory.mktemp("ride")) if data.is_dir() else None
