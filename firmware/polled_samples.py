@@ -8,7 +8,6 @@ from micropython import const
 from outbox import FIRST_ROW, ROW
 from wire import BATCH_FLAG_GAP_BEFORE
 
-_ROW = const(6)
 _LOOK_WIRE_US = const(97)
 _READ_WIRE_US = const(430)
 """Transfers of one byte, and of fifteen or sixteen."""
@@ -30,7 +29,7 @@ class PolledSamples:
         self._begins = True
         self._gave_up = False
         """Whether a sample was read that the clock has not been told of."""
-        self._spare = array("h", bytes(2 * _ROW))
+        self._spare = array("h", bytes(2 * ROW))
 
     def begin(self, now, resume):
         """Samples count from the first look without one; what was lost before is counted in any case."""
@@ -106,10 +105,10 @@ class PolledSamples:
         sampler, spare = self._sampler, self._spare
         sampler.missed += skipped
         values, at = sampler.slot.values, FIRST_ROW + ROW * sampler.count
-        for i in range(_ROW):
+        for i in range(ROW):
             spare[i] = values[at + i]
         sampler.flush()
         sampler.flags |= BATCH_FLAG_GAP_BEFORE
         values = sampler.slot.values
-        for i in range(_ROW):
+        for i in range(ROW):
             values[FIRST_ROW + i] = spare[i]

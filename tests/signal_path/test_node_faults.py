@@ -157,8 +157,7 @@ def test_samples_that_the_chip_did_not_take_are_a_gap(rate, n):
     assert jump.sum() == missed == pytest.approx(n + given_up, abs=1)
     assert given_up <= (0 if rate == 208 else 40)
     silent = any(h.faults & m.Fault.IMU_SILENT for h in of(sent, m.Health))
-    # A report a second sees silence of two seconds, half of one by chance, and less than a tenth never.
-    assert silent == (n == 400) or n in (104, 830)
+    assert silent == (n >= 104), "the report 0.2 s later sees a silence of half a second, not one of 10 ms"
     assert last_health(sent).faults == 0
     assert truth.t[k[-1]] > 4.9
 
