@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hubodo.cli import main
 from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 
 WHEELCHAIR = """[vehicle]
 wheel_radius = 0.31

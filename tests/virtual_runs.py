@@ -7,15 +7,10 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.model.board.interpreter import (
-    InterpreterMissing,
-    find_micropython,
-    find_node,
-    find_rp2040js,
-)
-from hubodo.model.board.rp2040.image import ImageMissing, find_image
-from hubodo.model.motion import RecordedMotion
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
+from hubodo.emulator.board.rp2040.image import ImageMissing, find_image
+from hubodo.emulator.motion import RecordedMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"

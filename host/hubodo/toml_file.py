@@ -1,11 +1,20 @@
-"""Writing TOML: keys, texts and numbers that read back as they were; a file that is whole or not there."""
+"""TOML files: read to dataclasses with every key accounted for, written whole or not at all."""
 
+from __future__ import annotations
+
+import difflib
 import os
 import re
 import tempfile
+import tomllib
+from collections.abc import Iterable
+from dataclasses import MISSING, fields
 from pathlib import Path
+from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from hubodo.errors import InputError
+from hubodo.errors import ConfigError, InputError
+
+_T = TypeVar("_T")
 
 
 def toml_key(name: str) -> str:
@@ -41,3 +50,81 @@ def write_whole(path: Path, text: str) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+
+
+def read_table(table: object, shape: type[_T], where: str) -> _T:
+    """A TOML table as a frozen dataclass of str, int, float, bool, Literal of texts and lists of str.
+
+    where: file and table, for the error. Raises ConfigError when a key is unknown (with the nearest
+    known one), missing, or its value has another type.
+    """
+    entries = as_table(table, where)
+    hints = get_type_hints(shape)
+    items = fields(cast(Any, shape))
+    only_keys(entries, [item.name for item in items], where)
+    values: dict[str, Any] = {}
+    for item in items:
+        if item.name in entries:
+            values[item.name] = _value(entries[item.name], hints[item.name], f"{where} {item.name}")
+        elif item.default is MISSING and item.default_factory is MISSING:
+            raise ConfigError(f"{where}: {item.name} is missing; add it")
+    return shape(**values)
+
+
+def _value(value: object, hint: Any, where: str) -> Any:
+    if hint == tuple[str, ...]:
+        if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
+            return tuple(value)
+        raise ConfigError(f"{where} = {value!r}: must be a list of texts")
+    if get_origin(hint) is Literal:
+        if value in get_args(hint):
+            return value
+        raise ConfigError(
+            f"{where} = {value!r}: write {' or '.join(get_args(hint))}{near(str(value), get_args(hint))}"
+        )
+    text = str(hint)
+    if isinstance(value, bool) or hint is bool:
+        if isinstance(value, bool) and "bool" in text:
+            return value
+    elif isinstance(value, int | float) and "float" in text:
+        return float(value)
+    elif (isinstance(value, int) and "int" in text) or (isinstance(value, str) and "str" in text):
+        return value
+    names = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
+    wanted = next(words for name, words in names.items() if name in text)
+    raise ConfigError(f"{where} = {value!r}: must be {wanted}")
+
+
+def load_toml(path: Path) -> dict[str, Any]:
+    """A TOML document. Raises ConfigError: no such file, not readable, not TOML."""
+    try:
+        return tomllib.loads(path.read_text("utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; check the path") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(
+            f"{path}: cannot be read ({error}); check the path and that it is UTF-8 text"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
+
+
+def as_table(value: object, where: str) -> dict[str, Any]:
+    """The value itself; raises ConfigError when it is no table. where: file and table, for the error."""
+    if isinstance(value, dict):
+        return value
+    raise ConfigError(f"{where} = {value!r}: must be a table")
+
+
+def only_keys(table: object, known: Iterable[str], where: str) -> None:
+    """Raises ConfigError at the first key that is not known, with the nearest one that is."""
+    names = list(known)
+    for key in as_table(table, where):
+        if key not in names:
+            raise ConfigError(f"{where}: unknown key {key!r}{near(key, names)}; known are {', '.join(names)}")
+
+
+def near(word: str, known: Iterable[str]) -> str:
+    """ ", did you mean ...?" for an error about a word that is not known; "" where none is like it."""
+    close = difflib.get_close_matches(word, list(known), 1, 0.5)
+    return f", did you mean {close[0]!r}?" if close else ""

@@ -16,7 +16,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.noise import gyro_noise
-from hubodo.sensors.allan_report import characterise
+from hubodo.sensors.allan.characterise import characterise
 
 DT, SAMPLES = 0.01, 1 << 20
 CLAIMS = {"N": 0.05, "K": 0.05, "B": 0.20}

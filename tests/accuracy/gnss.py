@@ -25,11 +25,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives, wheel_drives
-from hubodo.fuse.graph import Fixes, GraphConfig, OdometryPath, fuse_graph
-from hubodo.fuse.wheel_config import WheelConfig, WheelNode
-from hubodo.fuse.wheel_track import run
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, OdometryPath, fuse_graph
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.track import run
 from hubodo.fuse.wheels import graph_constants
-from hubodo.log.recording import Table
+from hubodo.recording import Table
 
 SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
 ORIGIN = (47.37, 8.54)

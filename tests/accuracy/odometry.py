@@ -23,10 +23,10 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import numpy as np
 
 from generators import wheel_drives
-from hubodo.fuse.wheel_config import WheelConfig, WheelNode
-from hubodo.fuse.wheel_track import run
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.recording import Table
+from hubodo.recording import Table
 
 REST = 7.0
 NAMES = {"one node, left": ("left",), "one node, right": ("right",), "two nodes": ("left", "right")}

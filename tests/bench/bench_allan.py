@@ -39,7 +39,7 @@ def peak_mib(who, count):
 def main(argv=None):
     import allantools
 
-    from hubodo.sensors.allan import allan_deviation
+    from hubodo.sensors.allan.deviation import allan_deviation
 
     arguments = sys.argv[1:] if argv is None else argv
     count = int(arguments[0]) if arguments else 10_000_000

@@ -26,7 +26,7 @@ sys.path[:0] = [str(ROOT / part) for part in ("host", "protocol", "tests/protoco
 from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
 from wire_strategies import dirty  # noqa: E402
 
-from hubodo.ingest.bulk import BulkDecoder, imu_samples  # noqa: E402
+from hubodo.ingest.node.bulk import BulkDecoder, imu_samples  # noqa: E402
 from hubowire import Frame, FrameDecoder, decode, encode, encode_frame  # noqa: E402
 from hubowire.messages import ImuBatch  # noqa: E402
 

@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives
-from hubodo.fuse.graph import Fixes, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
 from hubodo.fuse.projection import local_frame
 
 SEED, SIGMA = 54, 5.0

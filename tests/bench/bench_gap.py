@@ -20,13 +20,13 @@ import numpy as np
 
 from gap_matrix import cases, recording, sensor
 from gap_matrix.dose import MEDIUM, Meter
+from hubodo.effects import BY_NAME
 from hubodo.gap.problem import build
 from hubodo.gap.search import initial_state
 from hubodo.gap.state import predict
 from hubodo.gap.terms import ALL, Term
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
-from hubodo.model.effects import BY_NAME
 from hubodo.model.model_file import read_model
 
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"

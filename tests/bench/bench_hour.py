@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives, wheel_drives
 from hubodo.log.convert import write_recording
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 
 SEED, SIGMA, LIMIT, RUNS = 71, 5.0, 6.0, 5
 VEHICLE = """

@@ -23,9 +23,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.cli import main as hubodo
-from hubodo.model.board.rp2040.image import ImageMissing, find_image, usual_folder
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.board.rp2040.image import ImageMissing, find_image, usual_folder
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hubodo.model.board.rp2040.image import find_image
-from hubodo.model.chips.lsm6ds33 import FIFO_DATA_L, FIFO_WORDS
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.board.rp2040.image import find_image
+from hubodo.emulator.chips.lsm6ds33 import FIFO_DATA_L, FIFO_WORDS
+from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
 from virtual_runs import matched, of, unique_motion

@@ -7,8 +7,8 @@ from shutil import copytree
 
 from rich.table import Table
 
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 
 SECONDS = 4.0
 # Table I of the paper, ms: an update of one axis, on a board that it does not name there.

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from chip_run import FIFO_SAMPLES, run_chip
 
+from hubodo.emulator.chips.faults import BrownOut, Nack, Stall, StuckBus
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for
-from hubodo.model.chips.faults import BrownOut, Nack, Stall, StuckBus
-from hubodo.model.virtual_node import VirtualNode
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
 from virtual_runs import matched, of, pico_or_skip, unique_motion

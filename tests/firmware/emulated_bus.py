@@ -4,7 +4,7 @@ import random
 import time
 
 from fakes.fake_port import PORT_TICKS
-from hubodo.model.board.bus import I2cBus
+from hubodo.emulator.board.bus import I2cBus
 
 
 class EmulatedBus:

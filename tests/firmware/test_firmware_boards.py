@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.model.board.models import MODELS
-from hubodo.model.chips.faults import BrownOut, Reset
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.board.models import MODELS
+from hubodo.emulator.chips.faults import BrownOut, Reset
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, request, run
 

@@ -4,8 +4,8 @@ import inspect
 
 import settings
 
-from hubodo.config import RecordConfig
-from hubodo.ingest.link import Link
+from hubodo.ingest.link.link import Link
+from hubodo.ingest.live.record_config import RecordConfig
 from hubowire import budget
 
 

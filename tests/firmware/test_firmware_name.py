@@ -5,7 +5,7 @@ import random
 import pytest
 from name import answer, is_address, question
 
-from hubodo.model.board.network import Air
+from hubodo.emulator.board.network import Air
 
 AIR = Air(names=((0.0, "laptop.lan", "192.168.1.77"),))
 

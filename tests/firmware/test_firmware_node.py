@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import hubowire
+from hubodo.calibration.apply import Correction
+from hubodo.calibration.file import Effect, NodeCalibration, Quantity
+from hubodo.emulator.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
+from hubodo.emulator.motion import RecordedMotion, StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.node_settings import merged
-from hubodo.model.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
-from hubodo.model.motion import RecordedMotion, StillMotion
-from hubodo.model.virtual_node import VirtualNode
-from hubodo.sensors.apply import Correction
-from hubodo.sensors.calibration import Effect, NodeCalibration, Quantity
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, PERIOD, matched, micropython_or_skip, of, request, run, unique_motion
 

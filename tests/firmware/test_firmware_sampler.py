@@ -21,9 +21,9 @@ from small_int import SmallInt
 import hubowire
 from fakes import fake_port
 from fakes.fake_port import PORT_TICKS
-from hubodo.model.chips.imu import Part
-from hubodo.model.chips.lsm6ds33 import Lsm6ds33
-from hubodo.model.chips.mpu6050 import Mpu6050
+from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
+from hubodo.emulator.chips.mpu6050 import Mpu6050
 from hubowire import messages as m
 from virtual_runs import matched, unique_motion
 

@@ -6,8 +6,8 @@ import types
 import pytest
 
 from fakes.fake_port import PORT_TICKS
-from hubodo.model.board.network import REFUSED, Air
-from hubodo.model.board.network import Station as PortStation
+from hubodo.emulator.board.network import REFUSED, Air
+from hubodo.emulator.board.network import Station as PortStation
 
 CONNECTING = {"rp2": 1, "esp32": 1001}
 JOIN_S = 2.5

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.model.board.network import Air
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.board.network import Air
+from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
 

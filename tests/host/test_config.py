@@ -2,8 +2,9 @@
 
 import pytest
 
-from hubodo.config import RecordConfig, Vehicle, load_record_config, load_vehicle
 from hubodo.errors import ConfigError
+from hubodo.ingest.live.record_config import RecordConfig, load_record_config
+from hubodo.vehicle import Vehicle, load_vehicle
 
 VEHICLE = """
 [vehicle]

@@ -13,7 +13,7 @@ from generators.fake_drive import VEHICLE_TOML
 from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.log.convert import write_recording
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 
 SEED = 21
 REST = (6.0, 0.0, 0.0)

@@ -16,11 +16,11 @@ from fakes.fake_node import FakeNode
 from fakes.fake_receiver import FakeReceiver
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import geodetic
-from hubodo.fuse.wheel_step import Pose
-from hubodo.fuse.zero_velocity import Stillness
-from hubodo.ingest.localizer import FixSample, Localizer
-from hubodo.ingest.localizer_process import LocalizerProcess
-from hubodo.ingest.playback import Playback, as_messages, recorded_messages
+from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.zero_velocity import Stillness
+from hubodo.ingest.live.localizer import FixSample, Localizer
+from hubodo.ingest.live.localizer_process import LocalizerProcess
+from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
 from hubodo.log.mcap import open_log, read_recording
 

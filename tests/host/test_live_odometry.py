@@ -14,14 +14,7 @@ import pytest
 from fakes.fake_node import FakeNode
 from generators.fake_drive import RADIUS, TRACK, VEHICLE_TOML, raw_rows, short_drive
 from generators.wheel_drives import GYRO_STEP
-from hubodo.config import NodeMount, RecordConfig, Vehicle
-from hubodo.errors import CalibrationError, InputError
-from hubodo.ingest.daemon import record
-from hubodo.ingest.latency import Latency
-from hubodo.ingest.odometer import Block, Odometer
-from hubodo.ingest.playback import Playback, as_messages, recorded_messages
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.sensors.calibration import (
+from hubodo.calibration.file import (
     Calibration,
     Effect,
     NodeCalibration,
@@ -29,6 +22,14 @@ from hubodo.sensors.calibration import (
     calibration_toml,
     parse_calibration,
 )
+from hubodo.errors import CalibrationError, InputError
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.latency import Latency
+from hubodo.ingest.live.odometer import Block, Odometer
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.vehicle import NodeMount, Vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = 5

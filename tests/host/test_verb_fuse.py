@@ -8,7 +8,7 @@ import pytest
 
 from hubodo.cli import main
 from hubodo.log.convert import write_recording
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 
 VEHICLE = """
 [vehicle]

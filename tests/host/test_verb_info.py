@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hubodo.cli import main
-from hubodo.log.recording import Event
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 
 PERIOD_NS = 4_800_000
 T0 = 1_700_000_000_000_000_000

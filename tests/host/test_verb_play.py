@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from fakes.fake_node import FakeNode
-from hubodo.config import RecordConfig
-from hubodo.ingest.daemon import record
-from hubodo.ingest.pty_player import PtyPlayer
-from hubodo.ingest.replay import made_frames, raw_links, recorded_frames
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.replay.pty_player import PtyPlayer
+from hubodo.ingest.replay.replay import made_frames, raw_links, recorded_frames
 from hubodo.log.convert import write_recording
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 from hubowire.messages import Ack, Nack, TimeReply
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -23,13 +23,14 @@ import serial
 from rich.console import Console
 
 from fakes.fake_node import FakeNode, sample
-from hubodo.config import NodeMount, RecordConfig, Vehicle
 from hubodo.errors import InputError, WireMismatch
-from hubodo.ingest.daemon import record
-from hubodo.ingest.link import Chunk, LinkUp
-from hubodo.ingest.station import Station
-from hubodo.ingest.status import View
+from hubodo.ingest.link.link import Chunk, LinkUp
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.station import Station
+from hubodo.ingest.live.status import View
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.vehicle import NodeMount, Vehicle
 from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest

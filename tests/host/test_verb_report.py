@@ -9,17 +9,11 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from generators.fake_drive import VEHICLE_TOML, short_drive
+from hubodo.calibration.file import Calibration, Effect, NodeCalibration, Quantity, calibration_toml
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
-from hubodo.log.recording import Event, Recording, Table
-from hubodo.sensors.calibration import (
-    Calibration,
-    Effect,
-    NodeCalibration,
-    Quantity,
-    calibration_toml,
-)
+from hubodo.recording import Event, Recording, Table
 from hubodo.verbs import VERBS
 from hubodo.verbs.report import add_arguments, run
 

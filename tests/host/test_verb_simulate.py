@@ -13,9 +13,9 @@ from hubodo.cli import main
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording, Table
 from hubodo.model.bench import Handled, Programme
 from hubodo.model.inputs import EARTH_RATE, Earth
+from hubodo.recording import Recording, Table
 
 G = 9.80665
 MODEL = """

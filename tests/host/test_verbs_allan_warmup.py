@@ -9,10 +9,10 @@ import pytest
 
 from generators import start_gyro as start
 from generators.noise import gyro_noise
+from hubodo.calibration.file import read_calibration
 from hubodo.cli import main
 from hubodo.log.csv_folder import write_folder
-from hubodo.log.recording import Recording, Table
-from hubodo.sensors.calibration import read_calibration
+from hubodo.recording import Recording, Table
 
 DEG = np.pi / 180.0
 SEED = 8

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from generators.poses import Errors
 from hubodo.errors import CalibrationError
-from hubodo.sensors.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.scalar_calibration import scalar_calibration
 
 TRUTH = Errors(
     (2e-4, 2e-4, 2e-4),

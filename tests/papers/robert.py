@@ -20,13 +20,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
-from hubodo.sensors.north import find_north, horizontal_rate
-from hubodo.sensors.north_advice import best_programme, ergodicity, time_for, white_azimuth_bound
-from hubodo.sensors.north_circle import fuse, wrap
-from hubodo.sensors.north_drift import Drift
-from hubodo.sensors.north_filters import FILTERS, opposite_pairs
-from hubodo.sensors.north_stops import Table
-from hubodo.sensors.north_table import SimulatedTable, seek_east, simulate_stops
+from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
+from hubodo.sensors.north.circle import fuse, wrap
+from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.filters import FILTERS, opposite_pairs
+from hubodo.sensors.north.find import find_north, horizontal_rate
+from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
 
 LATITUDE = np.radians(32.7574)
 DT, TURN, SETTLE = 0.1, 2.0, 1.5

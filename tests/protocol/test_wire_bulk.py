@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_strategies import dirty, drive, message, message_frames, portions
 
-from hubodo.ingest import bulk
-from hubodo.ingest.bulk import BulkDecoder, FrameGroup, fixed_fields, imu_samples
+from hubodo.ingest.node import bulk
+from hubodo.ingest.node.bulk import BulkDecoder, FrameGroup, fixed_fields, imu_samples
 from hubowire import Frame, FrameDecoder, PayloadError, decode, encode, encode_frame
 from hubowire.messages import Filter, Hello, ImuBatch, Mag
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from wire_strategies import dirty, drive
 
-from hubodo.ingest.bulk import BulkDecoder, imu_samples
+from hubodo.ingest.node.bulk import BulkDecoder, imu_samples
 from hubowire import Damage, FrameDecoder, PayloadError, decode
 
 TOTAL = 10_000_000

@@ -21,12 +21,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.fake_drive import RADIUS, TRACK, short_drive
-from hubodo.config import NodeMount, Vehicle
-from hubodo.ingest.playback import Playback, as_messages
+from hubodo.calibration.file import Calibration, Effect, NodeCalibration, Quantity
+from hubodo.ingest.replay.playback import Playback, as_messages
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.recording import Recording, Table
-from hubodo.sensors.calibration import Calibration, Effect, NodeCalibration, Quantity
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import NodeMount, Vehicle
 from shared_data import shared_data
 
 REFERENCES = Path(__file__).with_name("references.json")

@@ -12,12 +12,12 @@ import pytest
 import serial
 
 from hubodo.cli import main
+from hubodo.emulator.chips.faults import BrownOut, MissedSamples, Nack
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.finding import CHECKS
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, main_for
-from hubodo.model.chips.faults import BrownOut, MissedSamples, Nack
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
 from virtual_runs import FIRMWARE, micropython_or_skip, unique_motion
 
 

@@ -7,10 +7,10 @@ import termios
 import pytest
 
 from hubodo.cli import main
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import main_for
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
 
 
 @pytest.fixture(scope="module")

@@ -16,10 +16,10 @@ import pytest
 
 import hubowire
 from hubodo.cli import main
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, main_for
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
 from hubowire.messages import Hello
 
 TOLD = """

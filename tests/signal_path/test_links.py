@@ -4,8 +4,8 @@ import socket
 
 from recorded import judge, logged, recorder
 
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.mcap import open_log
-from hubodo.model.virtual_node import VirtualNode
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, micropython_or_skip, of, unique_motion
 

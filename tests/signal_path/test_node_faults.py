@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.model.chips.faults import BitFlip, BrownOut, MissedSamples, Nack, Stall, StuckBus, WrongWhoAmI
+from hubodo.emulator.chips.faults import BitFlip, BrownOut, MissedSamples, Nack, Stall, StuckBus, WrongWhoAmI
 from hubowire import messages as m
 from virtual_runs import all_lost, matched, of, run
 

@@ -8,11 +8,11 @@ from recorded import judge, recorder
 
 from hubodo.cli import main
 from hubodo.demo.ride import write_image
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for
 from hubodo.log.mcap import read_recording
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
 from virtual_runs import pico_or_skip, unique_motion
 
 PACE = 2

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hubodo.emulator.chips.sampling import Truth
+from hubodo.emulator.motion import RecordedMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
-from hubodo.model.chips.sampling import Truth
-from hubodo.model.motion import RecordedMotion
-from hubodo.model.virtual_node import VirtualNode
 
 WHEELS = {"left": 1, "right": 2}
 ODR_ERROR = {"left": 0.031, "right": -0.017}

@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hubodo.fuse.track import Track
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 from hubodo.report.page import COLOURS, Grid, Section, figure, page
 
 _MOST_POINTS = 4000

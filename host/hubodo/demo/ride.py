@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
+from hubodo.emulator.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
+from hubodo.emulator.board.rp2040.image import find_image
+from hubodo.emulator.node_motion import NodeMotion, Scatter
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
-from hubodo.model.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
-from hubodo.model.board.rp2040.image import find_image
-from hubodo.model.node_motion import NodeMotion, Scatter
-from hubodo.model.virtual_node import VirtualNode
 from hubowire.messages import NODE_IDS
 
 Interpreter = Literal["micropython", "cpython", "rp2040"]

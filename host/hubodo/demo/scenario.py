@@ -5,18 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.config import NodeMount
 from hubodo.demo.ride import SETTLE, Rider
-from hubodo.log.recording import Table
+from hubodo.effects import Effect, Noise
+from hubodo.effects.gyro import GyroBias
+from hubodo.effects.vehicle import TrackWidth
+from hubodo.effects.wheel import WheelRadius
+from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.model.drive import loop_drive, path
-from hubodo.model.effects import Effect, Noise
-from hubodo.model.effects.gyro import GyroBias
-from hubodo.model.effects.vehicle import TrackWidth
-from hubodo.model.effects.wheel import WheelRadius
 from hubodo.model.forward import Start
-from hubodo.model.frames import Side
 from hubodo.model.inputs import Inputs
-from hubodo.model.node_motion import NodeMotion, Scatter
+from hubodo.recording import Table
+from hubodo.vehicle import NodeMount, Side
 
 WHEEL_RADIUS = 0.165
 TRACK_WIDTH = 0.55

@@ -6,10 +6,10 @@ import contextlib
 import time
 from dataclasses import dataclass, field
 
-from hubodo.ingest.gaps import LinkCounts
-from hubodo.ingest.node_decoder import NodeCounts, NodeDecoder
-from hubodo.ingest.samples import HealthSeen, ImuBlock, TimeReplySeen
-from hubodo.ingest.transport import LinkDown, SerialTransport
+from hubodo.ingest.link.transport import LinkDown, SerialTransport
+from hubodo.ingest.node.decoder import NodeCounts, NodeDecoder
+from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.samples import HealthSeen, ImuBlock, TimeReplySeen
 from hubowire import FrameDecoder, Message, encode, encode_frame
 from hubowire.framing import Frame
 from hubowire.messages import ANY_NODE, GetHello, Health, Hello, TimeRequest

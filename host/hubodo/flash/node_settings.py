@@ -1,7 +1,7 @@
 """A node's part of the calibration file as settings of the node: what /config.json takes over from it.
 
 The node takes nothing off the samples that it sends: they stay raw, and its own estimate of the bias stands
-beside them. So what is applied to a log by the same calibration (`sensors/apply.py`) is not applied twice.
+beside them. What `calibration/apply.py` takes out of a log by the same calibration is thus taken out once.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from hubodo.calibration.file import XYZ, Effect, NodeCalibration
 from hubodo.errors import CalibrationError
-from hubodo.sensors.calibration import XYZ, Effect, NodeCalibration
 
 Setting = int | list[int]
 

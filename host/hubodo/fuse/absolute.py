@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from hubodo.fuse.fixes import Fixes, Headings
-from hubodo.fuse.graph import fuse_graph
-from hubodo.fuse.graph_config import GraphConfig
-from hubodo.fuse.outages import outages
-from hubodo.fuse.steps import path_of
+from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.fixes import Fixes, Headings
+from hubodo.fuse.graph.graph import fuse_graph
+from hubodo.fuse.graph.outages import outages
+from hubodo.fuse.graph.steps import path_of
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheels import WheelOdometry, start_heading
-from hubodo.log.recording import Recording
+from hubodo.recording import Recording
 
 _FIX_COUNTS = 0.4
 # A constant whose sigma has not shrunk by a tenth is the prior's, not this drive's.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
-from hubodo.log.recording import Recording, Table
-from hubodo.model.frames import Array
 from hubodo.model.inputs import Inputs
-from hubodo.model.smooth import smooth, through
+from hubodo.recording import Recording, Table
+from hubodo.smooth import smooth, through
 
 _FEWEST = 20
 _STEP = 0.02

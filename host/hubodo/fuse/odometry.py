@@ -9,8 +9,8 @@ from enum import Enum
 
 import numpy as np
 
-from hubodo.fuse.rolling import OdometryNoise, RollingWheel, WheelSamples, WheelSpec
-from hubodo.model.frames import Side
+from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, WheelSamples, WheelSpec
+from hubodo.vehicle import Side
 
 _PORTION_NS = 1_000_000_000
 _Row = list[float]

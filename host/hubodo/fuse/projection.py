@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.errors import ConfigError, InputError
-from hubodo.model.frames import Array
 
 FARTHEST = 300_000.0
 """m from the origin; beyond it a zone of 6 degrees is left so far that fixes are taken as false."""

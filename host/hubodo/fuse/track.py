@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.fuse.odometry import OdometryState
-from hubodo.model.frames import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,20 +9,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hubodo.config import Vehicle
+from hubodo.calibration.apply import apply_calibration
+from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
-from hubodo.fuse.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
-from hubodo.fuse.node_screening import screened
+from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
 from hubodo.fuse.odometry import OdometryConfig, integrate
-from hubodo.fuse.rolling import WheelSamples, WheelSpec
+from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
-from hubodo.fuse.wheel_config import wheel_config
-from hubodo.fuse.wheel_track import WheelRun, WheelTrack, run
-from hubodo.fuse.windows import WINDOW
-from hubodo.log.recording import Recording, Table
-from hubodo.model.frames import Side
-from hubodo.sensors.apply import apply_calibration
-from hubodo.sensors.calibration import Calibration
+from hubodo.fuse.wheel.config import wheel_config
+from hubodo.fuse.wheel.node_screening import screened
+from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import Side, Vehicle
 
 Method = Literal["filter", "differential"]
 METHODS: tuple[Method, ...] = ("filter", "differential")

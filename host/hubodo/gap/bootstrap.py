@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import gammaln
 from scipy.stats import chi2
 
-from hubodo.model.frames import Array
+from hubodo.arrays import Array
 
 DRAWS, SEED = 400, 1
 # ln likelihood beyond which the chance of it is too small for floating point.

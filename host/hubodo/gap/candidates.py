@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import EFFECTS, Effect
 from hubodo.gap.problem import Problem
 from hubodo.gap.sensitivity import Direction
 from hubodo.gap.state import State, effects_of
 from hubodo.gap.terms import ALL, VEHICLE, Term, scopes
-from hubodo.model.effects import EFFECTS, Effect
-from hubodo.model.frames import Array
 
 _SHORTER = 8
 

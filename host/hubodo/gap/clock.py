@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.noise import ChannelNoise, sensor_noise
 from hubodo.gap.problem import Problem
 from hubodo.gap.state import State, predict
 from hubodo.gap.wander import Weights, walked_late
-from hubodo.model.frames import Array
 
 
 def follow_clocks(problem: Problem, state: State, walks: dict[str, float]) -> dict[str, Array]:

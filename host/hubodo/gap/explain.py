@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from hubodo.effects import BY_NAME
 from hubodo.gap.account import probability
 from hubodo.gap.result import GapResult
 from hubodo.gap.round import Round
-from hubodo.model.effects import BY_NAME
 
 
 @dataclass(frozen=True)

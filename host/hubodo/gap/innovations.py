@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.model.frames import Array
+from hubodo.arrays import Array
 
 # Residuals beyond this many times the noise, and beyond what is usual in their channel, count as that much.
 _CLIP, _USUAL = 6.0, 8.0

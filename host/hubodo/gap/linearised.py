@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.clock import follow_clocks
 from hubodo.gap.noise import channel_noise
 from hubodo.gap.problem import NodeData, Problem
@@ -14,7 +15,6 @@ from hubodo.gap.sensitivity import Direction, attitude_columns, columns
 from hubodo.gap.state import State, predict, stacked
 from hubodo.gap.wander import Columns, Weights, wandering
 from hubodo.gap.wheel_phase import follow, on_samples, smoothed
-from hubodo.model.frames import Array
 
 _FOLLOWED = 2
 _ROUNDING = 1e-5

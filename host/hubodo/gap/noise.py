@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hubodo.arrays import Array
+from hubodo.effects import Effect
 from hubodo.gap.problem import NodeData, Problem
-from hubodo.model.effects import Effect
 from hubodo.model.forward import Reading, Start
-from hubodo.model.frames import Array, facing_sign, side_sign
-from hubodo.model.smooth import Smooth
+from hubodo.smooth import Smooth
+from hubodo.vehicle import facing_sign, side_sign
 
 _BINS = 6
 _LEAST_IN_BIN = 400

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array, facing_sign
+from hubodo.vehicle import facing_sign
 
 if TYPE_CHECKING:
     from hubodo.gap.problem import NodeData

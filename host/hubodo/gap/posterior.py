@@ -9,7 +9,7 @@ from math import comb, log
 import numpy as np
 from scipy.special import logsumexp
 
-from hubodo.model.frames import Array
+from hubodo.arrays import Array
 
 # Prior widths in units of the usual sizes of the effects.
 WIDE = 1.0

@@ -9,15 +9,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.config import NodeMount
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.gap.plausible import check
-from hubodo.log.recording import Recording, Table
 from hubodo.model.forward import NodeForward
-from hubodo.model.frames import Array, facing_sign
 from hubodo.model.inputs import Inputs
 from hubodo.model.model_file import Model, split_input
-from hubodo.model.smooth import Smooth, constant, smooth
+from hubodo.recording import Recording, Table
+from hubodo.smooth import Smooth, constant, smooth
+from hubodo.vehicle import NodeMount, facing_sign
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 SHORTEST = 20.0

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.candidates import moved, term_directions
 from hubodo.gap.linearised import Linearised, linearise, settle, solved
 from hubodo.gap.problem import Problem
@@ -14,7 +15,6 @@ from hubodo.gap.state import State
 from hubodo.gap.terms import Term
 from hubodo.gap.wander import Weights
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array
 
 _ROUNDS = 6
 _LONGEST = 8.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.problem import NodeData
 from hubodo.gap.wheel_phase import follow, on_samples, windows
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array
 
 _SECOND = 1.0
 # A regressor of more columns has to explain more than chance gives them, and clearly more than a plainer one.

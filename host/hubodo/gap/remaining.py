@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from hubodo.effects import BY_NAME
 from hubodo.gap.problem import CHANNELS, Problem
 from hubodo.gap.refit import Refit
 from hubodo.gap.result import Left
@@ -14,7 +15,6 @@ from hubodo.gap.scatter.wild import spiky_channels
 from hubodo.gap.size import Trace
 from hubodo.gap.unlisted import unlisted
 from hubodo.gap.wander import Weights
-from hubodo.model.effects import BY_NAME
 
 _NOISY = 1.15
 # Evidence (ln) that makes structure worth a word though it was not added.

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.search import Found
 from hubodo.gap.size import Trace
 from hubodo.gap.terms import Term
-from hubodo.model.effects.empirical import PREFIX
 from hubodo.model.model_file import Model
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]

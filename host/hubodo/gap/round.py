@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import EFFECTS
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.bootstrap import Chance
 from hubodo.gap.linearised import declared_walk, settle
 from hubodo.gap.posterior import NOTHING, UNLISTED, WIDE, log_evidence, posterior, priors
@@ -19,9 +22,6 @@ from hubodo.gap.state import State
 from hubodo.gap.terms import Term
 from hubodo.gap.unlisted import Structure, unlisted
 from hubodo.gap.wander import Weights
-from hubodo.model.effects import EFFECTS
-from hubodo.model.effects.empirical import PREFIX
-from hubodo.model.frames import Array
 
 EMPIRICAL = "empirical"
 _REFITTED = 5

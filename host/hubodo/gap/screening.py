@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.bootstrap import Chance, ScoreTest, chance
 from hubodo.gap.candidates import Candidate, all_directions, candidates, term_directions
 from hubodo.gap.linearised import linearise, solved
@@ -14,7 +15,6 @@ from hubodo.gap.problem import Problem
 from hubodo.gap.state import State
 from hubodo.gap.terms import Term
 from hubodo.gap.wander import Weights
-from hubodo.model.frames import Array
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hubodo.effects import EFFECTS
 from hubodo.gap.linearised import settle, weights
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.refit import Refit, refit
@@ -17,7 +18,6 @@ from hubodo.gap.state import State
 from hubodo.gap.terms import Term
 from hubodo.gap.thinned import thinned
 from hubodo.gap.wander import Weights
-from hubodo.model.effects import EFFECTS
 from hubodo.model.forward import Start
 
 _MOST = 8

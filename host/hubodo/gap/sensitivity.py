@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import Effect, in_order
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict_node, speed_correction, stacked
-from hubodo.model.effects import Effect, in_order
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array
 from hubodo.model.inputs import Later
 
 # Of a scale: at the end of a long log even a small step of a radius turns the wheel far.

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
+from hubodo.effects import BY_NAME
 from hubodo.gap.noise import input_noise, sensor_noise
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict, stacked
 from hubodo.gap.wander import Weights, wandered
-from hubodo.model.effects import BY_NAME
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array
 
 Masks = Mapping[str, NDArray[np.bool_]]
 

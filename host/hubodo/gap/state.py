@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import Effect
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.terms import Term, effects_on
-from hubodo.model.effects import Effect
 from hubodo.model.forward import Reading, Start
-from hubodo.model.frames import Array, facing_sign
 from hubodo.model.inputs import Correction, SpeedCorrection
+from hubodo.vehicle import facing_sign
 
 
 @dataclass(frozen=True)

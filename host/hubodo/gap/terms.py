@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from hubodo.arrays import Array
+from hubodo.effects import Effect, in_order
 from hubodo.gap.problem import NodeData
-from hubodo.model.effects import Effect, in_order
-from hubodo.model.frames import Array
 
 ALL = "all"
 VEHICLE = "vehicle"

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from hubodo.arrays import Array
+from hubodo.effects.base import Chain
+from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
 from hubodo.gap.innovations import winsorised
 from hubodo.gap.problem import CHANNELS, NodeData, Problem
 from hubodo.gap.scatter.base import Rest
 from hubodo.gap.state import State, effects_of, predict
 from hubodo.gap.terms import Term
-from hubodo.model.effects.base import Chain
-from hubodo.model.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
 from hubodo.model.forward import Reading
-from hubodo.model.frames import Array
 
 _PERIODIC = [f"cos({k}*theta)" for k in range(1, 7)] + [
     "spin^2*cos(1*theta)",

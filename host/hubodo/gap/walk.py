@@ -7,7 +7,7 @@ from math import log, sqrt
 
 import numpy as np
 
-from hubodo.model.frames import Array
+from hubodo.arrays import Array
 
 UNKNOWN = 1e6
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.gap.innovations import Innovations, Share, Walk, innovations
 from hubodo.gap.noise import ChannelNoise, input_answers
 from hubodo.gap.problem import NodeData, Problem
@@ -15,7 +16,7 @@ from hubodo.gap.sensitivity import late_column, phase_column
 from hubodo.gap.state import State, effects_of, stacked
 from hubodo.gap.wheel_phase import WINDOW
 from hubodo.model.forward import Reading, Start
-from hubodo.model.frames import Array, side_sign
+from hubodo.vehicle import side_sign
 
 # Blocks of windows over which scores are added up: longer than what is left of any correlation.
 BLOCK = 8

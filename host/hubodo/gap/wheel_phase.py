@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.gap.problem import NodeData
 from hubodo.gap.walk import UNKNOWN, scores, walked
 from hubodo.gap.walk import smoothed as walk_smoothed
 from hubodo.model.forward import Reading
-from hubodo.model.frames import Array, facing_sign
+from hubodo.vehicle import facing_sign
 
 WINDOW = 0.5
 _UNWRAP_SPREAD = 0.05

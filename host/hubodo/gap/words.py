@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.gap.problem import CHANNELS, NodeData, Problem
 from hubodo.gap.regimes import Regimes, course, when
 from hubodo.gap.size import Trace
-from hubodo.model.frames import Array
 
 # Channels that are named: the three that show most, none that shows less than so much of the first.
 _NAMED, _FAINT = 3, 0.25

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.held_out import Split, split
 from hubodo.gap.problem import Problem, build
 from hubodo.gap.reconsider import beyond_chance, reconsider
@@ -20,9 +21,8 @@ from hubodo.gap.state import State
 from hubodo.gap.terms import ALL, VEHICLE, Term
 from hubodo.gap.wander import Weights
 from hubodo.gap.words import manoeuvre, where_words
-from hubodo.log.recording import Recording
-from hubodo.model.effects.empirical import PREFIX
 from hubodo.model.model_file import Model, Scoped
+from hubodo.recording import Recording
 
 # A rival with more than this share of the probability cannot be told apart.
 _ALIKE = 0.05

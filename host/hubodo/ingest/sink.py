@@ -8,7 +8,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from hubodo.log import topics
-from hubodo.log.recording import Event
+from hubodo.recording import Event
 
 
 class Sink(Protocol):

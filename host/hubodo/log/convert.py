@@ -22,9 +22,9 @@ from hubodo.errors import InputError
 from hubodo.log import topics
 from hubodo.log.container import Compression, publish, temporary_beside
 from hubodo.log.csv_table import T_LIMIT
-from hubodo.log.recording import NODE_COLUMNS, Recording, Table
 from hubodo.log.timebase import NS, survives, to_ns
 from hubodo.log.writer import McapLog
+from hubodo.recording import NODE_COLUMNS, Recording, Table
 
 Progress = Callable[[str, float], None]
 _ROWS = 8192

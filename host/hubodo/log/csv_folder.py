@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from hubodo.errors import InputError
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
-from hubodo.log.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
 
 Format = Literal["csv", "parquet"]
 Progress = Callable[[str, float], None]

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.recording import Table
 from hubodo.log.timebase import EXACT_S, ns_of_texts, text_of_ns
+from hubodo.recording import Table
 
 MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
     "wrong number of columns",

@@ -15,8 +15,8 @@ from hubodo.log import ros2, topics
 from hubodo.log.convert import carried_columns
 from hubodo.log.decode import WANTED, Decoder, Rows, message_type
 from hubodo.log.logfile import Log, LogMessage, Stream, open_log
-from hubodo.log.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
+from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
 

@@ -14,7 +14,7 @@ from hubodo.log import ros2, topics
 from hubodo.log.decode import message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
-from hubodo.log.recording import Event
+from hubodo.recording import Event
 
 Progress = Callable[[str, float], None]
 

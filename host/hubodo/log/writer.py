@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunks import BatchStream, ChunkLog
-from hubodo.log.recording import Event
+from hubodo.recording import Event
 
 
 class McapLog(ChunkLog):

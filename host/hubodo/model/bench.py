@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hubodo.model.frames import STANDARD_GRAVITY, Array
+from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.model.inputs import EARTH_RATE, Earth, Inputs
-from hubodo.model.smooth import constant, through
+from hubodo.smooth import constant, through
 
 _STEP, _REPORT = 0.01, 0.1
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from hubodo.model.frames import Array
+from hubodo.arrays import Array
 from hubodo.model.inputs import Inputs
-from hubodo.model.smooth import through
+from hubodo.smooth import through
 
 _STEP = 0.01
 _ROUNDED = 0.4

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hubodo.config import NodeMount
+from hubodo.arrays import Array
+from hubodo.effects import Effect
 from hubodo.errors import InputError
-from hubodo.log.recording import Recording, Table
 from hubodo.model.bench import Handled, Programme
 from hubodo.model.drive import path
-from hubodo.model.effects import Effect
 from hubodo.model.forward import Carried, NodeForward, Start
-from hubodo.model.frames import Array
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.model.model_file import Model
-from hubodo.model.smooth import constant
+from hubodo.recording import Recording, Table
+from hubodo.smooth import constant
+from hubodo.vehicle import NodeMount
 
 _TRUTH_HZ = 20
 

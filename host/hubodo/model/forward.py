@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hubodo.config import NodeMount
-from hubodo.model.effects.base import Chain, Effect, Geometry, Noise
-from hubodo.model.frames import STANDARD_GRAVITY, Array, facing_sign, side_sign
+from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.effects.base import Chain, Effect, Geometry, Noise
 from hubodo.model.inputs import Body, Correction, Earth, Inputs
 from hubodo.model.rolling import Rolling, roll
+from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
 _KEPT = 3
 

@@ -1,25 +1,9 @@
 """Frames of a wheel node: hub axes with camber, and the rotation from the body to the turning node."""
 
-from typing import Literal
-
 import numpy as np
-from numpy.typing import NDArray
 
-Side = Literal["left", "right"]
-Facing = Literal["left", "right"]
-Array = NDArray[np.float64]
-
-STANDARD_GRAVITY = 9.80665
-
-
-def side_sign(side: Side) -> float:
-    """+1 for the left wheel, -1 for the right one: the sign of its y coordinate in the body."""
-    return 1.0 if side == "left" else -1.0
-
-
-def facing_sign(facing: Facing) -> float:
-    """+1 for a node whose z axis points left, -1 for one whose z axis points right."""
-    return 1.0 if facing == "left" else -1.0
+from hubodo.arrays import Array
+from hubodo.vehicle import Facing, Side, facing_sign, side_sign
 
 
 def hub_axes(side: Side, camber: float) -> tuple[Array, Array, Array]:

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from hubodo.model.frames import Array
-from hubodo.model.smooth import Smooth
+from hubodo.arrays import Array
+from hubodo.smooth import Smooth
 
 EARTH_RATE = 7.2921159e-5
 

@@ -8,11 +8,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hubodo.config import NodeMount, Vehicle, as_table, load_toml, near, only_keys, read_table, vehicle_of
+from hubodo.effects import BY_NAME, EFFECTS, Effect, Noise, effect_of, in_order
+from hubodo.effects.empirical import PREFIX
 from hubodo.errors import ConfigError
-from hubodo.model.effects import BY_NAME, EFFECTS, Effect, Noise, effect_of, in_order
-from hubodo.model.effects.empirical import PREFIX
-from hubodo.toml_file import toml_key, toml_number, toml_text, write_whole
+from hubodo.toml_file import (
+    as_table,
+    load_toml,
+    near,
+    only_keys,
+    read_table,
+    toml_key,
+    toml_number,
+    toml_text,
+    write_whole,
+)
+from hubodo.vehicle import NodeMount, Vehicle, vehicle_of
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.model.effects.base import Geometry
-from hubodo.model.frames import Array, side_sign
+from hubodo.arrays import Array
+from hubodo.effects.base import Geometry
 from hubodo.model.inputs import Body
+from hubodo.vehicle import side_sign
 
 
 @dataclass(frozen=True, slots=True)

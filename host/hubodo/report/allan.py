@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from hubodo.report.page import Grid, Section, figure
-from hubodo.sensors.allan_covariance import TERMS, design
-from hubodo.sensors.allan_report import AllanReport
-from hubodo.sensors.ieee952 import is_gyro, rate_unit, units
+from hubodo.sensors.allan.characterise import AllanReport
+from hubodo.sensors.allan.covariance import TERMS, design
+from hubodo.sensors.allan.ieee952 import is_gyro, rate_unit, units
 
 FloatArray = NDArray[np.float64]
 

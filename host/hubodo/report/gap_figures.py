@@ -11,12 +11,12 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from hubodo.arrays import Array
 from hubodo.gap.account import probability
 from hubodo.gap.problem import CHANNELS
 from hubodo.gap.regimes import Course
 from hubodo.gap.result import GapResult, Named
 from hubodo.gap.size import Trace
-from hubodo.model.frames import Array
 from hubodo.report.page import COLOURS, figure
 
 BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from hubodo.config import Vehicle
+from hubodo.calibration.apply import Applied, apply_calibration
+from hubodo.calibration.file import Calibration, node_serial
 from hubodo.errors import InputError
 from hubodo.fuse.track import score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
-from hubodo.log.recording import Recording
 from hubodo.log.summary import Summary
+from hubodo.recording import Recording
 from hubodo.report.log_sensors import sensor_report
 from hubodo.report.page import COLOURS, Grid, Section, figure, page
-from hubodo.sensors.apply import Applied, apply_calibration
-from hubodo.sensors.calibration import Calibration, node_serial
+from hubodo.vehicle import Vehicle
 
 _MOST_ROWS = 40
 _MOST_POINTS = 4000

@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.calibration.apply import power_on_times
 from hubodo.errors import CalibrationError, InputError
-from hubodo.log.recording import Event, Table
+from hubodo.recording import Event, Table
 from hubodo.report.allan import allan_lead, allan_sections, duration_words, value_words
+from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import Grid, Section
 from hubodo.report.warmup import warmup_lead, warmup_sections
-from hubodo.sensors.allan_report import characterise
-from hubodo.sensors.apply import power_on_times
+from hubodo.sensors.allan.characterise import characterise
+from hubodo.sensors.allan.ieee952 import units
 from hubodo.sensors.at_rest import TemperatureStep, check_units, moved, temperature_step
-from hubodo.sensors.ieee952 import units
-from hubodo.sensors.imu_calibration import calibrate_imu
-from hubodo.sensors.imu_report import held_out_words, imu_sections
-from hubodo.sensors.rests import find_rests
-from hubodo.sensors.warmup import characterise_warmup
+from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.warmup.characterise import characterise_warmup
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
+from hubodo.effects.warmup_models import PARAMETERS
 from hubodo.report.page import Grid, Section, figure
-from hubodo.sensors.warmup import WarmupReport
-from hubodo.sensors.warmup_judge import Judged
-from hubodo.sensors.warmup_models import PARAMETERS
+from hubodo.sensors.warmup.characterise import WarmupReport
+from hubodo.sensors.warmup.judge import Judged
 
 _DEG = math.degrees(1.0)
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError
-from hubodo.sensors.triad import Triad
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from rich.table import Table
 from hubodo.errors import InputError
 from hubodo.report.allan import MEANING, allan_lead, allan_png, allan_sections, duration_words, value_words
 from hubodo.report.page import page
-from hubodo.sensors.allan_report import AllanReport, characterise
-from hubodo.sensors.ieee952 import units
+from hubodo.sensors.allan.characterise import AllanReport, characterise
+from hubodo.sensors.allan.ieee952 import units
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
 
 HELP = "Allan deviation and noise terms of a sensor at rest, with sigmas and units of IEEE 952"

@@ -14,13 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.errors import InputError
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording, Table
-from hubodo.progress import progress_line
-from hubodo.report.page import page
-from hubodo.sensors.calibration import (
+from hubodo.calibration.file import (
     Calibration,
     Effect,
     node_serial,
@@ -28,8 +22,14 @@ from hubodo.sensors.calibration import (
     source_hash,
     write_calibration,
 )
-from hubodo.sensors.imu_calibration import ImuCalibration, calibrate_imu
-from hubodo.sensors.imu_report import held_out_words, imu_sections
+from hubodo.errors import InputError
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.mcap import read_recording
+from hubodo.progress import progress_line
+from hubodo.recording import Recording, Table
+from hubodo.report.imu import held_out_words, imu_sections
+from hubodo.report.page import page
+from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"

@@ -12,15 +12,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.config import load_vehicle
-from hubodo.errors import InputError
-from hubodo.fuse.projection import local_frame
-from hubodo.fuse.wheel_config import wheel_config
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording, Table
-from hubodo.model.frames import Array
-from hubodo.sensors.calibration import (
+from hubodo.arrays import Array
+from hubodo.calibration.file import (
     Calibration,
     Quantity,
     node_serial,
@@ -28,7 +21,14 @@ from hubodo.sensors.calibration import (
     source_hash,
     write_calibration,
 )
-from hubodo.sensors.wheel_calibration import WheelCalibration, calibrate_wheels
+from hubodo.errors import InputError
+from hubodo.fuse.projection import local_frame
+from hubodo.fuse.wheel.calibrate import WheelCalibration, calibrate_wheels
+from hubodo.fuse.wheel.config import wheel_config
+from hubodo.log.csv_folder import read_folder
+from hubodo.log.mcap import read_recording
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import load_vehicle
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"

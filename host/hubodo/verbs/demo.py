@@ -13,7 +13,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as TextTable
 
-from hubodo.config import load_vehicle
 from hubodo.demo.report import demo_page, facts_grid
 from hubodo.demo.ride import (
     INTERPRETERS,
@@ -30,6 +29,7 @@ from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
 from hubodo.report.page import Grid
+from hubodo.vehicle import load_vehicle
 from hubodo.verbs.fuse import score_against_truth
 
 HELP = "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page"

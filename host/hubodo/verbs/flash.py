@@ -10,11 +10,11 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.flash.board import FlashBoard
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.node_settings import FROM_CALIBRATION, merged
-from hubodo.sensors.calibration import Calibration, read_calibration
 from hubowire import FINGERPRINT
 from hubowire.messages import NODE_IDS, Hello, node_name
 

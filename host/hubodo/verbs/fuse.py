@@ -11,15 +11,15 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.config import load_vehicle
+from hubodo.calibration.file import read_calibration, source_hash
 from hubodo.errors import InputError
 from hubodo.fuse.absolute import absolute_track
 from hubodo.fuse.track import Score, Track, score
 from hubodo.fuse.wheels import METHODS, wheel_odometry
 from hubodo.log.csv_table import write_table
 from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording, Table
-from hubodo.sensors.calibration import read_calibration, source_hash
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import load_vehicle
 
 HELP = "fuse a log into a track: where the vehicle went, with sigmas"
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"

@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.config import near
+from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.account import (
     comments,
@@ -31,11 +31,10 @@ from hubodo.gap.round import EMPIRICAL
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
-from hubodo.model.effects import BY_NAME
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
-from hubodo.toml_file import write_whole
+from hubodo.toml_file import near, write_whole
 
 HELP = "what a model lacks to explain a log: the missing effects by name, and the model with them"
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"

@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo.calibration.file import NodeCalibration, read_calibration
+from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording
 from hubodo.progress import progress_line
-from hubodo.sensors.calibration import NodeCalibration, read_calibration
-from hubodo.sensors.north import METHODS, North, find_north, horizontal_rate
-from hubodo.sensors.north_circle import fuse, wrap
-from hubodo.sensors.north_mount import Mount, check_direction, mount_of, tilt_warning
-from hubodo.sensors.north_report import advice, advice_words, gyro_json
-from hubodo.sensors.north_stops import Table
-from hubodo.sensors.north_table import SimulatedTable, simulate_stops
-from hubodo.sensors.triad import triad_from_effects
+from hubodo.recording import Recording
+from hubodo.sensors.north.circle import fuse, wrap
+from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
+from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning
+from hubodo.sensors.north.report import advice, advice_words, gyro_json
+from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.table import SimulatedTable, simulate_stops
 
 HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude_deg 48.1 --method maytag4"

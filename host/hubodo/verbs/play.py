@@ -14,8 +14,8 @@ from typing import Any
 from rich.console import Console
 
 from hubodo.errors import InputError
-from hubodo.ingest.pty_player import PtyPlayer
-from hubodo.ingest.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
+from hubodo.ingest.replay.pty_player import PtyPlayer
+from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.verbs.play_view import Replayed, show

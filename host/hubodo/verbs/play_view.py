@@ -17,15 +17,15 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from hubodo.config import load_vehicle
+from hubodo.calibration.file import read_calibration
 from hubodo.errors import ConfigError, InputError
-from hubodo.ingest.localizer import Located
-from hubodo.ingest.odometer import Motion
-from hubodo.ingest.playback import Playback, as_messages, recorded_messages
+from hubodo.ingest.live.localizer import Located
+from hubodo.ingest.live.odometer import Motion
+from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
 from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording
-from hubodo.sensors.calibration import read_calibration
+from hubodo.recording import Recording
+from hubodo.vehicle import load_vehicle
 
 _REFRESH_S = 0.25
 _LINE_S = 10.0

@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from hubodo import __version__
-from hubodo.config import RecordConfig, load_record_config, load_vehicle
+from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.ingest.daemon import record
-from hubodo.ingest.status import RecordResult
-from hubodo.sensors.calibration import read_calibration
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig, load_record_config
+from hubodo.ingest.live.status import RecordResult
+from hubodo.vehicle import load_vehicle
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -62,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> RecordResult:
-    """Records; see `hubodo.ingest.daemon.record`."""
+    """Records; see `hubodo.ingest.live.daemon.record`."""
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:

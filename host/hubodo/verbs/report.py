@@ -9,16 +9,16 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.config import load_vehicle
+from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.ingest.playback import Setup, setup_of
+from hubodo.ingest.replay.playback import Setup, setup_of
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.logfile import open_log
 from hubodo.log.mcap import read_recording
 from hubodo.log.summary import summarise
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
-from hubodo.sensors.calibration import read_calibration
+from hubodo.vehicle import load_vehicle
 
 HELP = "one self-contained HTML page of a log: content, losses, sensors, calibration, drive"
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"

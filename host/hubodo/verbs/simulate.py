@@ -13,6 +13,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo.calibration.as_model import with_calibration
+from hubodo.calibration.file import read_calibration
 from hubodo.demo.ride import (
     SETTLE,
     Interpreter,
@@ -22,23 +24,21 @@ from hubodo.demo.ride import (
     ride,
     speed_of,
 )
+from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.mcap import read_recording
-from hubodo.log.recording import Recording, Table
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
 from hubodo.model.drive import loop_drive, random_drive
 from hubodo.model.experiments import Experiment
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.model.model_file import Model, model_toml, read_model
-from hubodo.model.node_motion import NodeMotion, Scatter
-from hubodo.model.smooth import constant
 from hubodo.progress import progress_line
-from hubodo.sensors.calibration import read_calibration
-from hubodo.sensors.calibration_effects import with_calibration
+from hubodo.recording import Recording, Table
+from hubodo.smooth import constant
 from hubowire.messages import NODE_IDS
 
 HELP = "draw a log from a model: what the nodes would measure on a drive, a table, a bench"

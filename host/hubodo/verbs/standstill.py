@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.calibration.file import node_serial
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
 from hubodo.progress import progress_line
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, temperature_step
-from hubodo.sensors.calibration import node_serial
 
 FloatArray = NDArray[np.float64]
 

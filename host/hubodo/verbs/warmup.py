@@ -12,10 +12,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hubodo.errors import InputError
-from hubodo.report.page import page
-from hubodo.report.warmup import parameter_rows, warmup_lead, warmup_sections, whiteness_rows
-from hubodo.sensors.calibration import (
+from hubodo.calibration.file import (
     Calibration,
     Effect,
     NodeCalibration,
@@ -24,7 +21,10 @@ from hubodo.sensors.calibration import (
     source_hash,
     write_calibration,
 )
-from hubodo.sensors.warmup import WarmupReport, characterise_warmup
+from hubodo.errors import InputError
+from hubodo.report.page import page
+from hubodo.report.warmup import parameter_rows, warmup_lead, warmup_sections, whiteness_rows
+from hubodo.sensors.warmup.characterise import WarmupReport, characterise_warmup
 from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
 
 HELP = "the bias of a gyro after power-on: C1 (1 - exp(-t/T)) + C2, judged for whiteness"

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from hubodo.calibration.file import Effect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
 from hubodo.flash.node_settings import FROM_CALIBRATION, merged, node_settings
 from hubodo.fuse.filters.rate_bias_kalman import steady_gain
-from hubodo.sensors.calibration import Effect, NodeCalibration, Quantity
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
 

@@ -8,13 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from hubodo.fuse.filters.rate_bias_kalman import (
-    Gain,
-    RateBiasKalman,
-    closed_form,
-    riccati_gain,
-    steady_gain,
-)
+from hubodo.fuse.filters.rate_bias_kalman import Gain, RateBiasKalman, closed_form, riccati_gain, steady_gain
 
 GAINS = st.floats(1e-6, 1e3)
 

@@ -9,10 +9,10 @@ from scipy.stats import chi2
 from generators import gnss_drives
 from generators.gnss_drives import Errors
 from hubodo.errors import InputError
-from hubodo.fuse.graph import Fixes, GraphConfig, Headings, OdometryPath, fuse_graph
-from hubodo.fuse.graph_config import paper
-from hubodo.fuse.outages import outages
-from hubodo.fuse.screening import scatter, without_jumps
+from hubodo.fuse.graph.config import paper
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, Headings, OdometryPath, fuse_graph
+from hubodo.fuse.graph.outages import outages
+from hubodo.fuse.graph.screening import scatter, without_jumps
 
 pytest.importorskip("pyproj")
 

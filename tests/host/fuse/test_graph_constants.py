@@ -4,7 +4,7 @@ tyre changes."""
 import numpy as np
 import pytest
 
-from hubodo.fuse.factors.constants import ConstantSigmas, of_wheel_filter
+from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter
 
 
 def test_the_errors_of_two_wheels_average_but_for_the_scale_that_they_agree_on():

@@ -12,17 +12,17 @@ from scipy.optimize import least_squares
 
 from generators import gnss_drives
 from hubodo.errors import ConfigError
-from hubodo.fuse.chain import solve_chain
-from hubodo.fuse.factors.between import BetweenFactors, whitening
-from hubodo.fuse.factors.constants import COUNT, ConstantsFactor
-from hubodo.fuse.factors.heading import HeadingFactors
-from hubodo.fuse.factors.linear import QUADRATIC, Loss
-from hubodo.fuse.factors.position import PositionFactors
-from hubodo.fuse.factors.start import StartFactor
-from hubodo.fuse.fixes import usable_fixes
-from hubodo.fuse.graph import Fixes, GraphConfig, Headings, build
-from hubodo.fuse.solver import Graph, Losses, solve, solve_from_afar
-from hubodo.fuse.steps import OdometryPath, StepNoise, cut_path
+from hubodo.fuse.graph.chain import solve_chain
+from hubodo.fuse.graph.factors.between import BetweenFactors, whitening
+from hubodo.fuse.graph.factors.constants import COUNT, ConstantsFactor
+from hubodo.fuse.graph.factors.heading import HeadingFactors
+from hubodo.fuse.graph.factors.linear import QUADRATIC, Loss
+from hubodo.fuse.graph.factors.position import PositionFactors
+from hubodo.fuse.graph.factors.start import StartFactor
+from hubodo.fuse.graph.fixes import usable_fixes
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, Headings, build
+from hubodo.fuse.graph.solver import Graph, Losses, solve, solve_from_afar
+from hubodo.fuse.graph.steps import OdometryPath, StepNoise, cut_path
 
 pytest.importorskip("pyproj")
 
@@ -189,7 +189,7 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
 
 def test_gtsam_finds_the_same_optimum_with_robust_losses():
     pytest.importorskip("gtsam")
-    from hubodo.fuse.gtsam_factors import solve_with_gtsam
+    from hubodo.fuse.graph.gtsam_factors import solve_with_gtsam
 
     rng = np.random.default_rng(6)
     problem = small_problem(rng, 60, GraphConfig(antenna=(0.4, -0.2)))
@@ -206,7 +206,7 @@ def test_gtsam_finds_the_same_optimum_with_robust_losses():
 
 
 def test_without_gtsam_the_error_names_the_extra_and_the_batch_still_works(monkeypatch):
-    from hubodo.fuse.live_graph import LiveGraph
+    from hubodo.fuse.graph.live import LiveGraph
 
     monkeypatch.setitem(sys.modules, "gtsam", None)
     with pytest.raises(ConfigError, match=r"pip install 'hubodo\[graph\]'"):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from generators import gnss_drives
-from hubodo.fuse.graph import Fixes, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
 
 pytest.importorskip("gtsam")
 pytest.importorskip("pyproj")
 
-from hubodo.fuse.live_graph import LiveGraph, Outcome
+from hubodo.fuse.graph.live import LiveGraph, Outcome
 
 
 def run(drive, fixes, late=0.15, seconds=None):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, Outcome, integrate
-from hubodo.fuse.rolling import OdometryNoise, WheelSamples, WheelSpec
+from hubodo.fuse.rolling_wheel import OdometryNoise, WheelSamples, WheelSpec
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -232,6 +232,6 @@ def test_a_long_silence_of_one_wheel_does_not_fill_the_memory():
 def test_a_recording_is_integrated_as_if_it_came_live_however_long_it_is(monkeypatch):
     a, b = pair(12, lambda t: 1 + 0.1 * t, lambda t: 0.3 * math.sin(t))
     whole = drive(config(), a, b)
-    monkeypatch.setattr("hubodo.fuse.rolling._MAX_KNOTS", 500)
+    monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 500)
     assert integrate(config(), [a, b]) == whole
     assert integrate(config(), []) == []

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from generators import wheel_drives
-from hubodo.fuse import phase
-from hubodo.fuse.fixed_lag import smooth_with_lag
-from hubodo.fuse.wheel_config import WheelConfig, WheelNode, WheelNoise
-from hubodo.fuse.wheel_filter import START, WheelFilter, WheelSample
-from hubodo.fuse.wheel_track import WheelRun, collect, run
-from hubodo.log.recording import Table
+from hubodo.fuse.wheel import phase
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelNoise
+from hubodo.fuse.wheel.filter import START, WheelFilter, WheelSample
+from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.track import WheelRun, collect, run
+from hubodo.recording import Table
 
 BOTH = ("left", "right")
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from generators import wheel_drives
-from hubodo.fuse import phase
-from hubodo.fuse.phase import VEHICLE_STATES, WHEEL_STATES, WheelGeometry
-from hubodo.fuse.sine import cosine_and_sine
-from hubodo.fuse.windows import WINDOW, Window, WindowBuilder
+from hubodo.fuse.wheel import phase
+from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES, WheelGeometry
+from hubodo.fuse.wheel.preintegration import WINDOW, Window, WindowBuilder
+from hubodo.fuse.wheel.sine import cosine_and_sine
 
 
 def _some_window(rng: np.random.Generator, spin_rate: float) -> Window:

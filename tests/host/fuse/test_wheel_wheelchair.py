@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hubodo.fuse.wheel_config import WheelConfig, WheelNode
-from hubodo.fuse.wheel_track import run
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import read_folder
 from shared_data import shared_data
 

@@ -7,14 +7,14 @@ import pytest
 
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
+from hubodo.effects import BY_NAME
 from hubodo.gap.problem import build
 from hubodo.gap.search import initial_state
 from hubodo.gap.sensitivity import late_column
 from hubodo.gap.state import predict_node, stacked
 from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.recording import Recording, Table
-from hubodo.model.effects import BY_NAME
 from hubodo.model.model_file import read_model
+from hubodo.recording import Recording, Table
 
 SEED = 8
 LATE = {"left": 0.003, "right": -0.002}

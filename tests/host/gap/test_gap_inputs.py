@@ -5,7 +5,7 @@ import numpy as np
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
 from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.recording import Recording, Table
+from hubodo.recording import Recording, Table
 
 SEED = 12
 GRAVITY = 9.80665

@@ -2,7 +2,7 @@
 
 import numbers
 
-from hubodo.model.effects import BY_NAME
+from hubodo.effects import BY_NAME
 
 NUMBER = numbers.Real
 

@@ -5,8 +5,8 @@ import tomllib
 
 from gap_matrix.make_case import make
 from gap_runs import gap
+from hubodo.effects import BY_NAME
 from hubodo.gap.account import MEANING
-from hubodo.model.effects import BY_NAME
 
 SEED = 3
 

@@ -9,8 +9,8 @@ from hubodo.gap.round import look
 from hubodo.gap.search import initial_state, reweigh
 from hubodo.gap.size import gap, traces
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.recording import Recording, Table
 from hubodo.model.model_file import read_model
+from hubodo.recording import Recording, Table
 from shared_data import shared_data
 
 # Samples that are kept: 100 Hz are as good as 400 for what leans, and four times as fast.

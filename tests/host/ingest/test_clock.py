@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.clock import PERIOD_US, ClockSync, StrictlyIncreasing, TickUnwrapper
+from hubodo.ingest.node.clock import PERIOD_US, ClockSync, StrictlyIncreasing, TickUnwrapper
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S

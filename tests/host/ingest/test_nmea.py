@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.gnss_session import GnssSession
-from hubodo.ingest.nmea import NmeaDecoder
+from hubodo.ingest.gnss.nmea import NmeaDecoder
+from hubodo.ingest.gnss.session import GnssSession
 
 S = 1_000_000_000
 NOW = calendar.timegm((2026, 5, 17, 12, 35, 20)) * S

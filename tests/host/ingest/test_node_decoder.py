@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.gaps import DAMAGE, DROPPED, LINK_DOWN, ON_THE_WAY, OVERRUN, RESTART, LinkCounts
-from hubodo.ingest.node_decoder import NodeDecoder
-from hubodo.ingest.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
-from hubodo.log.recording import Event
+from hubodo.ingest.node.decoder import NodeDecoder
+from hubodo.ingest.node.gaps import DAMAGE, DROPPED, LINK_DOWN, ON_THE_WAY, OVERRUN, RESTART, LinkCounts
+from hubodo.ingest.node.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
+from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, encode
 from hubowire.messages import BatchFlag, Health, Hello, ImuBatch, Mag, TimeReply
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import pytest
 
 from hubodo.errors import InputError, LinkError
-from hubodo.ingest.foreign import describe
-from hubodo.ingest.link import Chunk, LinkUp
-from hubodo.ingest.link_session import LinkSession
-from hubodo.ingest.ports import Finder, parse_port
+from hubodo.ingest.link.foreign import describe
+from hubodo.ingest.link.link import Chunk, LinkUp
+from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.session import LinkSession
 
 
 @dataclass

@@ -3,7 +3,7 @@
 import pytest
 
 from hubodo.cli import main
-from hubodo.ingest import daemon
+from hubodo.ingest.live import daemon
 
 S = 1_000_000_000
 

@@ -8,12 +8,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hubodo.config import RecordConfig
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import firmware_folder
-from hubodo.ingest.daemon import record
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
 from hubowire import decode
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, ImuBatch

@@ -18,10 +18,10 @@ from hubodo.errors import LogError
 from hubodo.log import ros2
 from hubodo.log.convert import write_recording
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.recording import NODE_COLUMNS, Recording, Table
 from hubodo.log.recover import recover
 from hubodo.log.summary import summarise
 from hubodo.log.writer import McapLog
+from hubodo.recording import NODE_COLUMNS, Recording, Table
 
 N = 400
 

@@ -18,9 +18,9 @@ from rosbags.highlevel import AnyReader
 from hubodo.errors import InputError, LogError
 from hubodo.log.logfile import LogMessage
 from hubodo.log.mcap import open_log
-from hubodo.log.recording import Event
 from hubodo.log.recover import recover
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 
 
 def write_small(path: Path, compression="zstd", n: int = 14) -> None:

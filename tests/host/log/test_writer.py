@@ -18,8 +18,8 @@ from rosbags.highlevel import AnyReader
 from hubodo.errors import InputError
 from hubodo.log import chunks
 from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.recording import Event
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 
 ROS_TOPICS = {
     "/left/imu": "sensor_msgs/msg/Imu",

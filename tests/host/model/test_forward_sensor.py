@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from hubodo.config import NodeMount
-from hubodo.model.effects import BY_NAME, EFFECTS, Effect, Noise
-from hubodo.model.effects.accel import AccelSaturation
-from hubodo.model.effects.gyro import (
+from hubodo.effects import BY_NAME, EFFECTS, Effect, Noise
+from hubodo.effects.accel import AccelSaturation
+from hubodo.effects.gyro import (
     GyroBias,
     GyroLag,
     GyroQuantization,
@@ -22,11 +21,12 @@ from hubodo.model.effects.gyro import (
     GyroSaturation,
     GyroWarmup,
 )
-from hubodo.model.effects.mounting import NodeMisalignment
-from hubodo.model.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
+from hubodo.effects.mounting import NodeMisalignment
+from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.model.forward import NodeForward, Start
 from hubodo.model.inputs import Inputs
-from hubodo.model.smooth import through
+from hubodo.smooth import through
+from hubodo.vehicle import NodeMount
 
 QUIET = Noise(0.0, 0.0)
 END = 8.0

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from hubodo.config import NodeMount
-from hubodo.model.effects.mounting import LeverArm
-from hubodo.model.effects.vehicle import RoadGrade, TrackWidth
-from hubodo.model.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
+from hubodo.effects.mounting import LeverArm
+from hubodo.effects.vehicle import RoadGrade, TrackWidth
+from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
 from hubodo.model.forward import NodeForward, Start
 from hubodo.model.frames import node_from_body
 from hubodo.model.inputs import Earth, Inputs
-from hubodo.model.smooth import constant, through
+from hubodo.smooth import constant, through
+from hubodo.vehicle import NodeMount
 
 G = 9.80665
 R, B = 0.31, 0.92

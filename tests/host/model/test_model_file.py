@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hubodo.config import NodeMount, Vehicle, load_vehicle
+from hubodo.effects import EFFECTS, Noise
+from hubodo.effects.accel import AccelBias
+from hubodo.effects.gyro import GyroBias, GyroSaturation
+from hubodo.effects.vehicle import TrackWidth
+from hubodo.effects.wheel import WheelRadius
 from hubodo.errors import ConfigError
-from hubodo.model.effects import EFFECTS, Noise
-from hubodo.model.effects.accel import AccelBias
-from hubodo.model.effects.gyro import GyroBias, GyroSaturation
-from hubodo.model.effects.vehicle import TrackWidth
-from hubodo.model.effects.wheel import WheelRadius
 from hubodo.model.model_file import (
     InputNames,
     Model,
@@ -23,6 +22,7 @@ from hubodo.model.model_file import (
     split_input,
     write_model,
 )
+from hubodo.vehicle import NodeMount, Vehicle, load_vehicle
 
 TEXT = """
 [vehicle]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.model.one_pole import one_pole
+from hubodo.effects.one_pole import one_pole
 
 
 @pytest.mark.parametrize("tau", [1e-4, 0.002, 0.02, 0.5, 20.0])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hubodo.model.smooth import constant, smooth, through
+from hubodo.smooth import constant, smooth, through
 
 
 def signal(t):

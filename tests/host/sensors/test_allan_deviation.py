@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.errors import InputError
-from hubodo.sensors.allan import allan_deviation, averaging_factors
+from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
 from hubodo.sensors.even_grid import even_grid
 
 SEED = 952

@@ -7,10 +7,10 @@ import pytest
 
 from generators.noise import gyro_noise
 from hubodo.errors import InputError
-from hubodo.sensors.allan import allan_deviation, averaging_factors
-from hubodo.sensors.allan_covariance import TERMS, covariance_tensor, design, point_covariance
-from hubodo.sensors.allan_fit import slope_sigma
-from hubodo.sensors.allan_report import characterise
+from hubodo.sensors.allan.characterise import characterise
+from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design, point_covariance
+from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
+from hubodo.sensors.allan.fit import slope_sigma
 from hubodo.sensors.at_rest import TemperatureStep
 from shared_data import shared_data
 

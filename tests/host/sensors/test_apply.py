@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from generators.fake_drive import RADIUS, TRACK, short_drive
-from hubodo.config import NodeMount, Vehicle
+from hubodo.calibration.apply import APPLIED, Correction, apply_calibration, left_over
+from hubodo.calibration.file import PARAMETERS, Calibration, Effect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
-from hubodo.fuse.wheel_config import wheel_config
-from hubodo.fuse.wheel_track import run
-from hubodo.log.recording import Event, Table
-from hubodo.sensors.apply import APPLIED, Correction, apply_calibration, left_over
-from hubodo.sensors.calibration import PARAMETERS, Calibration, Effect, NodeCalibration, Quantity
+from hubodo.fuse.wheel.config import wheel_config
+from hubodo.fuse.wheel.track import run
+from hubodo.recording import Event, Table
+from hubodo.vehicle import NodeMount, Vehicle
 
 SIZES = {
     "gyro_bias": 0.05,

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from generators.north_table import Sensor, carousel, earth_in_sensor, maytag
 from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.north import find_north, horizontal_rate
-from hubodo.sensors.north_circle import fuse, summarise, wrap
-from hubodo.sensors.north_drift import Drift
-from hubodo.sensors.north_stops import Table
-from hubodo.sensors.north_table import SimulatedTable, seek_east, simulate_stops
+from hubodo.sensors.north.circle import fuse, summarise, wrap
+from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.find import find_north, horizontal_rate
+from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
 
 LATITUDE = np.radians(32.7574)
 TACTICAL = Sensor(0.05, 0.2, 0.3)

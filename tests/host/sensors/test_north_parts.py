@@ -13,18 +13,18 @@ from serial import Serial
 from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.errors import InputError, LinkError
-from hubodo.sensors.north_advice import (
+from hubodo.sensors.north.advice import (
     best_programme,
     ergodicity,
     programme_sigma,
     time_for,
     white_azimuth_bound,
 )
-from hubodo.sensors.north_drift import Drift, covariance, flicker, random_walk
-from hubodo.sensors.north_filters import FILTERS, along, opposite_pairs, weights
-from hubodo.sensors.north_mount import check_direction, mount_of, tilt_warning
-from hubodo.sensors.north_stops import Table, split_stops
-from hubodo.sensors.north_table import SerialTable
+from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
+from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
+from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
+from hubodo.sensors.north.stops import Table, split_stops
+from hubodo.sensors.north.table import SerialTable
 
 LATITUDE = np.radians(45)
 DT = 0.02

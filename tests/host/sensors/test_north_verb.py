@@ -8,7 +8,7 @@ import pytest
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.cli import main
 from hubodo.log.csv_table import write_table
-from hubodo.log.recording import Table
+from hubodo.recording import Table
 from shared_data import shared_data
 
 LATITUDE_DEG = 48.0

@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 
 from generators.poses import Errors
 from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.pose_set import design, judge_poses
-from hubodo.sensors.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.pose_set import design, judge_poses
+from hubodo.sensors.imu.scalar_calibration import scalar_calibration
 
 PAPER = Errors(
     (2e-4, 2e-4, 2e-4),

@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from generators.poses import GRAVITY, Errors, carry
+from hubodo.calibration.file import read_calibration
+from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.csv_table import write_table
-from hubodo.log.recording import Table
-from hubodo.sensors.calibration import read_calibration
-from hubodo.sensors.imu_calibration import calibrate_imu
-from hubodo.sensors.rests import find_rests
-from hubodo.sensors.triad import triad_from_effects
+from hubodo.recording import Table
+from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.rests import find_rests
 from hubodo.verbs import calibrate_imu as verb
 
 GYRO = Errors(

@@ -4,9 +4,9 @@ fit."""
 import numpy as np
 
 from hubodo.log.csv_folder import read_folder
-from hubodo.sensors.imu_calibration import calibrate_imu
-from hubodo.sensors.rests import find_rests
-from hubodo.sensors.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.imu.scalar_calibration import scalar_calibration
 from shared_data import shared_data
 
 GRAVITY = 9.81744

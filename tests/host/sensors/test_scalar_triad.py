@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from generators.poses import Errors
-from hubodo.errors import ConfigError
-from hubodo.sensors.calibration import (
+from hubodo.calibration.file import (
     NONORTHOGONALITY,
     Calibration,
     Effect,
@@ -16,7 +15,8 @@ from hubodo.sensors.calibration import (
     read_calibration,
     write_calibration,
 )
-from hubodo.sensors.triad import Triad, effects_from_triad, triad_from, triad_from_effects
+from hubodo.calibration.triad import Triad, effects_from_triad, triad_from, triad_from_effects
+from hubodo.errors import ConfigError
 
 small = st.floats(-0.2, 0.2)
 three = st.tuples(small, small, small)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from generators import start_gyro as start
+from hubodo.effects.warmup_models import WarmupModel
 from hubodo.fuse.six_state import SixState, _white_noise
 from hubodo.fuse.warm_heading import WarmHeading
-from hubodo.sensors.warmup_models import WarmupModel
 
 DEG = math.pi / 180.0
 MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)

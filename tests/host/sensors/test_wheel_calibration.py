@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from generators import wheel_drives
-from hubodo.config import NodeMount, Vehicle
+from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import CalibrationError
-from hubodo.fuse.wheel_config import WheelConfig, WheelNode, wheel_config
-from hubodo.fuse.wheel_track import run
+from hubodo.fuse.wheel.calibrate import calibrate_wheels
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode, wheel_config
+from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import write_folder
-from hubodo.log.recording import Recording, Table
-from hubodo.sensors.calibration import Calibration, read_calibration
-from hubodo.sensors.wheel_calibration import calibrate_wheels
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.verbs import calibrate
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.02, track=0.03)

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hubodo.model.frames import STANDARD_GRAVITY
+from hubodo.earth import STANDARD_GRAVITY
 
 FloatArray = NDArray[np.float64]
 

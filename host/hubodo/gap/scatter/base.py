@@ -8,14 +8,14 @@ from math import log
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import Effect
 from hubodo.gap.noise import ChannelNoise, input_answers, input_noise, sensor_noise
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.state import State, effects_of, predict, stacked
 from hubodo.gap.terms import ALL, Term
 from hubodo.gap.wander import Weights, wandered, window_variances
-from hubodo.model.effects import Effect
 from hubodo.model.forward import Start
-from hubodo.model.frames import Array
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hubodo.effects import BY_NAME
 from hubodo.gap.scatter.base import Proposal, Rest, single_cost
 from hubodo.gap.terms import ALL, Term
-from hubodo.model.effects import BY_NAME
 
 _TRIADS = (("gyro_saturation", slice(0, 3)), ("accel_saturation", slice(3, 6)))
 

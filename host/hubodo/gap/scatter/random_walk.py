@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from hubodo.arrays import Array
+from hubodo.effects import BY_NAME
 from hubodo.gap.innovations import winsorised
 from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
 from hubodo.gap.terms import Term
 from hubodo.gap.walk import scores, walked
 from hubodo.gap.wheel_phase import WINDOW, windows
-from hubodo.model.effects import BY_NAME
-from hubodo.model.frames import Array
 
 NAME = "gyro_rate_random_walk"
 _GRID = np.geomspace(1e-6, 3e-2, 28)

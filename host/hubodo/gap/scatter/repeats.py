@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from hubodo.effects import BY_NAME
 from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
 from hubodo.gap.terms import Term
-from hubodo.model.effects import BY_NAME
 
 NAME = "sample_repeat"
 _LATTICE = 1e-8

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from hubodo.arrays import Array
+from hubodo.effects import BY_NAME
 from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
 from hubodo.gap.terms import Term
-from hubodo.model.effects import BY_NAME
-from hubodo.model.frames import Array
 
 NAME = "outliers"
 _SIGMAS = np.geomspace(2.5, 100.0, 40)

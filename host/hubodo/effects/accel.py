@@ -1,0 +1,55 @@
+"""Effects of the accelerometer triad: offset, scale, cross-axis, limits."""
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hubodo.effects.base import Chain, Effect, Shows, parameter
+from hubodo.effects.triad import CrossAxis, ScaleFactor
+
+
+@dataclass(frozen=True)
+class AccelBias(Effect):
+    """A constant offset."""
+
+    name: ClassVar[str] = "accel_bias"
+    x: float = parameter("m/s²", 0.1)
+    y: float = parameter("m/s²", 0.1)
+    z: float = parameter("m/s²", 0.1)
+
+    def offset(self, chain: Chain) -> None:
+        chain.accel += np.array([[self.x], [self.y], [self.z]])
+
+
+@dataclass(frozen=True)
+class AccelScaleFactor(ScaleFactor):
+    """Reads (1 + e) times the specific force, each axis its own e."""
+
+    name: ClassVar[str] = "accel_scale_factor"
+
+    def respond(self, chain: Chain) -> None:
+        chain.accel += self.more(chain.force)
+
+
+@dataclass(frozen=True)
+class AccelNonorthogonality(CrossAxis):
+    """Cross-axis terms of the accelerometer after Avrutov."""
+
+    name: ClassVar[str] = "accel_nonorthogonality"
+
+    def respond(self, chain: Chain) -> None:
+        chain.accel += self.matrix() @ chain.force
+
+
+@dataclass(frozen=True)
+class AccelSaturation(Effect):
+    """Nothing beyond ± limit is read; without a limit (infinity) everything is."""
+
+    name: ClassVar[str] = "accel_saturation"
+    shows: ClassVar[Shows] = "scatter"
+    limit: float = parameter("m/s²", 30.0, positive=True, default=math.inf)
+
+    def clip(self, chain: Chain) -> None:
+        np.clip(chain.accel, -self.limit, self.limit, out=chain.accel)

@@ -1,0 +1,177 @@
+"""What every effect is: parameters with a unit and a usual size, a level, and one method at its stage."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.vehicle import Side
+
+Level = Literal["vehicle", "wheel", "node"]
+Shows = Literal["mean", "scatter"]
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Vehicle and wheel as a node sees them, before the sensor. SI; angles in rad.
+
+    growth: s²/rad². slip: s²/m. eccentricity: (A cos phase, A sin phase). lever_arm: (3,) m, node axes.
+    """
+
+    side: Side | None
+    radius: float
+    track_width: float
+    camber: float = 0.0
+    grade: float = 0.0
+    growth: float = 0.0
+    slip: float = 0.0
+    eccentricity: tuple[float, float] = (0.0, 0.0)
+    lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(slots=True)
+class Chain:
+    """What travels down the sensor chain of one node, N samples; arrays of three are (3, N).
+
+    t: s since power-on, or since the log began where that is not known. temperature: °C. rate, force: true
+    angular rate and specific force at the sensor, after mounting (and low-pass). rate_derivative: of `rate`.
+    gyro, accel: what is read. angle rad, spin rad/s: of the wheel, zero off it; acceleration m/s² and
+    yaw_rate rad/s: of the vehicle; zero where nobody needs them.
+    """
+
+    t: Array
+    temperature: Array
+    rate: Array
+    rate_derivative: Array
+    force: Array
+    gyro: Array
+    accel: Array
+    angle: Array | float = 0.0
+    spin: Array | float = 0.0
+    acceleration: Array | float = 0.0
+    yaw_rate: Array | float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """1 sigma of one sample: gyro rad/s, accel m/s²."""
+
+    gyro: float
+    accel: float
+
+
+def parameter(
+    unit: str, scale: float, *, positive: bool = False, default: float = 0.0, within: float = math.inf
+) -> Any:
+    """A field of an effect: its unit, the size that would not surprise anybody, whether it must be positive,
+    and the magnitude beyond which it means nothing."""
+    return field(
+        default=default, metadata={"unit": unit, "scale": scale, "positive": positive, "within": within}
+    )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One way in which a measured wheel differs from an ideal one; its fields are its parameters.
+
+    name: as in the model file. level: what has one, the vehicle, each wheel or each node. shows: in the mean
+    of the channels, or only in how they scatter. scale of a parameter: its usual size, the width of what is
+    expected before data is seen.
+    """
+
+    name: ClassVar[str]
+    level: ClassVar[Level] = "node"
+    shows: ClassVar[Shows] = "mean"
+
+    @classmethod
+    def parameters(cls) -> tuple[str, ...]:
+        return tuple(item.name for item in fields(cls))
+
+    @classmethod
+    def unit(cls, parameter: str) -> str:
+        return str(cls.__dataclass_fields__[parameter].metadata["unit"])
+
+    @classmethod
+    def scale(cls, parameter: str) -> float:
+        return float(cls.__dataclass_fields__[parameter].metadata["scale"])
+
+    def values(self) -> dict[str, float]:
+        return {name: getattr(self, name) for name in self.parameters()}
+
+    def spread(self, noise: Noise) -> tuple[float, float]:
+        """Variance that it adds to a sample of each gyro and accelerometer axis, (rad/s)² and (m/s²)²."""
+        return 0.0, 0.0
+
+    def drift(self) -> float:
+        """How fast each gyro axis wanders at random, (rad/s)² per second."""
+        return 0.0
+
+    # How a fit moves it. The coordinates are the parameters, unless an effect has better ones.
+
+    @classmethod
+    def seeds(cls) -> tuple[Self, ...]:
+        """Where a fit may begin: absent, once for each value of what it cannot start from zero."""
+        return (cls(),)
+
+    @classmethod
+    def coordinate_scales(cls) -> Array:
+        """(k,) usual size of each coordinate; steps of numerical derivatives are 1e-3 of them."""
+        return np.array([cls.scale(name) for name in cls.parameters()])
+
+    def coordinates(self) -> Array:
+        """(k,) where it stands, in coordinates in which the channels are smooth."""
+        return np.array(list(self.values().values()))
+
+    def at(self, coordinates: Array) -> Self:
+        """The effect at other coordinates, (k,)."""
+        return replace(self, **dict(zip(self.parameters(), map(float, coordinates), strict=True)))
+
+    def surprise(self) -> float:
+        """-ln of how likely its parameters are beforehand, beside the usual, where sizes do not say it."""
+        return 0.0
+
+    def is_possible(self) -> bool:
+        """Whether every parameter is finite and within what means anything."""
+        bounds = {item.name: item.metadata.get("within", math.inf) for item in fields(self)}
+        return all(math.isfinite(v) and abs(v) <= bounds[name] for name, v in self.values().items())
+
+    # The stages of the chain, in order. An effect overrides the one where it enters.
+
+    def true_time(self, t: Array) -> Array:
+        """Time at which the samples stamped t, (N,) s since the log began, were taken."""
+        return t
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        """The geometry with this effect in it."""
+        return geometry
+
+    def mount(self, chain: Chain) -> None:
+        """Turn what reaches the sensor."""
+
+    def low_pass(self, chain: Chain) -> None:
+        """Delay what the gyro answers to."""
+
+    def respond(self, chain: Chain) -> None:
+        """Scale, cross-axis and curvature: adds to gyro or accel what rate or force make."""
+
+    def offset(self, chain: Chain) -> None:
+        """Add to gyro or accel what is there without input."""
+
+    def wander(self, chain: Chain, rng: np.random.Generator) -> None:
+        """Add offsets drawn at random."""
+
+    def scatter(self, chain: Chain, noise: Noise, rng: np.random.Generator) -> None:
+        """Add what comes after the white noise."""
+
+    def clip(self, chain: Chain) -> None:
+        """Clip gyro or accel."""
+
+    def digitize(self, chain: Chain) -> None:
+        """Round gyro or accel."""
+
+    def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
+        """Replace samples by their predecessors."""

@@ -1,0 +1,65 @@
+"""Effects of time stamps and of transport: late, skewed, repeated, wild samples."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects.base import Chain, Effect, Noise, Shows, parameter
+
+
+@dataclass(frozen=True)
+class TimeOffset(Effect):
+    """A sample taken at t is stamped t + delay."""
+
+    name: ClassVar[str] = "time_offset"
+    delay: float = parameter("s", 0.01)
+
+    def true_time(self, t: Array) -> Array:
+        return t - self.delay
+
+
+@dataclass(frozen=True)
+class ClockSkew(Effect):
+    """A sample taken at t is stamped t (1 + ppm 1e-6), both from the log's start."""
+
+    name: ClassVar[str] = "clock_skew"
+    ppm: float = parameter("1e-6", 100.0, within=5e5)
+
+    def true_time(self, t: Array) -> Array:
+        return t / (1.0 + 1e-6 * self.ppm)
+
+
+@dataclass(frozen=True)
+class SampleRepeat(Effect):
+    """With this probability a sample is sent with the values of the one before."""
+
+    name: ClassVar[str] = "sample_repeat"
+    shows: ClassVar[Shows] = "scatter"
+    probability: float = parameter("1", 0.01, positive=True, within=1.0)
+
+    def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
+        fresh = rng.random(len(chain.t)) >= self.probability
+        fresh[:1] = True
+        source = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
+        chain.gyro, chain.accel = chain.gyro[:, source], chain.accel[:, source]
+
+
+@dataclass(frozen=True)
+class Outliers(Effect):
+    """With this probability a reading has a further error, of so many times the noise."""
+
+    name: ClassVar[str] = "outliers"
+    shows: ClassVar[Shows] = "scatter"
+    probability: float = parameter("1", 0.01, positive=True, within=1.0)
+    sigma: float = parameter("noise", 10.0, positive=True)
+
+    def spread(self, noise: Noise) -> tuple[float, float]:
+        share = self.probability * self.sigma**2
+        return share * noise.gyro**2, share * noise.accel**2
+
+    def scatter(self, chain: Chain, noise: Noise, rng: np.random.Generator) -> None:
+        for reading, one in ((chain.gyro, noise.gyro), (chain.accel, noise.accel)):
+            hit = rng.random(reading.shape) < self.probability
+            reading += hit * self.sigma * one * rng.standard_normal(reading.shape)

@@ -1,0 +1,89 @@
+"""Effects of a wheel: radius, growth with spin, slip, eccentricity, camber."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects.base import Effect, Geometry, Level, parameter
+
+
+@dataclass(frozen=True)
+class WheelRadius(Effect):
+    """R (1 + error)."""
+
+    name: ClassVar[str] = "wheel_radius"
+    level: ClassVar[Level] = "wheel"
+    error: float = parameter("1", 0.01, within=0.9)
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, radius=geometry.radius * (1.0 + self.error))
+
+
+@dataclass(frozen=True)
+class TyreGrowth(Effect):
+    """R (1 + k theta'²): the tyre grows with its spin."""
+
+    name: ClassVar[str] = "tyre_growth"
+    level: ClassVar[Level] = "wheel"
+    k: float = parameter("s²/rad²", 2e-5)
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, growth=geometry.growth + self.k)
+
+
+@dataclass(frozen=True)
+class WheelSlip(Effect):
+    """theta' = v_w / R (1 + k v_w'): the wheel turns faster than it rolls while it pulls."""
+
+    name: ClassVar[str] = "wheel_slip"
+    level: ClassVar[Level] = "wheel"
+    k: float = parameter("s²/m", 0.01)
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, slip=geometry.slip + self.k)
+
+
+@dataclass(frozen=True)
+class WheelEccentricity(Effect):
+    """theta' = v_w / (R (1 + amplitude cos(theta - phase))).
+
+    Its coordinates are amplitude cos(phase) and amplitude sin(phase): the phase of nothing is not defined.
+    """
+
+    name: ClassVar[str] = "wheel_eccentricity"
+    level: ClassVar[Level] = "wheel"
+    amplitude: float = parameter("1", 0.01, within=0.9)
+    phase: float = parameter("rad", 2.0)
+
+    @classmethod
+    def coordinate_scales(cls) -> Array:
+        return np.full(2, cls.scale("amplitude"))
+
+    def coordinates(self) -> Array:
+        return self.amplitude * np.array([math.cos(self.phase), math.sin(self.phase)])
+
+    def at(self, coordinates: Array) -> WheelEccentricity:
+        c, s = map(float, coordinates)
+        return WheelEccentricity(math.hypot(c, s), math.atan2(s, c))
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        c, s = self.coordinates()
+        before = geometry.eccentricity
+        return replace(geometry, eccentricity=(before[0] + float(c), before[1] + float(s)))
+
+
+@dataclass(frozen=True)
+class WheelCamber(Effect):
+    """The wheel top leans inwards by this angle."""
+
+    name: ClassVar[str] = "wheel_camber"
+    level: ClassVar[Level] = "wheel"
+    angle: float = parameter("rad", 0.05, within=1.5)
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, camber=geometry.camber + self.angle)

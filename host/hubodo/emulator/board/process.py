@@ -1,0 +1,214 @@
+"""One virtual board in a process or thread of its own, steered over a connection."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Literal
+
+from hubodo.emulator.board.board import VirtualBoard
+from hubodo.emulator.board.hypercall import Op
+from hubodo.emulator.board.link import LineNoise, Link, MemoryLink, PtyLink
+from hubodo.emulator.board.settings import BoardSettings
+from hubodo.emulator.chips.faults import Fault
+from hubodo.emulator.chips.imu import Imu, Part
+from hubodo.emulator.chips.lis3mdl import Lis3mdl
+from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
+from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
+from hubodo.emulator.chips.registers import RegisterChip
+from hubodo.emulator.motion import Motion
+from hubodo.errors import HubodoError
+
+ChipName = Literal["lsm6ds33", "mpu6050", "mpu6500"]
+IMUS: dict[str, Callable[[Motion, Part], Imu]] = {
+    "lsm6ds33": Lsm6ds33,
+    "mpu6050": Mpu6050,
+    "mpu6500": Mpu6500,
+}
+
+
+@dataclass(frozen=True)
+class NodeSpec:
+    """Everything a board's process has to know; picklable."""
+
+    motion: Motion
+    part: Part
+    chip: ChipName
+    magnetometer: bool
+    settings: BoardSettings
+    link: Literal["pty", "memory"]
+    link_path: Path | None
+    scratch: Path
+    faults: tuple[Fault, ...] = ()
+    corrupt: float = 0.0
+    lose: float = 0.0
+    noise_seed: int = 0
+    keep_link_log: bool = False
+    keep_bus_log: bool = False
+    scripted_input: tuple[tuple[float, bytes], ...] = field(default=())
+
+
+def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
+    """The board of `spec` and its chips by name."""
+    chips: dict[str, RegisterChip] = {"imu": IMUS[spec.chip](spec.motion, spec.part)}
+    if spec.magnetometer:
+        chips["mag"] = Lis3mdl(spec.motion, spec.part)
+    link: Link = PtyLink(spec.link_path) if spec.link == "pty" else MemoryLink(spec.scripted_input)
+    noise = LineNoise(spec.corrupt, spec.lose, spec.noise_seed)
+    board = VirtualBoard(spec.settings, list(chips.values()), link, faults=spec.faults, noise=noise)
+    if spec.keep_link_log:
+        board.link_log = []
+    if spec.keep_bus_log:
+        board.bus.reads = []
+    return board, chips
+
+
+class BoardService:
+    """Answers the commands of the other end of `connection` while the board runs, and after."""
+
+    def __init__(self, connection: Connection, spec: NodeSpec) -> None:
+        self._connection = connection
+        self._scratch = spec.scratch
+        self._cpu_zero = _own_cpu()
+        self.board, self.chips = build(spec)
+        self._let_go = False
+
+    def run(self) -> None:
+        """Serve until told to quit or the other end is gone; a fatal error is reported there."""
+        error: HubodoError | None = None
+        try:
+            self.board.serve(self._connection.fileno(), self._command)
+        except HubodoError as failure:
+            error = failure
+        self._failure = error
+        while not self._let_go:
+            self._command()
+        self.board.link.close()
+        shutil.rmtree(self._scratch, ignore_errors=True)
+
+    _failure: HubodoError | None = None
+
+    def _command(self) -> None:
+        try:
+            name, arguments = self._connection.recv()
+        except (EOFError, OSError):
+            self._let_go = True
+            self.board.stop()
+            return
+        if name == "quit":
+            self._let_go = True
+            self.board.stop()
+            self._reply(None)
+            return
+        try:
+            self._reply(getattr(self, f"_do_{name}")(*arguments))
+        except HubodoError as failure:
+            self._reply(failure)
+
+    def _reply(self, value: object) -> None:
+        try:
+            self._connection.send(value)
+        except OSError:
+            self._let_go = True
+
+    def _do_state(self) -> tuple[bool, HubodoError | None]:
+        return self.board.running, self._failure
+
+    def _do_stop(self) -> None:
+        self.board.stop()
+
+    def _do_truth(self, chip: str) -> object:
+        return self.chips[chip].truth()  # type: ignore[attr-defined]
+
+    def _do_writes(self, chip: str) -> object:
+        return tuple(self.chips[chip].writes)
+
+    def _do_unplug(self) -> None:
+        self.board.unplug()
+
+    def _do_replug(self) -> None:
+        self.board.plug()
+
+    def _do_reset(self) -> None:
+        self.board.reset("reset pin")
+
+    def _do_output(self) -> bytes:
+        return bytes(self.board.link.output) if isinstance(self.board.link, MemoryLink) else b""
+
+    def _do_arrivals(self) -> object:
+        return self.board.link.arrivals if isinstance(self.board.link, MemoryLink) else []
+
+    def _do_bus_log(self) -> object:
+        return self.board.bus.reads
+
+    def _do_meter(self) -> object:
+        return self.board.meter
+
+    def _do_mirror_flash(self) -> None:
+        self.board.mirror_flash()
+
+    def _do_link_log(self) -> object:
+        return self.board.link_log
+
+    def _do_stats(self) -> dict[str, Any]:
+        board = self.board
+        return {
+            "t": board.now() * 1e-9,
+            "running": board.running,
+            "counts": {"calls": board.calls.total(), **board.counts},
+            "calls": {Op(op).name: n for op, n in board.calls.items()},
+            "link": dict(board.link.counts),
+            "noise": dict(board.noise.counts),
+            "bus": dict(board.bus.counts),
+            "chips": {name: dict(chip.oddities) for name, chip in self.chips.items()},
+            "resets": list(board.resets),
+            "interpreter_cpu": board.interpreter_cpu(),
+            "interpreter_pid": board.interpreter_pid,
+            "board_cpu": _own_cpu() - self._cpu_zero,
+            "fifo_dropped": getattr(self.chips["imu"], "fifo_dropped", 0),
+        }
+
+
+def _own_cpu() -> float:
+    return time.process_time()
+
+
+def watch_parent(parent: int) -> None:
+    """End this process when its parent has gone without closing the connection."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True, name="parent").start()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """`python -m hubodo.emulator.board.process FD PARENT`: the spec comes over the connection first."""
+    connection = Connection(int(arguments[0]))
+    watch_parent(int(arguments[1]))
+    # A busy machine must not make the emulated chips overflow; where that is not allowed it goes without.
+    with contextlib.suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, -10)
+    try:
+        spec = connection.recv()
+        service = BoardService(connection, spec)
+    except (HubodoError, EOFError) as failure:
+        connection.send(failure)
+        return 1
+    connection.send(None)
+    service.run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

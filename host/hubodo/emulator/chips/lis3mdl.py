@@ -1,0 +1,140 @@
+"""LIS3MDL magnetometer: power-down at reset, burst reads only with the sub-address MSB set."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hubodo.emulator.chips.imu import Array, Part
+from hubodo.emulator.chips.registers import Register, RegisterChip
+from hubodo.emulator.chips.sampling import Measure, Raw, SampleClock, Truth, quantise
+from hubodo.emulator.motion import Motion
+
+WHO_AM_I, CTRL1, CTRL2, CTRL3, CTRL4, CTRL5 = 0x0F, 0x20, 0x21, 0x22, 0x23, 0x24
+STATUS, OUT, TEMP_OUT = 0x27, 0x28, 0x2E
+TESLA_PER_GAUSS = 1e-4
+LSB_PER_GAUSS = (6842.0, 3421.0, 2281.0, 1711.0)
+ODR_HZ = (0.625, 1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0)
+FAST_ODR_HZ = (1000.0, 560.0, 300.0, 155.0)
+_REBOOT, _SOFT_RST, _BDU = 0x08, 0x04, 0x40
+_CONTINUOUS, _SINGLE = 0, 1
+
+REGISTERS: dict[int, Register] = {
+    **{0x05 + i: Register(f"OFFSET_{i}", 0x00, 0xFF) for i in range(6)},
+    WHO_AM_I: Register("WHO_AM_I"),
+    CTRL1: Register("CTRL_REG1", 0x10, 0xFF),
+    CTRL2: Register("CTRL_REG2", 0x00, 0x6C),
+    CTRL3: Register("CTRL_REG3", 0x03, 0x27),
+    CTRL4: Register("CTRL_REG4", 0x00, 0x0E),
+    CTRL5: Register("CTRL_REG5", 0x00, 0xC0),
+    STATUS: Register("STATUS_REG"),
+    **{OUT + i: Register(f"OUT_{i}") for i in range(6)},
+    TEMP_OUT: Register("TEMP_OUT_L"),
+    TEMP_OUT + 1: Register("TEMP_OUT_H"),
+    0x30: Register("INT_CFG", 0xE8, 0xEF),
+    0x31: Register("INT_SRC"),
+    0x32: Register("INT_THS_L", 0x00, 0xFF),
+    0x33: Register("INT_THS_H", 0x00, 0x7F),
+}
+
+
+class Lis3mdl(RegisterChip):
+    """One LIS3MDL in the field that `motion` gives, in node axes.
+
+    Register map, reset values and codes: ST DocID024204. Hard-iron offsets and self-test are not modelled.
+    """
+
+    def __init__(self, motion: Motion, part: Part | None = None, *, address: int = 0x1E) -> None:
+        part = part or Part()
+        self.motion = motion
+        self._increment = False
+        self._sample, self._temperature, self._status = bytes(6), 0, 0
+        faults = tuple(f for f in part.faults if getattr(f, "chip", "mag") == "mag")
+        self.clock = SampleClock(
+            3,
+            odr_error=0.0,
+            odr_per_degree=0.0,
+            temperature=motion.temperature,
+            temperature_word=self._temperature_word,
+            faults=faults,
+        )
+        super().__init__("mag", address, REGISTERS, (WHO_AM_I, 0x3D), faults, strict=part.strict)
+
+    @staticmethod
+    def _temperature_word(degrees: Array) -> Raw:
+        return quantise((degrees - 25.0) * 8.0, 1.0)
+
+    def power_on(self, t: float) -> None:
+        """Power-on registers: MD = 11, no samples."""
+        super().power_on(t)
+        self.clock.stop()
+        self._sample, self._temperature, self._status = bytes(6), 0, 0
+
+    @property
+    def lsb(self) -> float:
+        """T per LSB of the range in force."""
+        return TESLA_PER_GAUSS / LSB_PER_GAUSS[self.values[CTRL2] >> 5 & 3]
+
+    @property
+    def odr_hz(self) -> float:
+        """Nominal rate of CTRL_REG1."""
+        one = self.values[CTRL1]
+        return FAST_ODR_HZ[one >> 5 & 3] if one & 2 else ODR_HZ[one >> 2 & 7]
+
+    def set_pointer(self, sub_address: int) -> None:
+        """Bit 7 asks for auto-increment, unlike the LSM6 family."""
+        self._increment = bool(sub_address & 0x80)
+        self.pointer = sub_address & 0x7F
+
+    def after(self, register: int) -> int:
+        """The next register, or the same one again without bit 7."""
+        return (register + 1) & 0x7F if self._increment else register
+
+    def written(self, t: float, register: int) -> None:
+        """Act on a control register that changed."""
+        self._sync(t)
+        if register == CTRL2 and self.values[CTRL2] & (_SOFT_RST | _REBOOT):
+            self.power_on(t)
+        elif register in (CTRL1, CTRL2, CTRL3):
+            if self.values[CTRL3] & 3 in (_CONTINUOUS, _SINGLE):
+                self.clock.start(t, self.odr_hz, self._measure(self.lsb), np.full(3, self.lsb))
+            else:
+                self.clock.stop()
+
+    def _measure(self, lsb: float) -> Measure:
+        return lambda times: quantise(self.motion.magnetic_field(times), lsb)
+
+    def _sync(self, t: float) -> None:
+        while self.clock.time_of_next <= t:
+            made = self.clock.step(t)
+            if made is None:
+                return
+            _, self._sample, self._temperature = made
+            self._status = 0xFF if self._status & 0x08 else 0x0F
+            if self.values[CTRL3] & 3 == _SINGLE:
+                self.values[CTRL3] |= 3
+                self.clock.stop()
+
+    def fetch(self, t: float, register: int) -> int:
+        """One byte, with the side effects of reading it."""
+        if not (self.values[CTRL5] & _BDU and register % 2 == 1 and OUT <= register < OUT + 6):
+            self._sync(t)
+        if register == STATUS:
+            return self._status
+        if OUT <= register < OUT + 6:
+            axis, high = divmod(register - OUT, 2)
+            if high:
+                self._status &= ~(0x11 << axis)
+                if not self._status & 0x07:
+                    self._status = 0
+            return self._sample[register - OUT]
+        if register in (TEMP_OUT, TEMP_OUT + 1):
+            return self._temperature.to_bytes(2, "little", signed=True)[register - TEMP_OUT]
+        return self.values[register]
+
+    def truth(self) -> Truth:
+        """What this chip has made so far."""
+        return self.clock.truth()
+
+    def quantised_samples(self) -> Raw:
+        """(n, 3) int16, every sample made so far."""
+        return self.truth().raw

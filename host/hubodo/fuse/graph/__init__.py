@@ -1,0 +1,1 @@
+"""The factor graph: odometry, fixes and headings."""

@@ -1,0 +1,172 @@
+"""Odometry at any rate, cut into stretches between the graph's poses, with what they are worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.errors import InputError
+from hubodo.fuse.graph.factors.between import Complex, Steps
+from hubodo.fuse.track import Track
+
+
+@dataclass(frozen=True, eq=False)
+class OdometryPath:
+    """Poses of an odometry, N of them at any rate, in its own frame.
+
+    t: s, strictly increasing; x, y: m; heading: rad (wrapped or not). covariance: (N - 1, 3, 3) of what is
+    random in each increment: forward and left (m) and heading (rad), in axes of the earlier pose; None:
+    StepNoise tells. Errors that last for the drive do not belong in it: the graph solves for them.
+    """
+
+    t: Array
+    x: Array
+    y: Array
+    heading: Array
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        if n < 2 or not bool((np.diff(self.t) > 0.0).all()):
+            raise InputError(
+                f"odometry of {n} poses: the graph needs at least two, with increasing time; check the nodes"
+            )
+        if not all(np.isfinite(v).all() and v.shape == (n,) for v in (self.x, self.y, self.heading)):
+            raise InputError("odometry has poses that are missing or not finite; check the nodes")
+        if self.covariance is not None and self.covariance.shape != (n - 1, 3, 3):
+            raise ValueError(f"covariance has shape {self.covariance.shape}, not {(n - 1, 3, 3)}")
+
+
+def path_of(track: Track, covariance: Array | None = None) -> OdometryPath:
+    """A track as odometry."""
+    return OdometryPath(track.t, track.x, track.y, track.heading, covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class StepNoise:
+    """What is random in an odometry that does not say so itself; 1 sigma.
+
+    along, sideways: m per square root of a metre. heading: rad per square root of a second, heading_way:
+    rad per square root of a metre. share: of a stretch's length and turn (Shah et al. section IV: 0.1),
+    nothing else then. speed_walk: m/s and yaw_walk: rad/s per square root of a second, how both wander
+    where `gap` s or more are without a pose.
+    """
+
+    along: float = 0.005
+    sideways: float = 0.005
+    heading: float = 3e-4
+    heading_way: float = 5e-4
+    share: float = 0.0
+    speed_walk: float = 1.0
+    yaw_walk: float = 0.5
+    gap: float = 0.5
+
+
+_FLOOR = np.diag([1e-8, 1e-8, 1e-10])
+"""m² and rad² of a stretch: below a tenth of a millimetre the equations lose more digits than the odometry
+has."""
+
+
+@dataclass(frozen=True, eq=False)
+class CutPath:
+    """An odometry cut at the times of the poses.
+
+    state_t: (n,) s. steps: the stretches. t: (S,) s at the end of each step, stretch: (S,) its number,
+    share: (S,) of the stretch's time that has passed then, turn_end: (S, 3) heading, s and m since the
+    stretch's start, as Steps.whole. velocity: (n, 2) m/s of the body, forward and left. pose: (n, 3) of the
+    odometry, heading unwrapped.
+    """
+
+    state_t: Array
+    steps: Steps
+    t: Array
+    stretch: NDArray[np.intp]
+    share: Array
+    turn_end: Array
+    velocity: Array
+    pose: Array
+
+
+def cut_path(path: OdometryPath, state_t: Array, noise: StepNoise) -> CutPath:
+    """Cut at state_t (n,), increasing, within the odometry's time; between its poses by linear
+    interpolation (Shah et al. Fig. 5)."""
+    inner = path.t[(path.t > state_t[0]) & (path.t < state_t[-1])]
+    t = np.union1d(inner, state_t)
+    heading = np.interp(t, path.t, np.unwrap(path.heading))
+    place = np.interp(t, path.t, path.x) + 1j * np.interp(t, path.t, path.y)
+    at_state = np.searchsorted(t, state_t)
+    first = at_state[:-1]
+    counts = np.diff(at_state)
+    stretch = np.repeat(np.arange(len(first)), counts)
+    start = first[stretch]
+
+    middle = 0.5 * (heading[:-1] + heading[1:])
+    way: Complex = np.diff(place) * np.exp(-1j * middle)
+    distance = np.concatenate([[0.0], np.cumsum(way.real)])
+    dt = np.diff(t)
+    mid_t = 0.5 * (t[:-1] + t[1:]) - t[start]
+    rolled = 0.5 * (distance[:-1] + distance[1:]) - distance[start]
+    turn_end = np.column_stack([value[1:] - value[start] for value in (heading, t, distance)])
+    whole = np.column_stack([np.diff(value[at_state]) for value in (heading, t, distance)])
+    turn = middle - heading[start]
+    moves = way * np.exp(1j * turn)
+    moved = np.add.reduceat(moves, first)
+    covariance = _covariance(path, noise, t, way, turn, moves, moved, first, stretch, whole)
+    steps = Steps(first, way, turn, mid_t, rolled, whole, covariance)
+
+    near = np.clip(at_state, 1, len(way) - 1)
+    before = np.clip(near - 1, 0, len(way) - 1)
+    velocity = (way[before] + way[np.minimum(near, len(way) - 1)]) / (
+        dt[before] + dt[np.minimum(near, len(way) - 1)]
+    )
+    pose = np.column_stack([place[at_state].real, place[at_state].imag, heading[at_state]])
+    share = turn_end[:, 1] / whole[stretch, 1]
+    return CutPath(
+        state_t, steps, t[1:], stretch, share, turn_end, np.column_stack([velocity.real, velocity.imag]), pose
+    )
+
+
+def _covariance(
+    path: OdometryPath,
+    noise: StepNoise,
+    t: Array,
+    way: Complex,
+    turn: Array,
+    moves: Complex,
+    moved: Complex,
+    first: NDArray[np.intp],
+    stretch: NDArray[np.intp],
+    whole: Array,
+) -> Array:
+    """Sum of J Q J' over the steps of a stretch: J turns a step's axes and swings what comes after it."""
+    if noise.share > 0.0:
+        length, turned = noise.share * np.abs(moved), noise.share * np.abs(whole[:, 0])
+        made = np.zeros((len(first), 3, 3))
+        made[:, 0, 0] = made[:, 1, 1] = length**2 + 1e-6
+        made[:, 2, 2] = turned**2 + 1e-8
+        return made
+    dt = np.diff(t)
+    own = np.searchsorted(path.t, 0.5 * (t[:-1] + t[1:])) - 1
+    length = np.diff(path.t)[own]
+    if path.covariance is not None:
+        q = path.covariance[own] * (dt / length)[:, None, None]
+    else:
+        q = np.zeros((len(way), 3, 3))
+        rolled = np.abs(way)
+        hole = np.where(length >= noise.gap, length**2 / 12.0 * dt, 0.0)
+        q[:, 0, 0] = noise.along**2 * rolled + noise.speed_walk**2 * hole
+        q[:, 1, 1] = noise.sideways**2 * rolled
+        q[:, 2, 2] = noise.heading**2 * dt + noise.heading_way**2 * rolled + noise.yaw_walk**2 * hole
+    total = np.cumsum(moves)
+    base = (total - moves)[first]
+    # A turn within a step swings half of it, on average.
+    rest = moved[stretch] + base[stretch] - total + 0.5 * moves
+    cos, sin = np.cos(turn), np.sin(turn)
+    j = np.zeros((len(way), 3, 3))
+    j[:, 0, 0] = j[:, 1, 1] = cos
+    j[:, 0, 1], j[:, 1, 0] = -sin, sin
+    j[:, 0, 2], j[:, 1, 2], j[:, 2, 2] = -rest.imag, rest.real, 1.0
+    return np.asarray(np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first, axis=0) + _FLOOR)

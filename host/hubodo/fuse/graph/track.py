@@ -1,0 +1,124 @@
+"""The result of the factor graph: poses at the odometry's times, sigmas, constants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.calibration.file import Quantity
+from hubodo.fuse.graph.factors.constants import DELAY, NAMES
+from hubodo.fuse.graph.solver import Graph, Solution
+from hubodo.fuse.graph.steps import CutPath, OdometryPath
+from hubodo.fuse.projection import LocalFrame
+from hubodo.fuse.track import Track
+
+
+@dataclass(frozen=True, eq=False)
+class GraphTrack:
+    """What the graph found.
+
+    track: poses at the odometry's times, in metres east and north of `frame` (of the odometry's own start
+    without GNSS). from_start: the same, shifted to begin at 0, 0, with sigmas of the way since. constants:
+    by the names of ConstantSigmas; delay is that of the fixes in all. fix_t: (M,) s of the usable fixes,
+    fix_weight: (M,) 0 to 1, what each counted, sigma_growth: times which their sigma was widened.
+    warnings: one line each. state_t: (n,) s of the graph's poses; graph, solution: for who wants more.
+    """
+
+    track: Track
+    from_start: Track
+    constants: dict[str, Quantity]
+    frame: LocalFrame | None
+    fix_t: Array
+    fix_weight: Array
+    sigma_growth: float
+    warnings: tuple[str, ...]
+    state_t: Array
+    graph: Graph
+    solution: Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A graph with its first guess, and how it came about. heading_known: whether anything tells the
+    heading."""
+
+    graph: Graph
+    poses: Array
+    cut: CutPath
+    heading_known: bool
+
+
+def track_of(
+    path: OdometryPath,
+    problem: Problem,
+    solution: Solution,
+    frame: LocalFrame | None,
+    grown: float,
+    shift: float,
+    warnings: tuple[str, ...],
+) -> GraphTrack:
+    """What a solution with all covariances says of the whole drive.
+
+    grown: times which the fixes' sigma was widened. shift: s that was added to the fixes' times.
+    """
+    cut, graph = problem.cut, problem.graph
+    sigma_of = np.sqrt(np.diag(solution.constants_covariance))
+    constants = {
+        name: Quantity(float(value) + (shift if index == DELAY else 0.0), float(sigma))
+        for index, (name, value, sigma) in enumerate(zip(NAMES, solution.constants, sigma_of, strict=True))
+    }
+    variance = np.einsum("kii->ki", solution.covariance)
+    variance = np.maximum(variance, 0.0)
+    cross = np.einsum("kii->ki", solution.start_covariance)
+    since = np.maximum(variance + variance[0] - 2.0 * cross, 0.0)
+    since[:, 2] = variance[:, 2]
+    track = _at_odometry(path, cut, graph, solution, variance)
+    from_start = _at_odometry(path, cut, graph, solution, since)
+    from_start = replace(from_start, x=from_start.x - track.x[0], y=from_start.y - track.y[0])
+    weight = np.zeros(0)
+    if graph.positions is not None:
+        item = graph.positions.linear(solution.poses, solution.constants)
+        weight = graph.losses.position.weight(np.einsum("ij,ij->i", item.residual, item.residual))
+    fix_t = cut.state_t[graph.positions.state] if graph.positions is not None else path.t[:0]
+    return GraphTrack(
+        track,
+        from_start,
+        constants,
+        frame,
+        fix_t - shift,
+        weight,
+        grown,
+        warnings,
+        cut.state_t,
+        graph,
+        solution,
+    )
+
+
+def _at_odometry(
+    path: OdometryPath, cut: CutPath, graph: Graph, solution: Solution, variance: Array
+) -> Track:
+    """Poses at the odometry's times: the steps with the constants found, and what a stretch still lacks at
+    its end spread evenly over its time."""
+    steps, constants, poses = cut.steps, solution.constants, solution.poses
+    moves = steps.moves(constants)
+    total = np.cumsum(moves)
+    since = total - (total - moves)[steps.first][cut.stretch]
+    turned = cut.turn_end @ (np.array([1.0, 0.0, 0.0]) + constants[1:4])
+    begin, end = poses[:-1][cut.stretch], poses[1:][cut.stretch]
+    forward = np.exp(1j * begin[:, 2])
+    moved = np.add.reduceat(moves, steps.first)[cut.stretch]
+    missing = (end[:, 0] - begin[:, 0]) + 1j * (end[:, 1] - begin[:, 1]) - forward * moved
+    lacking = end[:, 2] - begin[:, 2] - steps.turns(constants)[cut.stretch]
+    place = begin[:, 0] + 1j * begin[:, 1] + forward * since + cut.share * missing
+    heading = begin[:, 2] + turned + cut.share * lacking
+    use = np.searchsorted(cut.t, path.t[1:])
+    x, y = np.append(poses[0, 0], place.real[use]), np.append(poses[0, 1], place.imag[use])
+    along = np.append(poses[0, 2], heading[use])
+    speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(path.t)
+    speed *= np.where(np.diff(x) * np.cos(along[1:]) + np.diff(y) * np.sin(along[1:]) < 0.0, -1.0, 1.0)
+    speed = np.append(speed[0], speed)
+    sigma = [np.sqrt(np.interp(path.t, cut.state_t, column)) for column in variance.T]
+    return Track(path.t, x, y, along, speed, *sigma)

@@ -1,0 +1,182 @@
+"""One wheel rolling: distance over time from the rate about its axle, and its bias while it rests."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.vehicle import Facing, Side, facing_sign
+
+_MAX_KNOTS = 1 << 17
+_HALF_NS = 250_000_000
+_BIAS_WALK = 2e-5  # rad/s per sqrt(s)
+_REST_SPREAD = 0.02  # rad/s
+_REST_LIMIT = 0.35  # rad/s: twice the zero-rate level of a bad part
+_REST_TURN = 0.005  # rad that gravity may turn by between the halves of a block: 20 mrad/s
+_BIAS_FLOOR = 2e-4  # rad/s
+_REST_SAMPLES = 10
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSpec:
+    """A wheel and its node. radius: m; gyro_bias of the node's z axis and its 1 sigma: rad/s."""
+
+    radius: float
+    facing: Facing
+    gyro_bias: float = 0.0
+    gyro_bias_sigma: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryNoise:
+    """What the covariance grows by; all 1 sigma.
+
+    gyro: rad/s per sample. road, lateral: m per square root of a metre rolled. speed_walk: m/s per
+    square root of a second, how the speed wanders where samples are missing. The rest are constants of
+    a drive and do not average out: radius (both wheels alike), radius_each, track: fractions.
+    """
+
+    gyro: float = 0.004
+    road: float = 0.002
+    lateral: float = 0.001
+    speed_walk: float = 1.0
+    radius: float = 0.005
+    radius_each: float = 0.001
+    track: float = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelSamples:
+    """Consecutive samples of the node on one wheel.
+
+    t_ns: (N,) host time; gyro: (N, 3) rad/s; accel: (N, 3) m/s2 specific force; node axes.
+    """
+
+    side: Side
+    t_ns: NDArray[np.int64]
+    gyro: NDArray[np.float64]
+    accel: NDArray[np.float64]
+
+
+class RollingWheel:
+    """Distance rolled by one wheel, as knots (time, distance, variance) between which it is linear."""
+
+    def __init__(self, spec: WheelSpec, noise: OdometryNoise, standstill_bias: bool) -> None:
+        self.knots: deque[tuple[int, float, float]] = deque()
+        self.bias = spec.gyro_bias
+        self.bias_sigma = spec.gyro_bias_sigma
+        self.ready = not standstill_bias  # a first look has told whether it rests
+        self.newest = 0
+        self._sign = facing_sign(spec.facing)
+        self._radius = spec.radius
+        self._noise = noise
+        self._rate = 0.0
+        self._rest = Standstill() if standstill_bias else None
+
+    def add(self, samples: WheelSamples) -> int:
+        """Integrates samples; returns how many were late."""
+        late = 0
+        noise, radius = self._noise, self._radius
+        gyro_variance, road, walk = (radius * noise.gyro) ** 2, noise.road**2, noise.speed_walk**2 / 12
+        rows = zip(
+            samples.t_ns.tolist(),
+            samples.gyro[:, 2].tolist(),
+            samples.accel[:, 0].tolist(),
+            samples.accel[:, 1].tolist(),
+            strict=True,
+        )
+        for t_ns, rate, ax, ay in rows:
+            if self.knots:
+                before, distance, variance = self.knots[-1]
+                if t_ns <= before:
+                    late += 1
+                    continue
+                dt = (t_ns - before) * 1e-9
+                ds = radius * self._sign * (0.5 * (self._rate + rate) - self.bias) * dt
+                variance += gyro_variance * dt * dt + road * abs(ds) + walk * dt**3
+                self.knots.append((t_ns, distance + ds, variance))
+            else:
+                self.knots.append((t_ns, 0.0, 0.0))
+            self._rate, self.newest = rate, t_ns
+            if self._rest is not None and self._rest.add(t_ns, rate, ax, ay):
+                self._look(self._rest)
+        if len(self.knots) > _MAX_KNOTS:
+            # The other wheel has been silent for minutes: the shape in between is lost to it anyway.
+            self.knots = deque([*list(self.knots)[:-1:2], self.knots[-1]])
+        return late
+
+    def at(self, t_ns: int) -> tuple[float, float]:
+        """Distance and variance at a time between the oldest and newest knot; older knots are let go."""
+        knots = self.knots
+        while len(knots) > 1 and knots[1][0] <= t_ns:
+            knots.popleft()
+        t0, s0, v0 = knots[0]
+        if len(knots) == 1 or t_ns == t0:
+            return s0, v0
+        t1, s1, v1 = knots[1]
+        share = (t_ns - t0) / (t1 - t0)
+        return s0 + share * (s1 - s0), v0 + share * (v1 - v0)
+
+    def _look(self, rest: Standstill) -> None:
+        """A block of samples has been judged: a resting wheel shows its gyro's bias."""
+        if rest.resting:
+            variance = self.bias_sigma**2
+            gain = variance / (variance + rest.variance)
+            change = gain * (rest.mean - self.bias)
+            self.bias += change
+            self.bias_sigma = math.sqrt((1 - gain) * variance + _BIAS_WALK**2 * 2 * _HALF_NS * 1e-9)
+            if not self.ready:
+                start = self.knots[0][0]
+                slope = self._radius * self._sign * change * 1e-9
+                self.knots = deque((t, s - slope * (t - start), v) for t, s, v in self.knots)
+        self.ready = True
+
+
+class Standstill:
+    """Blocks of half a second: the wheel rests where its gyro is steady and gravity does not turn."""
+
+    def __init__(self) -> None:
+        self.resting = False
+        self.mean = self.variance = 0.0
+        self._end_ns: int | None = None
+        self._half = [0.0] * 5
+        self._first: list[float] | None = None
+
+    def add(self, t_ns: int, rate: float, ax: float, ay: float) -> bool:
+        """One sample; True when a block has just been judged."""
+        judged = False
+        if self._end_ns is None:
+            self._end_ns = t_ns + _HALF_NS
+        elif t_ns >= self._end_ns:
+            self._end_ns = t_ns + _HALF_NS
+            judged = self._first is not None
+            if self._first is not None:
+                self._judge(self._first, self._half)
+                self._first = None
+            else:
+                self._first = self._half
+            self._half = [0.0] * 5
+        half = self._half
+        half[0] += 1
+        half[1] += rate
+        half[2] += rate * rate
+        half[3] += ax
+        half[4] += ay
+        return judged
+
+    def _judge(self, one: list[float], two: list[float]) -> None:
+        n = one[0] + two[0]
+        self.mean = (one[1] + two[1]) / n
+        spread = max((one[2] + two[2]) / n - self.mean**2, 0.0)
+        turn = (
+            math.hypot(one[3] / one[0] - two[3] / two[0], one[4] / one[0] - two[4] / two[0])
+            / STANDARD_GRAVITY
+        )
+        steady = spread < _REST_SPREAD**2 and abs(self.mean) < _REST_LIMIT and turn < _REST_TURN
+        self.resting = steady and n >= _REST_SAMPLES
+        self.variance = spread / n + _BIAS_FLOOR**2

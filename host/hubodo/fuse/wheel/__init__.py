@@ -1,0 +1,1 @@
+"""The filter of one or two wheels."""

@@ -1,0 +1,266 @@
+"""What one node measured between two fixed times, boiled down to integrals that no estimate enters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.sine import cosine_and_sine
+from hubodo.vehicle import Facing, facing_sign
+
+WINDOW = 0.1
+"""Length of a window, s: at 2000 deg/s half a turn, and an error of 1 % in spin turns its ends by 2
+mrad/(rad/s)."""
+
+LONGEST_GAP = 3600.0
+"""s; a sample that is later than that after the one before is taken for a jump of the clock and left out."""
+
+LONGEST_STEP = 0.08
+"""s between samples; what is longer is a gap."""
+
+_PORTION = 4096
+"""Samples worked at a time: what is made of them stays in the processor's cache."""
+
+
+class Window(NamedTuple):
+    """Integrals over one window, of a node turned so that it faces left.
+
+    number: of the window; it lies between start + number * WINDOW and one WINDOW later. The carrier c(t) is
+    the integral of the measured gz since the middle of the window (in angle); complex numbers are x + iy of
+    the node. spin: int gz. rate_start, rate_end: gz at the edges. across: int (gx + i gy) e^(ic). carrier:
+    int e^(ic). force: int (ax + i ay) e^(ic). axial: int az. raw_force: int (ax + i ay). raw_across: int
+    (gx + i gy). gyro_variance, axial_variance: within the window, (rad/s)² of all three axes and (m/s²)² of
+    az. spin_clipped, across_clipped, force_clipped: share of the time in which a channel stood at its
+    limit. missing: share of the time without samples. clock_angle: the carrier's angle at the middle since
+    the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the end less that at the
+    start.
+    """
+
+    number: int
+    spin: float
+    rate_start: float
+    rate_end: float
+    across: complex
+    carrier: complex
+    force: complex
+    axial: float
+    raw_across: complex
+    raw_force: complex
+    gyro_variance: float
+    axial_variance: float
+    spin_clipped: float
+    across_clipped: float
+    force_clipped: float
+    missing: float
+    clock_angle: float
+    swing: float
+    lever: complex
+
+
+NOTHING = Window(0, 0, 0, 0, 0j, 0j, 0j, 0, 0j, 0j, 0, 0, 0, 0, 0, 1.0, 0, 0, 0j)
+"""A window in which the node was not heard."""
+
+# The integrands below, one row each.
+_GZ, _WR, _WI, _ER, _EI, _FR, _FI, _AZ, _GX, _GY, _AX, _AY, _GG, _ZZ, _CS, _CA, _CF = range(17)
+
+
+@dataclass
+class WindowBuilder:
+    """Cuts the samples of one node into windows; the result does not depend on the portions they come in.
+
+    Integrals run over the straight lines between samples from the very first one; a window is the difference
+    of two of them. Sums are made one after the other, as a live run makes them.
+
+    facing: where the node's z axis points. gyro_limit: rad/s, accel_limit: m/s², beyond which a sample counts
+    as clipped. start: s, time of the first edge.
+    """
+
+    facing: Facing
+    start: float
+    gyro_limit: float = np.inf
+    accel_limit: float = np.inf
+    refused: int = 0
+    _edge: int = 0
+    _time: list[float] = field(default_factory=list)
+    _rows: list[tuple[float, ...]] = field(default_factory=list)
+    _last: tuple[Array, Array, Array] | None = None
+    _at_edge: Array | None = None
+
+    def add(self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...]) -> list[Window]:
+        """One sample; the windows it completes. One whose time does not increase, or jumps ahead by more than
+        LONGEST_GAP, is counted and left out."""
+        if not self._follows(t):
+            self.refused += 1
+            return []
+        self._time.append(t)
+        self._rows.append((*gyro, *accel))
+        waits = self._last is not None and t < self.start + self._edge * WINDOW
+        if waits or (self._last is None and len(self._time) < 2):
+            return []
+        rows = np.array(self._rows)
+        time = np.array(self._time)
+        self._time, self._rows = [], []
+        return self._close(time, rows[:, :3], rows[:, 3:])
+
+    def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+        """Many samples, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², finite; the windows they complete."""
+        if self._time:
+            held = np.array(self._rows)
+            t = np.concatenate([self._time, t])
+            gyro, accel = np.concatenate([held[:, :3], gyro]), np.concatenate([held[:, 3:], accel])
+            self._time, self._rows = [], []
+        keep = self._kept(t)
+        self.refused += int(len(t) - np.count_nonzero(keep))
+        if not keep.all():
+            t, gyro, accel = t[keep], gyro[keep], accel[keep]
+        if len(t) + (self._last is not None) < 2:
+            self._time, self._rows = t.tolist(), [(*g, *a) for g, a in zip(gyro, accel, strict=True)]
+            return []
+        windows = []
+        for first in range(0, len(t), _PORTION):
+            part = slice(first, first + _PORTION)
+            windows += self._close(t[part], gyro[part], accel[part])
+        return windows
+
+    def _follows(self, t: float) -> bool:
+        last = self._time[-1] if self._time else self._last[0][0] if self._last else None
+        return last is None or bool(0.0 < t - last <= LONGEST_GAP)
+
+    def _kept(self, t: Array) -> NDArray[np.bool_]:
+        """Which of many samples `add` would accept one after the other."""
+        last = self._last[0][0] if self._last else None
+        steps = np.diff(t) if last is None else np.diff(t, prepend=last)
+        keep = np.ones(len(t), bool)
+        if bool(((steps > 0.0) & (steps <= LONGEST_GAP)).all()):
+            return keep
+        for index, time in enumerate(t.tolist()):
+            keep[index] = last is None or 0.0 < time - last <= LONGEST_GAP
+            last = time if keep[index] else last
+        return keep
+
+    def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+        sign = facing_sign(self.facing)
+        if self._last is None:
+            self._edge = max(0, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
+            rows = self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
+            self._last = (t[:1], rows, np.zeros((_CF + 2, 1)))
+            t, gyro, accel = t[1:], gyro[1:], accel[1:]
+        t_before, rows_before, totals_before = self._last
+        t = np.concatenate([t_before, t])
+        step = np.diff(t)
+        spin = np.concatenate([rows_before[_GZ], sign * gyro[:, 2]])
+        totals = np.empty((_CF + 2, len(t)))
+        totals[:, :1] = totals_before
+        totals[_GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
+        angle = np.cumsum(totals[_GZ])
+        rows = np.concatenate([rows_before, self._integrands(gyro, accel, angle[1:], sign)], axis=1)
+        totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
+        totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
+        np.cumsum(totals, axis=1, out=totals)
+        windows = self._cut(t, rows, totals)
+        self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
+        return windows
+
+    def _integrands(self, gyro: Array, accel: Array, angle: Array, sign: float) -> Array:
+        gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
+        ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
+        cos, sin = cosine_and_sine(angle)
+        clipped = np.abs(gyro) >= self.gyro_limit
+        return np.stack(
+            [
+                gz,
+                gx * cos - gy * sin,
+                gx * sin + gy * cos,
+                cos,
+                sin,
+                ax * cos - ay * sin,
+                ax * sin + ay * cos,
+                az,
+                gx,
+                gy,
+                ax,
+                ay,
+                gx * gx + gy * gy + gz * gz,
+                az * az,
+                clipped[:, 2],
+                clipped[:, 0] | clipped[:, 1],
+                (np.abs(accel[:, :2]) >= self.accel_limit).any(axis=1),
+            ]
+        )
+
+    def _cut(self, t: Array, rows: Array, totals: Array) -> list[Window]:
+        last = int(np.floor((t[-1] - self.start) / WINDOW + 1e-9))
+        numbers = np.arange(self._edge, max(last, self._edge - 1) + 1)
+        edges = self.start + numbers * WINDOW
+        inside = (edges <= t[-1]) & (edges >= t[0])
+        numbers, edges = numbers[inside], edges[inside]
+        if not len(numbers):
+            return []
+        right = np.clip(np.searchsorted(t, edges, side="left"), 1, len(t) - 1)
+        left = right - 1
+        step = t[right] - t[left]
+        share = (edges - t[left]) / step
+        y0, y1 = rows[:, left], rows[:, right]
+        at = np.empty((_CF + 3, len(edges)))
+        at[:-2] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
+        at[-2] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
+        at[-1] = y0[_GZ] + share * (y1[_GZ] - y0[_GZ])
+        first = self._edge - (self._at_edge is not None)
+        self._edge = int(numbers[-1]) + 1
+        if self._at_edge is not None:
+            at = np.concatenate([self._at_edge, at], axis=1)
+        self._at_edge = at[:, -1:].copy()
+        return _differences(first, at)
+
+
+def _differences(first: int, at: Array) -> list[Window]:
+    """Windows from number `first` on, between edges at which the integrals, the time without samples and gz
+    are `at`."""
+    d = np.diff(at)
+    count = d.shape[1]
+    if not count:
+        return []
+    middle = 0.5 * (at[_GZ, 1:] + at[_GZ, :-1])
+    cos, sin = cosine_and_sine(middle)
+    half_cos, half_sin = cosine_and_sine(0.5 * d[_GZ])
+    rate_start, rate_end = at[-1, :-1], at[-1, 1:]
+    mean = d / WINDOW
+    gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
+    axial_variance = mean[_ZZ] - mean[_AZ] * mean[_AZ]
+    columns = (
+        range(first, first + count),
+        d[_GZ].tolist(),
+        rate_start.tolist(),
+        rate_end.tolist(),
+        # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
+        _turned(d[_WR], d[_WI], cos, sin),
+        _turned(d[_ER], d[_EI], cos, sin),
+        _turned(d[_FR], d[_FI], cos, sin),
+        d[_AZ].tolist(),
+        _complex(d[_GX], d[_GY]),
+        _complex(d[_AX], d[_AY]),
+        np.maximum(gyro_variance, 0.0).tolist(),
+        np.maximum(axial_variance, 0.0).tolist(),
+        mean[_CS].tolist(),
+        mean[_CA].tolist(),
+        mean[_CF].tolist(),
+        mean[-2].tolist(),
+        middle.tolist(),
+        (2.0 * half_sin).tolist(),
+        _complex(-(rate_end + rate_start) * half_sin, (rate_end - rate_start) * half_cos),
+    )
+    return [Window(*row) for row in zip(*columns, strict=True)]
+
+
+def _turned(real: Array, imaginary: Array, cos: Array, sin: Array) -> list[complex]:
+    return _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
+
+
+def _complex(real: Array, imaginary: Array) -> list[complex]:
+    pair = np.empty(len(real), complex)
+    pair.real, pair.imag = real, imaginary
+    return list(pair.tolist())

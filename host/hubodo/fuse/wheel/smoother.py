@@ -1,0 +1,88 @@
+"""The wheel track seen from the end of the log: Rauch-Tung-Striebel smoothing of the wheel filter.
+
+x_k|N = x_k|k + G (x_k+1|N - x_k+1|k), G = P_k|k F' P_k+1|k^-1 (Rauch, Tung, Striebel 1965). The filter is
+run again in stretches from copies of itself, so that only one stretch of covariances is in memory.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel import phase
+from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.fixed_lag import gain
+from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES
+from hubodo.fuse.wheel.step import POSE_STATES, Kept, Pose, WheelStep
+
+if TYPE_CHECKING:
+    from hubodo.fuse.wheel.filter import Step
+
+_STRETCH = 200
+
+
+class _Record(NamedTuple):
+    """A step: its pose, both sides of its measurements, and the transition from there to its end, (n, n)."""
+
+    pose: Pose
+    kept: Kept
+    transition: Array
+
+
+def smooth(config: WheelConfig, steps: Sequence[Step], needed: int) -> list[Pose]:
+    """Poses of all steps, each from the whole log. needed: windows the filter began with."""
+    core = WheelStep(config)
+    core.begin([step.windows for step in steps if not step.listen])
+    copies = []
+    for index, step in enumerate(steps):
+        if index % _STRETCH == 0:
+            copies.append(copy.deepcopy(core))
+        core.step(step.windows, step.number, step.listen, needed)
+    poses: list[Pose] = []
+    later: _Record | None = None
+    x, p = np.array(core.x), core.p
+    for number in reversed(range(len(copies))):
+        stretch = steps[number * _STRETCH : (number + 1) * _STRETCH]
+        for record in reversed(_again(copies[number], stretch, needed)):
+            if later is None:
+                x, p = np.array(record.kept.x), record.kept.p
+            else:
+                x, p = _step_back(record, later, x, p)
+            poses.append(_pose(record, x, p))
+            later = record
+    return poses[::-1]
+
+
+def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]:
+    core.keep = True
+    records = []
+    for step in steps:
+        pose = core.step(step.windows, step.number, step.listen, needed)
+        records.append(_Record(pose, core.kept, core.transition()))
+    return records
+
+
+def _step_back(record: _Record, later: _Record, x: Array, p: Array) -> tuple[Array, Array]:
+    """Smoothed states after `record`'s measurements, from those (x, p) after the measurements of the
+    `later` one."""
+    back = gain(record.kept, record.transition, later.kept)
+    ahead = x - np.array(later.kept.prior_x)
+    for angle in range(VEHICLE_STATES + phase.ANGLE, len(ahead), WHEEL_STATES):
+        ahead[angle] = math.remainder(ahead[angle], 2.0 * math.pi)
+    smoothed = record.kept.p + back @ (p - later.kept.prior_p) @ back.T
+    return np.array(record.kept.x) + back @ ahead, 0.5 * (smoothed + smoothed.T)
+
+
+def _pose(record: _Record, x: Array, p: Array) -> Pose:
+    rows = record.transition[POSE_STATES]
+    change = rows @ (x - np.array(record.kept.x))
+    pose = record.pose
+    px, py, heading, speed, yaw_rate = (float(a + b) for a, b in zip(pose[1:6], change, strict=True))
+    return pose._replace(
+        x=px, y=py, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=rows @ p @ rows.T
+    )

@@ -1,0 +1,278 @@
+"""A recording of wheel nodes to a track, with what was learnt on the way and what a user must know."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.track import Track
+from hubodo.fuse.wheel import phase, smoother
+from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.filter import START, WheelFilter
+from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.node_screening import own_gaps
+from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.zero_velocity import Stillness
+from hubodo.recording import Table
+from hubodo.vehicle import facing_sign
+
+_TURN = 2.0 * np.pi
+_DISAGREE = 10
+"""Windows in which the wheels roll apart, after which a clock is doubted."""
+
+
+@dataclass(frozen=True, eq=False)
+class WheelTrack:
+    """Poses of the body origin, each (N,). t: s on the log's clock. x, y: m from the start; heading: rad,
+    unwrapped. speed: m/s and yaw_rate: rad/s, means of the tenth of a second that ends at t. covariance:
+    (N, 5, 5) of x, y, heading, speed, yaw_rate. still: 0 moving, 1 loitering, 2 at rest. nis, degrees: of
+    each step.
+    """
+
+    t: Array
+    x: Array
+    y: Array
+    heading: Array
+    speed: Array
+    yaw_rate: Array
+    covariance: Array
+    still: Array
+    nis: Array
+    degrees: Array
+
+    def plain(self) -> Track:
+        """The same as the common track: no yaw rate, sigmas instead of covariances."""
+        sigma = np.sqrt(np.maximum(np.einsum("nii->in", self.covariance), 0.0))
+        return Track(self.t, self.x, self.y, self.heading, self.speed, *sigma[:3])
+
+
+@dataclass(frozen=True)
+class WheelReport:
+    """What the filter learnt. distance: m along the track. duration: s. method: in words. vehicle and nodes:
+    name -> {"value", "sigma"} in SI units, nodes in their own axes; what one wheel cannot show is not there.
+    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. warnings: one
+    line each.
+    """
+
+    distance: float
+    duration: float
+    method: str
+    vehicle: Mapping[str, Mapping[str, float]]
+    nodes: Mapping[str, Mapping[str, Mapping[str, float]]]
+    counts: Mapping[str, Mapping[str, int]]
+    warnings: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """For fuse.json."""
+        return {
+            "distance": self.distance,
+            "duration": self.duration,
+            "method": self.method,
+            "vehicle": {key: dict(value) for key, value in self.vehicle.items()},
+            "nodes": {
+                name: {key: dict(item) for key, item in node.items()} for name, node in self.nodes.items()
+            },
+            "counts": {name: dict(value) for name, value in self.counts.items()},
+            "warnings": list(self.warnings),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class WheelRun:
+    """A whole recording, filtered."""
+
+    track: WheelTrack
+    report: WheelReport
+    filter: WheelFilter = field(repr=False)
+
+
+def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> WheelRun:
+    """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
+
+    lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
+    with a finite lag; one as long as the log is the same as inf, up to rounding. Raises ValueError when
+    there is not one window: less than a fifth of a second of samples.
+    """
+    made = WheelFilter(config)
+    if lag > 0.0:
+        made.steps = []
+    blocks = {
+        name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
+    }
+    poses = [*made.handle_many(blocks).poses, *made.finish().poses]
+    if not poses:
+        raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
+    steps = made.steps or []
+    if lag >= len(steps) * WINDOW > 0.0:
+        poses = smoother.smooth(config, steps, START)
+    elif lag > 0.0:
+        poses = smooth_with_lag(config, steps, START, math.ceil(lag / WINDOW - 1e-9))
+    track = collect(poses)
+    alone = _without_what_jumped(config, nodes, lag, made)
+    if alone is not None:
+        return alone
+    if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
+        track = replace(track, covariance=_mirrored(track))
+    return WheelRun(track, report(made, track, lag), made)
+
+
+def _without_what_jumped(
+    config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
+) -> WheelRun | None:
+    """The run without what came after a gap in one node alone, when since then the wheels disagree: its clock
+    jumped against the other's, by what cannot be told. None where all is well: samples lost in between leave
+    wheels that agree."""
+    slips = sum(wheel.slips for wheel in made.core.wheels)
+    gaps = own_gaps([nodes[name] for name in config.nodes if name in nodes])
+    if slips < _DISAGREE or len(gaps) != 2 or all(gaps) or not any(gaps):
+        return None
+    name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
+    table = nodes[name]
+    before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
+    found = run(config, {**nodes, name: before}, lag)
+    earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
+    if slips - earlier < _DISAGREE + earlier:
+        return None
+    said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
+    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _backwards(wheel: Wheel) -> bool:
+    """Whether a wheel rolled backwards nearly all the way, which is rare but for a node that faces the other
+    way."""
+    return wheel.turned >= _TURN and wheel.forwards < -0.8 * wheel.turned
+
+
+def _mirrored(track: WheelTrack) -> Array:
+    """(N, 5, 5): what the track does not know when it may as well be its own mirror image.
+
+    Had the node the other facing, the vehicle would drive forwards with the same headings: every place is
+    that of the start less the way to it.
+    """
+    away = np.zeros((len(track.t), 5))
+    away[:, 0], away[:, 1], away[:, 3] = 2.0 * track.x, 2.0 * track.y, 2.0 * track.speed
+    return np.asarray(track.covariance + away[:, :, None] * away[:, None, :])
+
+
+def collect(poses: Sequence[Pose]) -> WheelTrack:
+    """Poses as arrays."""
+    plain = np.array([pose[:6] for pose in poses], np.float64)
+    t, x, y, heading, speed, yaw_rate = (np.ascontiguousarray(column) for column in plain.T)
+    covariance = np.array([pose.covariance for pose in poses])
+    still = np.array([pose.still for pose in poses], np.float64)
+    nis = np.array([pose.nis for pose in poses])
+    degrees = np.array([pose.degrees for pose in poses], np.float64)
+    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees)
+
+
+def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:
+    """What a filter knows after its last pose; lag: as for `run`."""
+    wheels = made.core.wheels
+    names = " and ".join(wheel.name for wheel in wheels)
+    how = "filtered, each pose from the past alone"
+    if lag > 0.0:
+        ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
+        how = f"smoothed, each pose from {ahead}: not causal"
+    vehicle = {}
+    if len(wheels) == 2:
+        vehicle["track_width"] = _scaled(made, None, phase.TRACK, made.config.track_width, 1.0)
+        vehicle["clock_offset"] = _scaled(made, None, phase.CLOCK, 1.0, 0.0)
+    nodes = {wheel.name: _node(made, wheel) for wheel in wheels}
+    counts = {
+        wheel.name: {
+            "windows_slipping": wheel.slips,
+            "windows_clipped": wheel.clipped,
+            "windows_unheard": wheel.unheard_in_all,
+            "samples_refused": made.refused[wheel.name],
+        }
+        for wheel in wheels
+    }
+    path = float(np.sum(np.abs(track.speed)) * WINDOW)
+    duration = float(track.t[-1] - track.t[0]) + WINDOW
+    warned = tuple(_warnings(made, track))
+    return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
+
+
+def _scaled(
+    made: WheelFilter, node: str | None, state: int, factor: float, offset: float
+) -> dict[str, float]:
+    value, sigma = made.core.estimate(node, state)
+    return {"value": factor * (offset + value), "sigma": abs(factor) * sigma}
+
+
+def _node(made: WheelFilter, wheel: Wheel) -> dict[str, dict[str, float]]:
+    sign = facing_sign(wheel.node.facing)
+    table = (
+        ("gyro_bias_x", phase.BIAS_X, 1.0, 0.0),
+        ("gyro_bias_y", phase.BIAS_Y, sign, 0.0),
+        ("gyro_bias_z", phase.SPIN_BIAS, sign, 0.0),
+        ("spin_scale", phase.SPIN_SCALE, 1.0, 0.0),
+        ("yaw_scale", phase.YAW_SCALE, 1.0, 0.0),
+        ("yaw_rate_from_gravity", phase.YAW_BIAS, 1.0, 0.0),
+        ("tilt_x", phase.TILT_Y, 1.0, 0.0),
+        ("tilt_y", phase.TILT_X, -sign, 0.0),
+        ("lever_arm_x", phase.ARM_X, 1.0, 0.0),
+        ("lever_arm_y", phase.ARM_Y, sign, 0.0),
+        ("camber", phase.CAMBER, 1.0, 0.0),
+        ("wheel_radius", phase.RADIUS, made.config.radius, 1.0),
+    )
+    return {name: _scaled(made, wheel.name, state, factor, offset) for name, state, factor, offset in table}
+
+
+def _warnings(made: WheelFilter, track: WheelTrack) -> list[str]:
+    lines = []
+    beginning = track.still[: int(3.0 / WINDOW)]
+    if not np.any(beginning != Stillness.MOVING):
+        lines.append(
+            "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "
+            "the first turns of the wheel. Stand still for five seconds before driving off"
+        )
+    elif not np.any(beginning == Stillness.RESTING) and not np.any(track.still == Stillness.RESTING):
+        lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
+    if made.core.agreement.verdict:
+        lines.append(f"{made.core.agreement.verdict}; until then its speed is not used")
+    windows = len(track.t)
+    for wheel in made.core.wheels:
+        lines += _wheel_warnings(wheel, windows, made.refused[wheel.name])
+    return lines
+
+
+def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
+    whole = windows * WINDOW
+    if wheel.unheard_in_all >= windows:
+        return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
+    found = []
+    if wheel.unheard_in_all > 5:
+        gone = wheel.unheard_in_all * WINDOW
+        found.append(f"not heard for {gone:.1f} s of {whole:.1f} s; sigmas grow there")
+    if wheel.lost:
+        found.append(
+            f"the wheel angle was lost over a gap and found anew ({wheel.lost} times): "
+            "its clock jumped, or it turned on while it was not heard"
+        )
+    if refused:
+        found.append(f"{refused} samples left out because their time went back or jumped far ahead")
+    if wheel.turned < _TURN:
+        turns = wheel.turned / _TURN
+        found.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
+    elif _backwards(wheel):
+        found.append(
+            "rolled backwards nearly all the way; if the vehicle drove forwards, the node faces the other "
+            "way: change its facing"
+        )
+    if wheel.moving >= 50 and wheel.upright < 0.5 * wheel.moving:
+        found.append("gravity does not turn with gz; an axis is mirrored, or the node is not on the wheel")
+    if wheel.clipped:
+        limit = wheel.clipped * WINDOW
+        found.append(f"gz at its limit for {limit:.1f} s; spin there is from gravity and centripetal force")
+    if wheel.slips > max(5, 0.05 * windows):
+        lost = wheel.slips * WINDOW
+        found.append(f"disagreed with the other wheel for {lost:.1f} s and lost weight: slip?")
+    return [f"{wheel.name}: {line}" for line in found]

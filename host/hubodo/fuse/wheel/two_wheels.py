@@ -1,0 +1,96 @@
+"""What two wheels tell about each other: rows that disagree, slip, and nodes mounted the wrong way round."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.phase import YAW, row_place
+from hubodo.fuse.wheel.preintegration import WINDOW
+
+GATE = 3.0
+"""Sigma beyond which a row loses weight."""
+
+BOTH = 0.0
+_ENOUGH = 10
+_FITS = 0.2
+_WORSE = 6.0
+_SURE = 3000
+
+
+def robust_variances(
+    white: Array, sigma: Array, residuals: Array, variances: Array, complete: bool, wheels: int
+) -> tuple[Array, int | None]:
+    """Variances under which no row stands out by more than three sigma, and the wheel found slipping, if any.
+
+    white: innovations, each given the rows before it, in units of `sigma`; residuals: as they are.
+    complete: all rows of all wheels are there. Of two yaw rates that disagree both lose weight alike; of
+    two wheels that roll apart the one that has left the speed which the accelerometers carried over: it
+    slips.
+    """
+    out = np.abs(white) > GATE
+    if not out.any():
+        return variances, None
+    extra = np.where(out, (white * white / GATE**2 - 1.0) * sigma * sigma, 0.0)
+    slipping = None
+    if complete and wheels == 2:
+        first, second = row_place(0, YAW, 2), row_place(1, YAW, 2)
+        extra[first] = max(extra[first], extra[second])
+        if out[-1]:
+            slipping = 0 if abs(residuals[-2]) > abs(residuals[-1]) else 1
+            extra[-1] = 0.0
+            extra[len(extra) - 2 + slipping] += residuals[len(extra) - 2 + slipping] ** 2
+    return variances + extra, slipping
+
+
+@dataclass
+class Agreement:
+    """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or that of another
+    mounting?
+
+    The gyros across the axle feel the same yaw whichever way a node faces; the wheels' speeds change sign
+    with the facing and change places with the side. track: m.
+    """
+
+    track: float
+    squares: list[float] = field(default_factory=lambda: [0.0] * 4)
+    travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    count: int = 0
+    verdict: str = ""
+
+    @property
+    def open(self) -> bool:
+        """Whether more windows are wanted: no verdict yet, and not yet sure that all is as declared."""
+        return not self.verdict and self.count < _SURE
+
+    def add(self, yaw_rate: float, left: float, right: float) -> float | None:
+        """One window: yaw rate of the gyros, rad/s, speeds of the wheels, m/s.
+
+        Returns once, when another mounting explains what was seen much better: the side to distrust, +1 or
+        -1, or BOTH.
+        """
+        if max(abs(left), abs(right)) < 0.1:
+            return None
+        self.travel[0] += left * WINDOW
+        self.travel[1] += right * WINDOW
+        self.count += 1
+        guesses = (right - left, right + left, -right - left, left - right)
+        for index, guess in enumerate(guesses):
+            self.squares[index] += (yaw_rate - guess / self.track) ** 2
+        if self.count < _ENOUGH:
+            return None
+        best = min(range(4), key=lambda index: self.squares[index])
+        fits = self.squares[best] < _FITS**2 * self.count
+        if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + 0.02**2 * self.count):
+            return None
+        if best == 3:
+            self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
+            if max(self.travel) < 0.0:
+                self.verdict = "both nodes are mounted the other way round: change both facings"
+            return BOTH
+        backwards = 0 if self.travel[0] < self.travel[1] else 1
+        name = ("left", "right")[backwards]
+        self.verdict = f"the node on the {name} wheel is mounted the other way round: change its facing"
+        return (1.0, -1.0)[backwards]

@@ -1,0 +1,1 @@
+"""A receiver's sentences to fixes."""

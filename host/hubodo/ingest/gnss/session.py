@@ -1,0 +1,84 @@
+"""A GNSS receiver's sentences into the log, on the host's clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from hubodo.ingest.gnss.nmea import Fix, NmeaDecoder
+from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
+from hubodo.ingest.node.session import ArrivalOrder
+from hubodo.ingest.sink import Sink
+from hubodo.recording import Event
+
+_TOPIC = "/gnss/nmea"
+_AGREE_NS = 2_000_000_000
+
+
+class GnssSession:
+    """Logs the bytes as they came, then the fixes.
+
+    A fix is stamped with the time of its sentences. Where the host's clock is not within 2 s of that,
+    the smallest difference seen puts it on the host's clock, late by the receiver's least delay, and
+    an event says so.
+    """
+
+    def __init__(self, label: str, sink: Sink, order: ArrivalOrder | None = None) -> None:
+        """order: of everything that goes into the log and the odometry; fixes are put into it."""
+        self.label = label
+        self.decoder = NmeaDecoder()
+        self.last: Fix | None = None
+        self._sink = sink
+        self._order = order or ArrivalOrder()
+        self._channel: int | None = None
+        self._shift_ns = 0
+        self._off_by: int | None = None
+        self._newest = 0
+
+    def chunk(self, data: bytes, t_ns: int) -> list[FixSample]:
+        """Bytes from the receiver; the fixes that they complete, as a log gives them again."""
+        if self._channel is None:
+            self._channel = self._sink.add_channel(_TOPIC, "", "", b"", "nmea")
+        self._sink.write(self._channel, t_ns, t_ns, data)
+        return list(self._put(self.decoder.feed(data, t_ns)))
+
+    def close(self) -> list[FixSample]:
+        """The last epoch."""
+        return list(self._put(self.decoder.finish()))
+
+    def _put(self, fixes: Iterable[Fix]) -> Iterator[FixSample]:
+        for fix in fixes:
+            self.last = fix
+            t_ns = self._stamp(fix)
+            if t_ns <= self._newest:
+                continue
+            self._newest = t_ns
+            sigma = None if fix.sigma is None else [fix.sigma]
+            self._sink.fix(
+                t_ns,
+                self._order.stamp(fix.received_ns),
+                fix.latitude_deg,
+                fix.longitude_deg,
+                fix.altitude,
+                sigma=sigma,
+                status=fix.status,
+            )
+            if fix.status >= 0:
+                across = None if fix.sigma is None else horizontal_sigma(fix.sigma[0] ** 2, fix.sigma[1] ** 2)
+                yield FixSample(t_ns, fix.latitude_deg, fix.longitude_deg, across)
+
+    def _stamp(self, fix: Fix) -> int:
+        if fix.utc_ns is None:
+            return fix.received_ns
+        late = fix.received_ns - fix.utc_ns
+        if self._off_by is None:
+            self._off_by = late
+            if not -_AGREE_NS < late < _AGREE_NS:
+                self._shift_ns = late
+                text = (
+                    f"{self.label}: the host's clock is {late * 1e-9:+.1f} s off GNSS time; fixes are put on "
+                    "the host's clock, late by the receiver's delay; set the host's clock for better"
+                )
+                self._sink.event(Event(fix.received_ns, "clock", self.label, text, {"offset": late * 1e-9}))
+        elif self._shift_ns and late < self._shift_ns:
+            self._shift_ns = late
+        return fix.utc_ns + self._shift_ns

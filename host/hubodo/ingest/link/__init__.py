@@ -1,0 +1,1 @@
+"""Ports and what comes over them: bytes, strangers, links that break."""

@@ -1,0 +1,170 @@
+"""One link as the station knows it: bytes logged raw, frames split by node, damage and strangers noticed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from hubodo.ingest.link.foreign import describe
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
+from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.sink import Sink
+from hubodo.recording import Event
+from hubowire import Damage, Frame, FrameDecoder
+
+S = 1_000_000_000
+DAMAGED = "/damaged"
+"""Behind a link's name in the log: pieces between delimiters that are no frame."""
+
+_FOREIGN_NS = 3 * S
+_SILENT_NS = 5 * S
+_DAMAGE_EVERY_NS = 10 * S
+_SAMPLE_BYTES = 512
+_MAX_SENDERS = 64
+_CAUSES = ("crc", "cobs", "short", "oversize")
+
+
+class LinkSession:
+    """Counts and splits what comes over one link, across its interruptions.
+
+    The piece before the first delimiter and the one after the last, of each connection, are halves of
+    frames that were cut, not damaged: they are logged with the damaged ones but counted apart.
+    """
+
+    def __init__(self, label: str, sink: Sink) -> None:
+        self.label = label
+        self.where: str | None = None
+        self.datagrams = False
+        self.frames = 0
+        self.bytes = 0
+        self.cut = 0
+        self.downs = 0
+        self.foreign: str | None = None
+        self.missed = False
+        self.damage = dict.fromkeys(_CAUSES, 0)
+        self._sink = sink
+        self._decoders: dict[str, FrameDecoder] = {}
+        self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
+        self._strange = bytearray()
+        self._strange_count = 0
+        self._strange_since: int | None = None
+        self._heard_ns: int | None = None
+        self._reported = 0
+        self._next_report = 0
+        self._silence_said = False
+
+    @property
+    def counts(self) -> LinkCounts:
+        """What gaps are explained by."""
+        return LinkCounts(sum(self.damage.values()), self.downs)
+
+    def up(self, news: LinkUp) -> None:
+        """The link is open."""
+        self.where, self.datagrams = news.where, news.datagrams
+        self._heard_ns, self._silence_said = news.t_ns, False
+        text = f"{self.label}: connected at {news.where}"
+        self._sink.event(
+            Event(news.t_ns, "connected", self.label, text, {"link": self.label, "where": news.where})
+        )
+
+    def lost(self, news: LinkLost) -> None:
+        """The link has gone."""
+        was_open, self.where, self.missed = self.where is not None, None, True
+        if was_open:
+            self.downs += 1
+        for sender in list(self._decoders):
+            self._end(sender, news.t_ns)
+        text = f"{self.label}: {'disconnected' if was_open else 'not there yet'}: {news.text}"
+        self._sink.event(Event(news.t_ns, "disconnected", self.label, text, {"link": self.label}))
+
+    def chunk(self, chunk: Chunk) -> Iterator[Frame]:
+        """Logs each piece between delimiters, then yields it if it is a frame."""
+        self._heard_ns = chunk.t_ns
+        self.bytes += len(chunk.data)
+        decoder = self._decoder(chunk.sender)
+        for stuffed in decoder.split(chunk.data):
+            frame = decoder.decode(stuffed)
+            fresh = chunk.sender in self._fresh
+            self._fresh.discard(chunk.sender)
+            if frame is None:
+                self._sink.raw(self.label + DAMAGED, chunk.t_ns, stuffed + b"\0")
+                if fresh:
+                    self.cut += 1
+                    decoder.damage = Damage()
+            else:
+                self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
+                self.frames += 1
+                self._strange.clear()
+                self._strange_count = 0
+                self._strange_since = self.foreign = None
+            self._count(decoder)
+            if frame is not None:
+                yield frame
+        self._count(decoder)
+        if self._strange_since is None:
+            self._strange_since = chunk.t_ns
+        self._strange_count += len(chunk.data)
+        if len(self._strange) < _SAMPLE_BYTES:
+            self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
+
+    def tick(self, now_ns: int) -> Iterator[str]:
+        """Yields lines the user should see: a stranger on the line, or silence."""
+        if (
+            self._strange_since is not None
+            and self.foreign is None
+            and now_ns - self._strange_since > _FOREIGN_NS
+        ):
+            self.foreign = describe(bytes(self._strange), self._strange_count)
+            text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
+            self._sink.event(Event(now_ns, "foreign", self.label, text, {"link": self.label}))
+            yield text
+        silent = (
+            self.where is not None and self._heard_ns is not None and now_ns - self._heard_ns > _SILENT_NS
+        )
+        if silent and not self._silence_said:
+            self._silence_said = True
+            text = f"{self.label} ({self.where}): open, but nothing has come for 5 s; is the node powered?"
+            self._sink.event(Event(now_ns, "silent", self.label, text, {"link": self.label}))
+            yield text
+        if now_ns >= self._next_report:
+            self._next_report = now_ns + _DAMAGE_EVERY_NS
+            self._report(now_ns)
+
+    def close(self, now_ns: int) -> None:
+        """Accounts for what is left."""
+        for sender in list(self._decoders):
+            self._end(sender, now_ns)
+        self._report(now_ns)
+
+    def _decoder(self, sender: str) -> FrameDecoder:
+        decoder = self._decoders.get(sender)
+        if decoder is None:
+            if len(self._decoders) >= _MAX_SENDERS:
+                self._decoders.pop(next(iter(self._decoders)))
+            decoder = self._decoders[sender] = FrameDecoder()
+            if not self.datagrams:
+                self._fresh.add(sender)
+        return decoder
+
+    def _count(self, decoder: FrameDecoder) -> None:
+        if decoder.damage.frames:
+            for cause in _CAUSES:
+                self.damage[cause] += getattr(decoder.damage, cause)
+            decoder.damage = Damage()
+
+    def _end(self, sender: str, t_ns: int) -> None:
+        decoder = self._decoders.pop(sender)
+        for rest in decoder.split(b"\0"):
+            self.cut += 1
+            self._sink.raw(self.label + DAMAGED, t_ns, rest)
+        self._fresh.discard(sender)
+
+    def _report(self, now_ns: int) -> None:
+        total = sum(self.damage.values())
+        if total == self._reported:
+            return
+        new, self._reported = total - self._reported, total
+        named = ", ".join(f"{cause} {count}" for cause, count in self.damage.items() if count)
+        text = f"{self.label}: {new} damaged frames since the last report; in all: {named}"
+        self._sink.event(
+            Event(now_ns, "damage", self.label, text, {"link": self.label, "new": new, **self.damage})
+        )

@@ -1,0 +1,1 @@
+"""While it happens: recorder, odometry, position, status."""

@@ -1,0 +1,277 @@
+"""What the user sees of a recording: a live view, lines in a journal, and the result."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from hubodo.ingest.live.station import Station
+
+S = 1_000_000_000
+_LIVE_NS = S // 2
+_LINE_NS = 10 * S
+
+
+@dataclass(frozen=True)
+class RecordResult:
+    """What a recording holds. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable."""
+
+    file: str
+    duration: float
+    messages: int
+    size: int
+    nodes: dict[str, dict[str, Any]]
+    links: dict[str, dict[str, Any]]
+    gnss: dict[str, dict[str, Any]]
+    odometry: dict[str, Any] | None
+    map: dict[str, Any] | None
+
+    def as_json(self) -> dict[str, Any]:
+        return {
+            "file": self.file,
+            "duration": self.duration,
+            "messages": self.messages,
+            "size": self.size,
+            "nodes": self.nodes,
+            "links": self.links,
+            "gnss": self.gnss,
+            "odometry": self.odometry,
+            "map": self.map,
+        }
+
+    def render(self, console: Console) -> None:
+        console.print(
+            f"{self.file}: {self.duration:.1f} s, {self.messages} messages, {self.size / 1e6:.2f} MB",
+            highlight=False,
+        )
+        table = Table(
+            "node", "samples", "rate Hz", "lost", "gaps", "restarts", "clock drift", "clock 1 sigma"
+        )
+        for name, node in self.nodes.items():
+            clock = node["clock"]
+            rate = node["rate_hz"]
+            table.add_row(
+                name,
+                str(node["samples"]),
+                "-" if rate is None else f"{rate:.2f}",
+                str(node["samples_lost"]),
+                ", ".join(f"{count} {cause}" for cause, count in node["gaps"].items()) or "none",
+                str(node["restarts"]),
+                f"{clock['drift_ppm']:+.1f} ± {clock['drift_sigma_ppm']:.1f} ppm",
+                "-" if clock["source"] == "none" else f"{clock['sigma'] * 1e3:.3f} ms ({clock['source']})",
+            )
+        if self.nodes:
+            console.print(table)
+        for label, link in self.links.items():
+            console.print(
+                f"link {label}: {link['frames']} frames, {link['frames_damaged']} damaged, "
+                f"{link['disconnections']} times disconnected",
+                highlight=False,
+            )
+        for label, gnss in self.gnss.items():
+            console.print(
+                f"gnss {label}: {gnss['fixes']} fixes, {gnss['checksum_errors']} bad checksums",
+                highlight=False,
+            )
+        if self.odometry is not None:
+            console.print(_odometry_words(self.odometry), highlight=False)
+        if self.map is not None:
+            console.print(_map_words(self.map), highlight=False)
+
+
+def _odometry_words(odometry: dict[str, Any]) -> str:
+    if not odometry["poses"]:
+        return "odometry: no pose; it takes a second of samples of a wheel of the vehicle file"
+    return (
+        f"odometry from {' and '.join(odometry['nodes'])}: {odometry['poses']} poses, "
+        f"{odometry['distance']:.2f} m; {_latency_words(odometry)}"
+    )
+
+
+def _map_words(found: dict[str, Any]) -> str:
+    if not found["poses"]:
+        return "map → odom: none; the fixes did not tell the heading, or came without odometry"
+    origin = f"latitude {found['latitude_deg']:.7f}, longitude {found['longitude_deg']:.7f} degrees"
+    return (
+        f"map → odom from GNSS and odometry: {found['poses']} poses; "
+        f"last {found['x']:.2f}, {found['y']:.2f} m from {origin}, "
+        f"1 sigma {found['sigma']:.2f} m; {_latency_words(found)}"
+    )
+
+
+def _latency_words(found: dict[str, Any]) -> str:
+    median, p99, worst = (found[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
+    return f"latency {median:.2f} ms median, {p99:.2f} ms p99, {worst:.2f} ms worst"
+
+
+def make_result(station: Station, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
+    """Sums up a station."""
+    nodes = {}
+    for node in station.nodes.values():
+        counts, health = node.decoder.counts, node.health
+        nodes[node.name] = {
+            "link": node.link,
+            "node_id": node.node_id,
+            "frames": counts.frames,
+            "frames_lost": counts.frames_lost,
+            "frames_late": counts.frames_late,
+            "frames_unread": counts.frames_unread,
+            "samples": counts.samples,
+            "samples_lost": counts.samples_lost,
+            "rate_hz": node.mean_rate(),
+            "saturated_batches": counts.saturated_batches,
+            "gaps": dict(node.gaps),
+            "restarts": counts.restarts,
+            "refused": node.decoder.refusal,
+            "battery_mv": health.battery_mv if health is not None else None,
+            "clock": node.clock.estimate().as_json(),
+        }
+    links = {
+        label: {
+            "where": link.where,
+            "frames": link.frames,
+            "bytes": link.bytes,
+            "frames_damaged": sum(link.damage.values()),
+            "damage": dict(link.damage),
+            "frames_cut": link.cut,
+            "disconnections": link.downs,
+        }
+        for label, link in station.links.items()
+    }
+    gnss = {
+        label: {
+            "fixes": session.decoder.counts.fixes,
+            "sentences": session.decoder.counts.sentences,
+            "checksum_errors": session.decoder.counts.checksum_errors,
+        }
+        for label, session in station.gnss.items()
+    }
+    return RecordResult(file, duration, messages, size, nodes, links, gnss, _odometry(station), _map(station))
+
+
+def _odometry(station: Station) -> dict[str, Any] | None:
+    odometer = station.odometer
+    if odometer is None:
+        return None
+    state = odometer.state
+    return {
+        "method": "wheel filter",
+        "nodes": list(odometer.nodes),
+        "poses": odometer.poses,
+        "distance": odometer.distance,
+        "x": state.x if state else 0.0,
+        "y": state.y if state else 0.0,
+        "heading": state.heading if state else 0.0,
+        **station.latency.as_json(),
+    }
+
+
+def _map(station: Station) -> dict[str, Any] | None:
+    if not station.locating:
+        return None
+    located, found = station.located, {"poses": station.located_poses, **station.located_latency.as_json()}
+    if located is not None:
+        latitude, longitude = located.origin_deg
+        x, y = located.position[0].tolist()
+        found |= {
+            "latitude_deg": latitude,
+            "longitude_deg": longitude,
+            "x": x,
+            "y": y,
+            "heading": float(located.heading[0]),
+            "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
+        }
+    return found
+
+
+class View:
+    """Shows a station: a live table on a terminal, else a line every ten seconds."""
+
+    def __init__(self, console: Console, start_ns: int) -> None:
+        self._console = console
+        self._start_ns = start_ns
+        self._live = (
+            Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
+        )
+        self._next_ns = start_ns + (0 if self._live is not None else _LINE_NS)
+
+    def __enter__(self) -> View:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def say(self, text: str) -> None:
+        """One line that stays."""
+        self._console.print(f"hubodo record: {text}", highlight=False, soft_wrap=True, markup=False)
+
+    def update(self, station: Station, size: int, now_ns: int) -> None:
+        """Shows the state, when it is time to."""
+        if now_ns < self._next_ns:
+            return
+        seconds = (now_ns - self._start_ns) / S
+        if self._live is not None:
+            self._next_ns = now_ns + _LIVE_NS
+            self._live.update(_table(station, seconds, size, now_ns))
+            return
+        self._next_ns = now_ns + _LINE_NS
+        parts = [
+            f"{node.name} {node.rate(now_ns):.1f} Hz, {node.decoder.counts.samples_lost} samples lost"
+            for node in station.nodes.values()
+        ]
+        parts += [f"{label} down" for label, link in station.links.items() if link.where is None]
+        self.say(f"{seconds:.0f} s, {size / 1e6:.1f} MB: {'; '.join(parts) or 'no node yet'}")
+
+
+def _table(station: Station, seconds: float, size: int, now_ns: int) -> Table:
+    table = Table(title=f"recording {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
+    for column in (
+        "link",
+        "node",
+        "Hz",
+        "received",
+        "lost",
+        "lost %",
+        "damaged",
+        "clock ± ms",
+        "ppm",
+        "last",
+    ):
+        table.add_column(column, justify="left" if column in ("link", "node") else "right")
+    for label, link in station.links.items():
+        nodes = [node for node in station.nodes.values() if node.link == label]
+        damaged = str(sum(link.damage.values()))
+        if not nodes:
+            what = "waiting" if link.where is None else link.foreign or "no node yet"
+            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "")
+        for node in nodes:
+            counts, clock = node.decoder.counts, node.clock.estimate()
+            whole = counts.samples + counts.samples_lost
+            table.add_row(
+                label if link.where is not None else f"{label} (down)",
+                node.name if node.decoder.refusal is None else f"{node.name} (refused)",
+                f"{node.rate(now_ns):.1f}",
+                str(counts.samples),
+                str(counts.samples_lost),
+                f"{100 * counts.samples_lost / whole:.2f}" if whole else "",
+                damaged,
+                f"{clock.sigma_ns * 1e-6:.2f}" if clock.source != "none" else "",
+                f"{clock.drift * 1e6:+.1f}" if clock.drift_used else "",
+                f"{(now_ns - node.last_frame_ns) / S:.1f} s",
+            )
+    state = station.odometer.state if station.odometer is not None else None
+    if station.odometer is not None and state is not None:
+        table.caption = (
+            f"x {state.x:.2f} m  y {state.y:.2f} m  heading {state.heading:+.3f} rad  "
+            f"speed {state.speed:.2f} m/s  {station.odometer.distance:.1f} m"
+        )
+    return table

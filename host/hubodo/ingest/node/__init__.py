@@ -1,0 +1,1 @@
+"""A node's bytes to timed samples."""

@@ -1,0 +1,330 @@
+"""One node as the station knows it: its decoder, its clock, what to ask it, and its place in the log."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.ingest.node.clock import PERIOD_US, ClockSync, StrictlyIncreasing
+from hubodo.ingest.node.decoder import NodeDecoder, Output
+from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.health import health_data
+from hubodo.ingest.node.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
+from hubodo.ingest.sink import Sink
+from hubodo.recording import Event
+from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
+from hubowire.messages import GetHello, Health, Hello, Part, ResetCause, Start, TimeRequest
+
+S = 1_000_000_000
+_BURST, _BURST_NS = 8, S // 50
+_CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answer of the clock
+_HELLO_EVERY_NS = S // 2
+_START_AFTER_NS = 2 * S
+_OUTSTANDING = 32
+_CTRL_C = 0x03
+_ANY_NODE = 0
+_TRIES = 600
+_RATE_WINDOW_NS = 2 * S
+_TICKS_PERIOD = PERIOD_US * 1e-6
+
+Send = Callable[[bytes], bool]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Published:
+    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement; power_on_ns: host
+    time at which the node was switched on."""
+
+    node: str
+    t_ns: NDArray[np.int64]
+    block: ImuBlock
+    power_on_ns: int | None
+
+
+class ArrivalOrder:
+    """Log times of blocks of samples: strictly increasing over all nodes of a station.
+
+    A log read by log time then gives the blocks in the order in which the station took them, which is that
+    of arrival but for what was held back and for links that were read at the same moment.
+    """
+
+    def __init__(self) -> None:
+        self._last_ns = 0
+
+    def stamp(self, received_ns: int) -> int:
+        """The log time of a block received at that time."""
+        self._last_ns = max(received_ns, self._last_ns + 1)
+        return self._last_ns
+
+
+class NodeSession:
+    """Turns a node's frames into log records, and keeps its clock.
+
+    Samples are held back for up to half a second after a start until the node has answered a clock
+    request, so that the first of them do not carry times that must be taken back.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        link: str,
+        node_id: int,
+        send: Send,
+        sink: Sink,
+        now_ns: Callable[[], int],
+        *,
+        datagrams: bool,
+        clock_period: float,
+        order: ArrivalOrder,
+    ) -> None:
+        self.name = name
+        self.link = link
+        self.node_id = node_id
+        self.decoder = NodeDecoder(name, datagrams=datagrams)
+        self.clock = ClockSync()
+        self.health: Health | None = None
+        self.gaps: dict[str, int] = {}  # cause -> how many
+        self.last_frame_ns = 0
+        self.span_ns: list[int] = []  # first and newest published time
+        self.power_on_ns: int | None = None
+        self._order = order
+        self._boot: Hello | None = None  # of a start of which no sample has been published
+        self._boot_id: int | None = None
+        self._send = send
+        self._sink = sink
+        self._now_ns = now_ns
+        self._clock_period_ns = int(clock_period * S)
+        self._times = StrictlyIncreasing()
+        self._mag_times = StrictlyIncreasing()
+        self._held: list[ImuBlock | MagSample] = []
+        self._held_since = 0
+        self._asked: dict[bytes, int] = {}
+        self._questions = node_id << 24  # tokens differ between nodes that hear each other's questions
+        self._burst_left = 0
+        self._next_request = 0
+        self._next_hello = 0
+        self._start_at: int | None = None
+        self._muted = False
+        self._seq = 0
+        self._recent: deque[tuple[int, int]] = deque()
+
+    def frame(self, frame: Frame, t_ns: int, link: LinkCounts) -> Iterator[Published]:
+        """An undamaged frame of this node."""
+        self.last_frame_ns = t_ns
+        if self._muted:
+            self._muted = False
+            self._burst_left, self._next_request = _BURST, 0
+            if not self.decoder.wants_hello:
+                self._ask(GetHello())  # it may be another start, or another board
+        yield from self._take(self.decoder.frame(frame, t_ns, link))
+
+    def tick(self, now_ns: int) -> Iterator[Published]:
+        """Asks what is due, and lets go of samples that waited long enough for the clock."""
+        yield from self._take(self.decoder.tick(now_ns))
+        if self._held and now_ns - self._held_since > _CLOCK_WAIT_NS:
+            yield from self._release()
+        if self.decoder.refusal is not None or self._muted:
+            return
+        if self.decoder.wants_hello:
+            if now_ns >= self._next_hello:
+                self._next_hello = now_ns + _HELLO_EVERY_NS
+                self._ask(GetHello())
+            return
+        if self._start_at is not None and now_ns >= self._start_at:
+            self._start_at = None
+            self._ask(Start())  # somebody has told it to stop
+        if now_ns >= self._next_request:
+            self._burst_left -= self._burst_left > 0
+            self._next_request = now_ns + (_BURST_NS if self._burst_left else self._clock_period_ns)
+            self.ask_time()
+
+    def ask_time(self) -> None:
+        """One question of the clock exchange; its token names the time at which it was sent."""
+        self._questions += 1
+        token = bytes(0x20 + (self._questions >> shift & 0x0F) for shift in range(0, 32, 4))
+        while len(self._asked) >= _OUTSTANDING:
+            self._asked.pop(next(iter(self._asked)))
+        self._asked[token] = self._now_ns()
+        self._ask(TimeRequest(token))
+
+    def mute(self) -> None:
+        """Asks nothing more until the node has spoken: the link is new.
+
+        A node that is booting must not be sent anything, and a device that is no node even less.
+        """
+        self._muted = True
+
+    def close(self, now_ns: int) -> Iterator[Published]:
+        """Writes what was held back, and the node's last report."""
+        yield from self._take(self.decoder.close())
+        yield from self._release()
+        if self.health is not None:
+            text = f"{self.name}: last report of the node"
+            self._sink.event(Event(now_ns, "health", self.name, text, health_data(self.name, self.health)))
+        if self.clock.source != "none":
+            estimate = self.clock.estimate()
+            text = (
+                f"{self.name}: clock {estimate.source}, drift {estimate.drift * 1e6:+.1f} ppm, "
+                f"1 sigma {estimate.sigma_ns * 1e-6:.3f} ms"
+            )
+            self._sink.event(
+                Event(now_ns, "clock", self.name, text, {"node": self.name, **estimate.as_json()})
+            )
+
+    def rate(self, now_ns: int) -> float:
+        """Samples a second over the last two seconds, Hz."""
+        while self._recent and self._recent[0][0] < now_ns - _RATE_WINDOW_NS:
+            self._recent.popleft()
+        return sum(count for _, count in self._recent) / (_RATE_WINDOW_NS / S)
+
+    def mean_rate(self) -> float | None:
+        """Samples a second over the whole recording by their own times, lost ones counted; Hz."""
+        counts = self.decoder.counts
+        if not self.span_ns or self.span_ns[1] <= self.span_ns[0]:
+            return None
+        return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / S)
+
+    def _ask(self, message: Message) -> None:
+        """Sends a question that holds no ctrl-C.
+
+        A MicroPython board takes that byte for "stop the program" while it boots. Sequence numbers of
+        questions carry no meaning, so they are counted on until none is in the frame.
+        """
+        payload = encode(message)
+        to = self.node_id if self.node_id != _CTRL_C else _ANY_NODE
+        for _ in range(_TRIES):
+            self._seq = (self._seq + 1) & 0xFFFF
+            data = encode_frame(Frame(message.type_id, to, self._seq, payload))
+            if _CTRL_C not in data:
+                break
+        self._send(b"\0" + data)
+
+    def _take(self, outputs: Iterable[Output]) -> Iterator[Published]:
+        for output in outputs:
+            match output:
+                case Event():
+                    self._sink.event(self._gap(output) if output.kind == "gap" else output)
+                case HelloSeen():
+                    if output.hello.boot_id != self._boot_id:
+                        self._boot, self._boot_id = output.hello, output.hello.boot_id
+                    if output.restarted:
+                        yield from self._release()
+                        self.clock.reset()
+                        self._asked.clear()
+                        self._held_since = 0
+                    self._burst_left, self._next_request = _BURST, 0
+                    self._start_at = output.received_ns + _START_AFTER_NS
+                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output))
+                case ImuBlock():
+                    self._start_at = None
+                    self.clock.arrival(int(output.device_ns[-1]) // 1000, output.received_ns)
+                    yield from self._hold(output)
+                case MagSample():
+                    yield from self._hold(output)
+                case TimeReplySeen():
+                    yield from self._answered(output)
+                case HealthSeen():
+                    self.health = output.health
+                case Refused():
+                    data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
+                    self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
+                case _:
+                    pass
+
+    def _gap(self, event: Event) -> Event:
+        """Counts a gap, and puts its start on the time of measurement, where the samples stand."""
+        cause = str(event.data["cause"])
+        self.gaps[cause] = self.gaps.get(cause, 0) + 1
+        between = event.data["device_ns"]
+        if between is None or self.clock.source == "none":
+            return event
+        return replace(event, t_ns=int(self.clock.host_ns(np.array(between[:1], np.int64))[0]))
+
+    def _answered(self, reply: TimeReplySeen) -> Iterator[Published]:
+        """Takes one exchange into the clock; an answer to nobody's question is left alone."""
+        sent_ns = self._asked.pop(reply.token, None)
+        if sent_ns is None:
+            return
+        resets = self.clock.resets
+        self.clock.exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
+        if self.clock.resets != resets:
+            text = f"{self.name}: the node's clock stepped; offset estimated anew"
+            self._sink.event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
+        if self.clock.source == "two way" and self._held:
+            yield from self._release()
+
+    def _hold(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+        if self.clock.source == "two way" or (
+            self._held_since and item.received_ns - self._held_since > _CLOCK_WAIT_NS
+        ):
+            yield from self._release()
+            yield from self._publish(item)
+            return
+        if not self._held_since:
+            self._held_since = item.received_ns
+        self._held.append(item)
+
+    def _release(self) -> Iterator[Published]:
+        held, self._held = self._held, []
+        for item in held:
+            yield from self._publish(item)
+
+    def _publish(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+        if isinstance(item, MagSample):
+            t_ns = self._mag_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
+            self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
+            return
+        t_ns = self._times.apply(self.clock.host_ns(item.device_ns))
+        if self._boot is not None:
+            self._started(self._boot, int(t_ns[0]))
+            self._boot = None
+        log_ns = self._order.stamp(item.received_ns)
+        self._sink.imu(self.name, t_ns, log_ns, item.gyro, item.accel)
+        self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
+        self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
+        self._recent.append((item.received_ns, len(t_ns)))
+        yield Published(self.name, t_ns, item, self.power_on_ns)
+
+    def _started(self, hello: Hello, t_ns: int) -> None:
+        """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""
+        if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
+            self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
+        age = (t_ns - self.power_on_ns) / S
+        data = {
+            "node": self.name,
+            "boot_id": hello.boot_id,
+            "power_on_ns": self.power_on_ns,
+            "age": age,
+            "age_modulo": _TICKS_PERIOD,
+        }
+        text = f"{self.name}: switched on {age:.1f} s before this sample, or a multiple of 18 min earlier"
+        self._sink.event(Event(t_ns, "started", self.name, text, data))
+
+
+def hello_metadata(seen: HelloSeen) -> dict[str, str]:
+    """What a node said about itself, as text for the log."""
+    hello = seen.hello
+    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part(part)}" for at, who, part in hello.parts]
+    return {
+        "fingerprint": f"{hello.fingerprint:08x}",
+        "firmware": ".".join(map(str, hello.firmware)),
+        "serial": hello.serial.hex(),
+        "boot_id": str(hello.boot_id),
+        "rate_hz": f"{hello.rate_mhz / 1000:g}",
+        "gyro_range_dps": str(hello.gyro_range_dps),
+        "accel_range_g": str(hello.accel_range_g),
+        "gyro_lsb_ndps": str(hello.gyro_lsb_ndps),
+        "accel_lsb_ng": str(hello.accel_lsb_ng),
+        "temperature_lsb_udegc": str(hello.temperature_lsb_udegc),
+        "temperature_offset_udegc": str(hello.temperature_offset_udegc),
+        "mag_lsb_ft": str(hello.mag_lsb_ft),
+        "parts": "; ".join(parts),
+    }
+
+
+def _part(number: int) -> str:
+    return Part(number).name if number in set(Part) else "unknown"

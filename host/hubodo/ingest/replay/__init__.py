@@ -1,0 +1,1 @@
+"""A recording as it came: at its pace or through a port."""

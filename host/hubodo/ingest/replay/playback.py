@@ -1,0 +1,233 @@
+"""A log's samples through the objects of a live run again: the same blocks, in the same order."""
+
+from __future__ import annotations
+
+import itertools
+import re
+import tempfile
+import tomllib
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.calibration.apply import check_serial, power_on_times
+from hubodo.calibration.file import Calibration, node_serial, parse_calibration
+from hubodo.errors import ConfigError
+from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
+from hubodo.ingest.live.odometer import Block, Motion, Odometer
+from hubodo.log import ros2, topics
+from hubodo.log.decode import Decoder, Rows, message_type
+from hubodo.log.logfile import Log, open_log
+from hubodo.log.mcap import events_of
+from hubodo.log.writer import McapLog
+from hubodo.vehicle import Vehicle, vehicle_of
+
+Progress = Callable[[str, float], None]
+
+_NO_FIXES = Decoder(ros2.NAV_SAT_FIX).rows()
+# A header's frame id "map": its length with the ending zero, then the text. In /tf a count stands before it.
+_FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What the odometry of a log was made with. vehicle: None where the log does not tell. rate_hz: poses a
+    second at most."""
+
+    vehicle: Vehicle | None
+    calibration: Calibration | None
+    rate_hz: float | None
+
+
+def setup_of(log: Log) -> Setup:
+    """Vehicle, calibration and rate that a log carries. Raises ConfigError when they make no sense."""
+    files = log.attachments
+    vehicle = calibration = None
+    if "vehicle.toml" in files:
+        where = f"{log.path}: vehicle.toml"
+        try:
+            vehicle = vehicle_of(tomllib.loads(files["vehicle.toml"].decode()), where)
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise ConfigError(f"{where}: not TOML: {error}; give --vehicle") from None
+    if "calibration.toml" in files:
+        text = files["calibration.toml"].decode("utf-8", "replace")
+        calibration = parse_calibration(text, Path(f"{log.path}: calibration.toml"))
+    rate = log.metadata.get("odometry_rate_hz")
+    return Setup(vehicle, calibration, float(rate) if rate else None)
+
+
+class Playback:
+    """The odometry of a log, made again from its samples."""
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        vehicle: Vehicle | None = None,
+        calibration: Calibration | None = None,
+        progress: Progress | None = None,
+    ) -> None:
+        """vehicle, calibration: instead of those in the log.
+
+        Raises LogError (no log), InputError (a vehicle without wheel nodes) and CalibrationError (the
+        calibration is of another node).
+        """
+        with open_log(path) as log:
+            self._blocks = _Blocks(log, progress)
+            kept = setup_of(log)
+            self.t_zero_ns = self._blocks.t_zero_ns
+            metadata = log.metadata
+        self.vehicle = vehicle or kept.vehicle
+        self.calibration = calibration or kept.calibration
+        self.odometer: Odometer | None = None
+        if self.vehicle is not None:
+            known = self.calibration.nodes if self.calibration is not None else {}
+            for name, node in known.items():
+                if name in self._blocks.nodes:
+                    check_serial(name, node, node_serial(metadata, name))
+            self.odometer = Odometer(
+                self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=kept.rate_hz
+            )
+
+    @property
+    def has_fixes(self) -> bool:
+        """Whether there is anything to make a map → odom from."""
+        return self.odometer is not None and len(self._blocks.fixes) > 0
+
+    def motions(self) -> Iterator[Motion]:
+        """Rows of /odom, block by block; nothing without a vehicle. Can be gone through once."""
+        for made in self._made(None):
+            if isinstance(made, Motion):
+                yield made
+
+    def publications(self) -> Iterator[Motion | Located]:
+        """`motions` and, where the log has fixes, what the localizer makes of both.
+
+        Raises ConfigError when GTSAM or pyproj is missing.
+        """
+        return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
+
+    def _made(self, localizer: Localizer | None) -> Iterator[Motion | Located]:
+        odometer = self.odometer
+        if odometer is None:
+            return
+        for item in itertools.chain(self._blocks.in_order(), [None]):
+            if isinstance(item, FixSample):
+                if localizer is not None:
+                    localizer.fix(item)
+                continue
+            yield from odometer.finish() if item is None else odometer.handle(item)
+            for pose in odometer.fresh():
+                located = localizer.odometry(pose) if localizer is not None else None
+                if located is not None:
+                    yield located
+
+
+def recorded_messages(path: Path, *, on_map: bool = True) -> dict[str, list[tuple[int, bytes]]]:
+    """The messages of /odom, /odom_map and /tf in a log: (publish time ns, bytes), by publish time.
+
+    on_map: false leaves out what is in the frame map.
+    """
+    found: dict[str, list[tuple[int, bytes]]] = {topics.ODOM: [], topics.ODOM_MAP: [], topics.TF: []}
+    with open_log(path) as log:
+        for message in log.messages(list(found)):
+            if on_map or not _FRAME_MAP.match(message.data):
+                found[message.topic].append((message.publish_time, message.data))
+    for rows in found.values():
+        rows.sort()
+    return found
+
+
+def as_messages(
+    publications: Iterable[Motion | Located], t_zero_ns: int
+) -> dict[str, list[tuple[int, bytes]]]:
+    """What was made as the messages that a recording would hold, in the form of `recorded_messages`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "again.mcap")
+        with McapLog(path, t_zero_ns=t_zero_ns, compression="none", clock=None) as log:
+            for made in publications:
+                made.write(log, int(made.t_ns[-1]))
+        return recorded_messages(path)
+
+
+class _Blocks:
+    """Samples, temperatures and starts of the nodes of a log, and its fixes."""
+
+    def __init__(self, log: Log, progress: Progress | None) -> None:
+        decoders: dict[str, Decoder] = {}
+        payloads: list[bytes] = []
+        for messages in log.chunks():
+            channels = messages.heads["channel"]
+            for number in np.unique(channels).tolist():
+                stream = log.streams.get(number)
+                if stream is None:
+                    continue
+                chosen = np.flatnonzero(channels == number)
+                kind = message_type(stream.schema)
+                if stream.topic == topics.EVENTS:
+                    payloads += [messages.payload(i) for i in chosen.tolist()]
+                elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE, ros2.NAV_SAT_FIX):
+                    decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
+            if progress is not None:
+                progress(f"reading {log.path.name}", log.progress)
+        events, _ = events_of(payloads)
+        rows = {topic: decoder.rows() for topic, decoder in decoders.items()}
+        self.nodes: dict[str, Rows] = {}
+        self._temperatures: dict[str, dict[int, float]] = {}
+        for topic, found in rows.items():
+            name = topic.removeprefix("/").removesuffix("/imu")
+            if topic != topics.imu(name) or not len(found):
+                continue
+            self.nodes[name] = found
+            warm = rows.get(topics.temperature(name))
+            if warm is not None and len(warm):
+                pairs = zip(warm.publish_ns.tolist(), warm.values["temperature"].tolist(), strict=True)
+                self._temperatures[name] = dict(pairs)
+        self.fixes = rows.get(topics.FIX, _NO_FIXES)
+        self._starts = {name: power_on_times(events, name) for name in self.nodes}
+        earliest = [int(found.publish_ns.min()) for found in self.nodes.values()]
+        self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
+
+    def in_order(self) -> Iterator[Block | FixSample]:
+        """Blocks: what has one log time and one node came together; fixes between them as they came."""
+        cuts = [
+            (log_ns, "", np.array([row]))
+            for row, log_ns in enumerate(self.fixes.log_ns.tolist())
+            if self.fixes.values["status.status"][row] >= 0.0
+        ]
+        for name, found in self.nodes.items():
+            order = np.lexsort((found.publish_ns, found.log_ns))
+            log_ns = found.log_ns[order]
+            edges = [0, *(np.flatnonzero(np.diff(log_ns)) + 1).tolist(), len(order)]
+            for begin, end in itertools.pairwise(edges):
+                cuts.append((int(log_ns[begin]), name, order[begin:end]))
+        for _, name, rows in sorted(cuts, key=lambda cut: cut[:2]):
+            yield self._block(name, rows) if name else self._fix(int(rows[0]))
+
+    def _fix(self, row: int) -> FixSample:
+        values = self.fixes.values
+        covariance = values["position_covariance"][row]
+        known = values["position_covariance_type"][row] > 0.0
+        return FixSample(
+            int(self.fixes.publish_ns[row]),
+            float(values["latitude"][row]),
+            float(values["longitude"][row]),
+            horizontal_sigma(float(covariance[0]), float(covariance[4])) if known else None,
+        )
+
+    def _block(self, name: str, rows: NDArray[np.intp]) -> Block:
+        found = self.nodes[name]
+        t_ns = found.publish_ns[rows]
+        first = int(t_ns[0])
+        power_on = [since for begun, since in self._starts[name] if begun <= first]
+        return Block(
+            name,
+            t_ns,
+            found.values["angular_velocity"][rows],
+            found.values["linear_acceleration"][rows],
+            self._temperatures.get(name, {}).get(first),
+            power_on[-1] if power_on else None,
+        )

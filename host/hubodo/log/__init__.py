@@ -1,0 +1,1 @@
+"""The one door to recordings: MCAP, CSV folders, damage, conversion."""

@@ -1,0 +1,75 @@
+"""An IMU calibration as sections of a report page: rests, parameters, residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from hubodo.report.page import Grid, Section, figure
+from hubodo.sensors.imu.calibrate import HeldOut, ImuCalibration
+
+
+def imu_sections(result: ImuCalibration) -> Sequence[Section]:
+    """Sections for `hubodo.report.page.page`."""
+    return (_parameters(result), _residuals(result), _rests(result))
+
+
+def held_out_words(held_out: HeldOut | None, unit: str, factor: float = 1.0) -> str:
+    """Before and after on what took no part in the fit, in one phrase."""
+    if held_out is None:
+        return "nothing was left over to judge by"
+    return (
+        f"{held_out.rms_before * factor:.4g} {unit} rms before, {held_out.rms * factor:.4g} {unit} after "
+        f"(largest {np.abs(held_out.error).max() * factor:.4g}), on {len(held_out.error)} not used in the fit"
+    )
+
+
+def _parameters(result: ImuCalibration) -> Section:
+    rows = [
+        [effect, name, f"{q.value:+.6g}", f"{q.sigma:.2g}"]
+        for effect, parameters in result.effects().items()
+        for name, q in parameters.items()
+    ]
+    poses = result.accel.poses
+    text = (
+        "true = (I + diag(e) + N)^-1 (raw - b), SI units. "
+        f"The {poses.count} poses have condition number {poses.condition:.3g}. "
+        + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
+    )
+    return Section("Calibration of the IMU", text, [Grid(["effect", "parameter", "value", "1 sigma"], rows)])
+
+
+def _residuals(result: ImuCalibration) -> Section:
+    made = figure("rest", "length less gravity, m/s²")
+    count = np.arange(1, len(result.rests) + 1)
+    for name, values in (("before", result.accel.before), ("after", result.accel.residual)):
+        made.add_trace(go.Scatter(x=count, y=values, mode="markers", name=name))
+    figures = [made]
+    text = f"Accelerometer length: {held_out_words(result.accel_held_out, 'm/s²')}."
+    turns = result.gyro.turns
+    if turns is not None:
+        drawn = figure("turn", "gyros against gravity, degrees")
+        for name, values in (("before", turns.before), ("after", turns.error)):
+            drawn.add_trace(go.Scatter(x=turns.used + 1, y=np.degrees(values), mode="markers", name=name))
+        figures.append(drawn)
+        text += f" Gyro turns: {held_out_words(result.gyro.held_out, 'degrees', 180 / np.pi)}."
+    return Section("Before and after", text, figures=figures)
+
+
+def _rests(result: ImuCalibration) -> Section:
+    rests = result.rests
+    rows = [
+        [
+            str(k + 1),
+            f"{rests.t[k, 0]:.2f}",
+            f"{rests.duration[k]:.1f}",
+            *(f"{a:+.3f}" for a in rests.accel[k]),
+            f"{result.accel.before[k]:+.4f}",
+            f"{result.accel.residual[k]:+.5f}",
+        ]
+        for k in range(len(rests))
+    ]
+    headings = ["rest", "from, s", "for, s", "ax", "ay", "az", "length off before", "after, m/s²"]
+    return Section(f"{len(rests)} rests", tables=[Grid(headings, rows)])

@@ -1,0 +1,1 @@
+"""The Allan deviation of a rest, its noise terms and their sigmas."""

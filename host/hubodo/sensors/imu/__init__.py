@@ -1,0 +1,1 @@
+"""Scale, cross-axis terms and bias of both triads from poses and turns."""

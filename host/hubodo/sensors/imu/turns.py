@@ -1,0 +1,266 @@
+"""The gyro triad from the turns between rests: what the gyros add up to must carry gravity from pose to pose.
+
+For gyros too noisy to see Earth rate this replaces it as the reference, and it sees all six misalignments
+one by one, in the frame of the accelerometer triad, because a turn has a direction and not only a size. With
+C the attitude (node to world), dC/dt = C [omega x] and gravity g fixed in space, the vector seen in the node
+goes over into f_end = R' f_start with R the product of exp([omega dt x]) over the turn.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.errors import CalibrationError
+from hubodo.sensors.imu.rests import Rests
+
+Array = NDArray[np.float64]
+
+MIN_TURNS = 6
+MIN_ANGLE = 0.17
+"""rad, 10 degrees; a smaller turn says less about the gyros than about the rests."""
+OUTLIER = 6.0
+"""Times the robust scatter of the errors; beyond it a turn was clipped, knocked or had a gap."""
+SIGMA_LIMIT = 0.02
+_PAD_S = 0.1
+_NAMES = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
+_UNITS = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
+
+
+@dataclass(frozen=True)
+class TurnCalibration:
+    """Gyro triad from T turns.
+
+    matrix: (3, 3) M in the frame of the accelerometer triad. bias_change: (3,) rad/s, correction of the bias
+    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. used: (T,) number of each
+    turn, from 0. angle: (T,) rad, how far gravity turned. error: (T,) rad, between gravity as the gyros
+    carried it and as the accelerometers saw it, after calibration; before: the same with the bias alone
+    taken off. dropped: one line for each turn that was left out.
+    """
+
+    matrix: Array
+    bias_change: Array
+    covariance: Array
+    used: NDArray[np.int64]
+    angle: Array
+    error: Array
+    before: Array
+    dropped: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Turns:
+    """Gyro samples of T turns, padded to one length with steps of no duration.
+
+    rate: (T, L, 3) rad/s, bias taken off, mean over each step. change: (T, L, 3) rad/s within the step. dt:
+    (T, L) s. start, end: (T, 3) unit vectors of gravity in the node. number: (T,) of the turn in the record.
+    clipped: (T,) whether a channel stood at its extreme.
+    """
+
+    rate: Array
+    change: Array
+    dt: Array
+    start: Array
+    end: Array
+    number: NDArray[np.int64]
+    clipped: NDArray[np.bool_]
+
+    def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
+        """Those turns alone."""
+        return Turns(
+            self.rate[which],
+            self.change[which],
+            self.dt[which],
+            self.start[which],
+            self.end[which],
+            self.number[which],
+            self.clipped[which],
+        )
+
+    @property
+    def angle(self) -> Array:
+        """(T,) rad by which gravity turned in the node."""
+        return _between(self.start, self.end)
+
+
+def collect_turns(t: Array, gyro: Array, bias: Array, rests: Rests, gravity: Array) -> Turns:
+    """The stretches between consecutive rests.
+
+    gyro: (N, 3) raw. bias: (3,), or (N, 3) where it follows the specific force. gravity: (R, 3) calibrated
+    accelerometer means of the rests. Only the motion itself is taken, so that a bias left over has little
+    time.
+    """
+    unit = gravity / np.linalg.norm(gravity, axis=1)[:, None]
+    step = float(np.median(np.diff(t)))
+    pad = round(_PAD_S / step)
+    extreme = np.abs(gyro).max(axis=0)
+    spans = [(int(rests.end[k]) - 1 - pad, int(rests.start[k + 1]) + 1 + pad) for k in range(len(rests) - 1)]
+    spans = [(max(0, i), min(len(t), j)) for i, j in spans]
+    length = max((j - i - 1 for i, j in spans), default=1)
+    rate, change = np.zeros((2, len(spans), length, 3))
+    dt = np.zeros((len(spans), length))
+    clipped = np.zeros(len(spans), bool)
+    for k, (i, j) in enumerate(spans):
+        w = gyro[i:j] - (bias if bias.ndim == 1 else bias[i:j])
+        rate[k, : j - i - 1] = (w[1:] + w[:-1]) / 2
+        change[k, : j - i - 1] = np.diff(w, axis=0)
+        dt[k, : j - i - 1] = np.diff(t[i:j])
+        clipped[k] = bool(((np.abs(gyro[i:j]) >= extreme * 0.9999).sum(axis=0) >= 4).any())
+    return Turns(rate, change, dt, unit[:-1], unit[1:], np.arange(len(spans)), clipped)
+
+
+def carried(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
+    """(T, 3) where the gyros say gravity points at the end of each turn."""
+    inverse = np.linalg.inv(matrix)
+    rate = (turns.rate - bias_change) @ inverse.T
+    dt = turns.dt[..., None]
+    # Second term: coning of a rate that changes evenly within the step, w0 x w1 dt²/12.
+    angle = rate * dt + _cross(rate, turns.change @ inverse.T) * dt**2 / 12
+    return _rotate_back(_product(_quaternion(angle)), turns.start)
+
+
+def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
+    """(T,) rad between gravity as carried and as seen."""
+    return _between(carried(turns, matrix, bias_change), turns.end)
+
+
+def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
+    """M of the gyros, and a correction of their bias within its sigma (3,) rad/s from the rests.
+
+    Raises CalibrationError when there are too few turns, when their directions leave a parameter unseen, or
+    when the gyros are in another unit.
+    """
+    large = turns.angle > MIN_ANGLE
+    dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & large]]
+    usable = turns.select(large & ~turns.clipped)
+    if len(usable.dt) < MIN_TURNS:
+        raise CalibrationError(
+            f"only {len(usable.dt)} turns of more than 10 degrees between rests can be used, {MIN_TURNS} "
+            f"are needed "
+            f"({len(dropped)} clipped); turn the node about each of its axes, both ways, with rests between"
+        )
+    _check_unit(usable)
+    p, covariance = _fit(usable, bias_sigma)
+    error = turn_errors(usable, *_split(p))
+    # Rayleigh: the median of the error is 1.18 times the deviation of each of its two components.
+    bad = error > OUTLIER * max(float(np.median(error)) / 1.1774, 1e-5)
+    if bad.any() and np.count_nonzero(~bad) >= MIN_TURNS:
+        dropped += [
+            f"turn {k + 1}: off by {np.degrees(e):.2f} degrees"
+            for k, e in zip(usable.number[bad], error[bad], strict=True)
+        ]
+        usable = usable.select(~bad)
+        p, covariance = _fit(usable, bias_sigma)
+    matrix, change = _split(p)
+    order = [9, 10, 11, *range(9)]
+    return TurnCalibration(
+        matrix,
+        change,
+        covariance[np.ix_(order, order)],
+        usable.number,
+        usable.angle,
+        turn_errors(usable, matrix, change),
+        turn_errors(usable, np.eye(3)),
+        tuple(dropped),
+    )
+
+
+def _split(p: Array) -> tuple[Array, Array]:
+    return np.eye(3) + p[:9].reshape(3, 3), p[9:]
+
+
+def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array]:
+    """Gauss-Newton on the miss of each turn, in units of the scatter; the bias held by its sigma."""
+    p, scatter = np.zeros(12), 0.01
+    h = 1e-6
+    for _ in range(12):
+        miss = carried(turns, *_split(p)) - turns.end
+        columns = [(carried(turns, *_split(p + h * e)) - turns.end - miss).ravel() / h for e in np.eye(12)]
+        jacobian = np.column_stack(columns) / scatter
+        information = jacobian.T @ jacobian + np.diag([0.0] * 9 + list(bias_sigma**-2))
+        _check_seen(information)
+        pull = jacobian.T @ miss.ravel() / scatter + np.concatenate([np.zeros(9), p[9:] * bias_sigma**-2])
+        step = -np.linalg.solve(information, pull)
+        p = p + step
+        after = carried(turns, *_split(p)) - turns.end
+        # A miss has two components, gravity being of unit length.
+        new = max(float(np.sqrt((after**2).sum() / max(1, 2 * len(after) - 9))), 1e-7)
+        settled = np.abs(step[:9]).max() < 1e-8 and abs(new / scatter - 1) < 1e-3
+        scatter = new
+        if settled:
+            return p, np.linalg.inv(information)
+    raise CalibrationError(
+        "the gyro calibration by turns does not settle; check that the gyro is in rad/s and that its axes "
+        "are those "
+        "of the accelerometer"
+    )
+
+
+def _check_seen(information: Array) -> None:
+    values, vectors = np.linalg.eigh(information)
+    sigma = np.sqrt(((vectors**2) / np.maximum(values, 1e-12)).sum(axis=1))[:9]
+    unseen = [name for name, s in zip(_NAMES, sigma, strict=True) if s > SIGMA_LIMIT * 5]
+    if unseen:
+        axes = sorted({axis for name in unseen for axis in name.replace("scale ", "") if axis in "xyz"})
+        raise CalibrationError(
+            f"the turns between rests cannot show {', '.join(unseen)} of the gyro triad; add turns of 90 to "
+            f"180 "
+            f"degrees about {' and '.join(axes)} with that axis level"
+        )
+
+
+def _check_unit(turns: Turns) -> None:
+    """Gravity must turn by about as much as the gyros say; a factor of 57 is a unit and no scale error."""
+    swept = np.linalg.norm(turns.rate * turns.dt[..., None], axis=2).sum(axis=1)
+    ratio = float(np.median(swept / turns.angle))
+    if ratio > 20:
+        unit = min(_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
+        raise CalibrationError(
+            f"the gyros add up to {ratio:.0f} times the turns that gravity shows, as if they were in "
+            f"{_UNITS[unit]}; "
+            "convert the record to rad/s"
+        )
+    if ratio < 0.5:
+        raise CalibrationError(
+            f"the gyros add up to {ratio:.2g} of the turns that gravity shows; check their unit (rad/s) and "
+            f"range"
+        )
+
+
+def _between(a: Array, b: Array) -> Array:
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """np.cross for arrays (..., 3), several times as fast."""
+    ax, ay, az, bx, by, bz = (v[..., i] for v in (a, b) for i in range(3))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
+def _quaternion(angle: Array) -> Array:
+    """(..., 4) unit quaternions, scalar first, of rotation vectors (..., 3)."""
+    size = np.linalg.norm(angle, axis=-1, keepdims=True)
+    return np.concatenate([np.cos(size / 2), np.sinc(size / (2 * np.pi)) / 2 * angle], axis=-1)
+
+
+def _product(q: Array) -> Array:
+    """(T, 4) ordered product of (T, L, 4), pair by pair, so that the depth is log2 L."""
+    while q.shape[1] > 1:
+        if q.shape[1] % 2:
+            one = np.zeros((len(q), 1, 4))
+            one[..., 0] = 1
+            q = np.concatenate([q, one], axis=1)
+        a, b = q[:, ::2], q[:, 1::2]
+        scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
+        vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + _cross(a[..., 1:], b[..., 1:])
+        q = np.concatenate([scalar, vector], axis=-1)
+    return q[:, 0]
+
+
+def _rotate_back(q: Array, vector: Array) -> Array:
+    """R' v with R the rotation of q: the components of a fixed vector after the node turned by R."""
+    u = -q[:, 1:]
+    twice = 2 * _cross(u, vector)
+    return np.asarray(vector + q[:, :1] * twice + _cross(u, twice))

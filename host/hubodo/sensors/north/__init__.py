@@ -1,0 +1,1 @@
+"""True north from Earth's rate."""

@@ -1,0 +1,1 @@
+"""The bias of a gyro that warms up."""

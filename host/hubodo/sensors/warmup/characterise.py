@@ -1,0 +1,239 @@
+"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model where it is not "
+"white."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.calibration.file import Effect, Quantity
+from hubodo.effects.warmup_models import PARAMETERS
+from hubodo.errors import InputError
+from hubodo.sensors.at_rest import TemperatureStep
+from hubodo.sensors.even_grid import EvenGrid, even_grid
+from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
+from hubodo.sensors.warmup.judge import Judged, judge, next_model, verdict
+
+FloatArray = NDArray[np.float64]
+
+# The warm-up is slow: some thousand means hold all there is to know about it.
+_MEANS, _FEWEST_MEANS = 4000, 64
+_SHORTEST_S = 60.0
+_SIGNIFICANT, _RELATIVE_SIGMA = 4.0, 1.0 / 3.0
+_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
+
+
+@dataclass(frozen=True)
+class WarmupReport:
+    """What a record says about the warm-up of one gyro axis.
+
+    first: the exponential of the paper. reason: why its c1 and time constant are not given, "" when they are.
+    following: the next model, None when the first is white or none is better. age: s since power-on at the
+    first sample. t, means: (M,) the fitted means. record: gaps and outliers. notes: lines for people.
+    """
+
+    channel: str
+    first: Judged
+    reason: str
+    following: Judged | None
+    age: float
+    t: FloatArray
+    means: FloatArray
+    record: EvenGrid
+    notes: tuple[str, ...]
+
+    @property
+    def best(self) -> Judged:
+        """The model to use: the next one where there is one."""
+        return self.following or self.first
+
+    def effects(self) -> dict[str, Effect]:
+        """Effects of the calibration file that the best model has, for this axis. Raises InputError when "
+        "none is earned."""
+        axis = self.channel[1]
+        if self.reason and self.following is None:
+            raise InputError(f"nothing to write to a calibration file: {self.reason}")
+        fit = self.first.fit if self.best.fit.kind == "two exponentials" else self.best.fit
+
+        def quantity(name: str) -> Quantity:
+            return Quantity(fit.values[name], fit.sigma[name])
+
+        method = f"warm-up at rest, {fit.kind}"
+        made = {"gyro_bias": Effect({axis: quantity("c2")}, method)}
+        if "c1" in fit.values:
+            constant = quantity("time_constant")
+            made["gyro_warmup"] = Effect({axis: quantity("c1"), "time_constant": constant}, method)
+        if "temperature_coefficient" in fit.values:
+            made["gyro_temperature"] = Effect({axis: quantity("temperature_coefficient")}, method)
+        return made
+
+    def as_json(self) -> dict[str, Any]:
+        """The fixed form that programs read, with additions beside it."""
+        fit = self.first.fit
+        made: dict[str, Any] = {}
+        for name in PARAMETERS["exponential"]:
+            given = not self.reason or name == "c2"
+            made[name] = {
+                "value": fit.values[name] if given else None,
+                "sigma": fit.sigma[name] if given else None,
+                "unit": _UNITS.get(name, "rad/s"),
+            }
+            if given and name != "time_constant":
+                made[name] |= {"value_deg_per_s": math.degrees(fit.values[name])}
+            if not given:
+                made[name] |= {"reason": self.reason}
+        return made | {
+            "white": self.first.white,
+            "whiteness": _tests(self.first),
+            "next_model": None if self.following is None else _model(self.following),
+            "channel": self.channel,
+            "age_at_start": self.age,
+            "duration": self.record.duration,
+            "residual_noise": fit.noise,
+            "notes": list(self.notes),
+        }
+
+
+def characterise_warmup(
+    t: FloatArray,
+    values: FloatArray,
+    channel: str,
+    *,
+    temperature: FloatArray | None = None,
+    age: float = 0.0,
+    step: TemperatureStep | None = None,
+) -> WarmupReport:
+    """Fit C1 (1 - e^(-t/T)) + C2 to a gyro axis at rest and judge it (Barshan, Durrant-Whyte, eq. 1 to 4).
+
+    t: (N,) s; values: (N,) rad/s; temperature: (N,) degrees C or None. age: s since power-on at the first
+    sample. Raises InputError: too short, constant, a temperature step.
+    """
+    if step is not None:
+        raise InputError(
+            f"the temperature steps by {step.change:+.2f} °C at {step.t:.6g} s: a warm-up fitted across "
+            "that would "
+            f"measure the room; take the part before it with --end {step.t:.6g}, or record at constant "
+            "temperature"
+        )
+    record = even_grid(t, values)
+    if record.duration < _SHORTEST_S or len(t) < _FEWEST_MEANS:
+        raise InputError(
+            f"{record.duration:.3g} s with {len(t)} samples is too short for a warm-up; record from "
+            "power-on for at "
+            "least three time constants, which for a MEMS gyro is some tens of minutes"
+        )
+    times, means, grades = _block_means(record, t, temperature)
+    times = times - times[0] + age + 0.5 * (times[1] - times[0])
+    first = judge(fit_warmup(times, means), record, age, None)
+    notes = list(record.notes)
+    reason = _not_earned(first.fit, times, means)
+    following = None
+    if first.ljung_box.white:
+        if not first.autocorrelation.white:
+            notes.append(
+                "the means are white, neighbouring samples are not: bandwidth or vibration of the sensor, "
+                "which no "
+                "warm-up model mends"
+            )
+    else:
+        following = next_model(first, times, means, grades, record, t, temperature, age)
+        notes.append(verdict(first, following))
+        if reason and following is not None and following.ljung_box.white:
+            reason = (
+                f"a single exponential does not describe this record; see next model: {following.fit.kind}"
+            )
+    return WarmupReport(channel, first, reason, following, age, times, means, record, tuple(notes))
+
+
+def _block_means(
+    record: EvenGrid, t: FloatArray, temperature: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Times, means of the samples present and of the temperature, in at most some thousand blocks."""
+    size = max(1, len(record.values) // _MEANS)
+    blocks = len(record.values) // size
+    count = blocks * size
+    held = record.present[:count].reshape(blocks, size).sum(axis=1)
+    kept = 2 * held >= size
+    sums = np.where(record.present, record.values, 0.0)[:count].reshape(blocks, size).sum(axis=1)
+    times = record.start + (np.arange(blocks) + 0.5) * size * record.dt
+    grades = None if temperature is None else np.interp(times[kept], t, temperature)
+    return times[kept], sums[kept] / held[kept], grades
+
+
+def _not_earned(fit: WarmupFit, times: FloatArray, means: FloatArray) -> str:
+    """Why c1 and the time constant cannot be given, "" when they can."""
+    c1, constant = fit.values["c1"], fit.values["time_constant"]
+    duration = float(times[-1] - times[0])
+    wander = _wander(fit, duration)
+    change = abs(c1 * math.expm1(-duration / constant))
+    spread = fit.noise**2 * fit.widened
+    flat = (float(np.sum((means - means.mean()) ** 2)) - float(fit.residual @ fit.residual)) / spread
+    # Two parameters more than a constant, the time constant searched for over decades: five sigma.
+    if change < _SIGNIFICANT * wander or flat < 25.0:
+        return (
+            f"no warm-up stands out: the bias wanders by {math.degrees(wander):.2g} deg/s in itself over "
+            "the record; a "
+            f"warm-up, if there is one, changes it by less than {math.degrees(change + 2 * wander):.2g} deg/s"
+        )
+    # A time constant beyond the record is a straight line: the curve must be better than that by four sigma.
+    line = np.polynomial.Polynomial.fit(times, means, 1)
+    bend = float(np.sum((means - line(times)) ** 2) - fit.residual @ fit.residual) / spread
+    determined = fit.sigma["time_constant"] < _RELATIVE_SIGMA * constant and _SIGNIFICANT * fit.sigma[
+        "c1"
+    ] < abs(c1)
+    if bend > _SIGNIFICANT**2 and determined:
+        return ""
+    if duration > 3.0 * constant:
+        return (
+            f"a curve is there, but noise hides its time constant ({constant:.3g} s, sigma "
+            f"{fit.sigma['time_constant']:.3g} s): keep more samples per second of the same standstill"
+        )
+    return (
+        f"the record of {duration:.4g} s shows a drift but not its end: c1 and the time constant cannot be "
+        "told apart "
+        f"(time constant {constant:.3g} s, sigma {fit.sigma['time_constant']:.3g} s); record from power-on "
+        f"for {3 * max(constant, duration):.2g} s or more"
+    )
+
+
+def _wander(fit: WarmupFit, duration: float) -> float:
+    """What the bias changes by over the record without any warm-up, rad/s: noise of the means, and a walk."""
+    tenths = [part.mean() for part in np.array_split(fit.residual, 10)]
+    steps = float(np.mean(np.diff(tenths) ** 2))
+    return math.sqrt(steps * (10.0 if fit.widened > 1.0 else 1.0))
+
+
+def _tests(judged: Judged) -> dict[str, Any]:
+    test, box = judged.autocorrelation, judged.ljung_box
+    return {
+        "autocorrelation": {
+            "white": test.white,
+            "p_value": test.p_value,
+            "sequences": test.sequences,
+            "length": test.length,
+            "standard_error": test.standard_error,
+            "inside_one": test.inside_one,
+            "inside_two": test.inside_two,
+            "expected_one": test.expected_one,
+            "expected_two": test.expected_two,
+        },
+        "ljung_box": {
+            "white": box.white,
+            "p_value": box.p_value,
+            "statistic": box.statistic,
+            "lags": box.lags,
+        },
+    }
+
+
+def _model(judged: Judged) -> dict[str, Any]:
+    fit = judged.fit
+    parameters = {
+        name: {"value": fit.values[name], "sigma": fit.sigma[name], "unit": _UNITS.get(name, "rad/s")}
+        for name in PARAMETERS[fit.kind]
+    }
+    return {"kind": fit.kind, "parameters": parameters, "white": judged.white, "whiteness": _tests(judged)}

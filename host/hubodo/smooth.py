@@ -1,0 +1,145 @@
+"""A measured input as a smooth function of time: value, slope, integral, and how far noise got through.
+
+A spline of degree 5 with a knot at every sample, penalised on its third differences; how much is chosen by
+generalised cross-validation (Craven and Wahba 1979; P-splines: Eilers and Marx 1996).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+from scipy.linalg import solveh_banded
+from scipy.optimize import minimize_scalar
+
+from hubodo.arrays import Array
+
+_DEGREE = 5
+_ORDER = 3
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """A function of time, defined on [t0, t1] s and continued by its end values.
+
+    noise: 1 sigma of one sample as found in the residual. value_noise, slope_noise: 1 sigma of what of it is
+    left in the value and, per second, in the slope; it is correlated over `memory` s.
+    """
+
+    spline: BSpline
+    start: float
+    end: float
+    noise: float
+    value_noise: float
+    slope_noise: float
+    memory: float
+
+    def __call__(self, t: Array, derivative: int = 0) -> Array:
+        """Value, or a derivative, at t, (N,) s; outside, the end values hold and slopes are zero."""
+        inside = np.clip(t, self.start, self.end)
+        made = np.asarray(self.spline(inside, derivative))
+        # A nanosecond of slack: a stamp at the end itself may be rounded beyond it.
+        return np.where(np.abs(t - inside) < 1e-9, made, 0.0) if derivative else made
+
+    def integral(self, t: Array) -> Array:
+        """From `start` to t, (N,) s; outside, the end values go on."""
+        inside = np.clip(t, self.start, self.end)
+        whole = self.spline.antiderivative()
+        made = np.asarray(whole(inside)) - float(whole(self.start))
+        return made + np.asarray(self.spline(inside)) * (t - inside)
+
+
+def constant(value: float, start: float, end: float) -> Smooth:
+    """An input that is known and does not change."""
+    knots = np.concatenate([np.full(_DEGREE + 1, start), np.full(_DEGREE + 1, end)])
+    return Smooth(BSpline(knots, np.full(_DEGREE + 1, value), _DEGREE), start, end, 0.0, 0.0, 0.0, 0.0)
+
+
+def through(t: Array, value: Array) -> Smooth:
+    """The spline through exact values; t: (N,) s, increasing, at least 6; value: (N,)."""
+    spline = make_interp_spline(t, value, _DEGREE)
+    return Smooth(spline, float(t[0]), float(t[-1]), 0.0, 0.0, 0.0, 0.0)
+
+
+def smooth(t: Array, value: Array) -> Smooth:
+    """The smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
+
+    Raises ValueError for fewer than 10 samples.
+    """
+    if len(t) < 10:
+        raise ValueError(f"{len(t)} samples: at least 10 are needed")
+    span = float(t[-1] - t[0])
+    count = max(8, round(span / float(np.median(np.diff(t)))))
+    step = span / count
+    knots = t[0] + step * np.arange(-_DEGREE, count + _DEGREE + 1)
+    design = BSpline.design_matrix(np.clip(t, t[0], t[-1]), knots, _DEGREE, extrapolate=True)
+    gram = design.T @ design
+    data = np.zeros((_DEGREE + 1, gram.shape[0]))
+    for k in range(_DEGREE + 1):
+        data[_DEGREE - k, k:] = gram.diagonal(k)
+    right = design.T @ value
+    penalty = _penalty(gram.shape[0])
+    # A gap in the samples leaves coefficients without data: the penalty alone carries them.
+    power = float(np.ptp(value)) ** 2
+
+    def fitted(log_weight: float) -> Array:
+        banded = data.copy()
+        banded[_DEGREE - _ORDER :] += np.exp(log_weight) * penalty
+        banded[-1] += 1e-12
+        return np.asarray(solveh_banded(banded, right, check_finite=False))
+
+    def score(log_weight: float) -> float:
+        residual = value - design @ fitted(log_weight)
+        freedom = _response(log_weight)[0].mean()
+        return float(len(t) * np.log((residual @ residual / len(t) + 1e-18 * power) / (1.0 - freedom) ** 2))
+
+    best = _lowest(score)
+    weights = fitted(best)
+    residual = value - design @ weights
+    passed, omega = _response(best)
+    noise = float(np.sqrt(residual @ residual / len(t) / max(1.0 - passed.mean(), 1e-3)))
+    share, slope_share = float(np.mean(passed**2)), float(np.mean((passed * omega) ** 2))
+    return Smooth(
+        BSpline(knots, weights, _DEGREE),
+        float(t[0]),
+        float(t[-1]),
+        noise,
+        noise * np.sqrt(share),
+        noise * np.sqrt(slope_share) / step,
+        step / max(share, 1e-6),
+    )
+
+
+def _penalty(size: int) -> Array:
+    """Upper banded form, (4, size), of the sum of squared third differences."""
+    row = np.array([-1.0, 3.0, -3.0, 1.0])
+    banded = np.zeros((_ORDER + 1, size))
+    for lag in range(_ORDER + 1):
+        for i in range(_ORDER + 1 - lag):
+            banded[_ORDER - lag, i + lag : size - _ORDER + i + lag] += row[i] * row[i + lag]
+    return banded
+
+
+def _response(log_weight: float) -> tuple[Array, Array]:
+    """Gain of the smoother at angular frequencies per step in (0, pi): (M,) and (M,)."""
+    omega = (np.arange(512) + 0.5) * np.pi / 512
+    # Energy of the B-spline of degree 5 at each frequency, aliases folded in.
+    energy = np.zeros_like(omega)
+    for fold in (-2, -1, 0, 1, 2):
+        shifted = omega + 2.0 * np.pi * fold
+        energy += np.sinc(shifted / (2.0 * np.pi)) ** (2 * (_DEGREE + 1))
+    sampled = sum(np.sinc((omega + 2 * np.pi * f) / (2 * np.pi)) ** (_DEGREE + 1) for f in (-2, -1, 0, 1, 2))
+    roughness = np.exp(log_weight) * (2.0 - 2.0 * np.cos(omega)) ** _ORDER
+    return sampled**2 / (sampled**2 + roughness), omega
+
+
+def _lowest(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:
+    """Argument of the lowest score: a coarse walk, then golden sections."""
+    grid = np.arange(low, high + 1.0, 3.0)
+    values = [score(x) for x in grid]
+    at = int(np.argmin(values))
+    lower, upper = grid[max(at - 1, 0)], grid[min(at + 1, len(grid) - 1)]
+    found = minimize_scalar(score, bounds=(lower, upper), method="bounded", options={"xatol": 0.3})
+    return float(found.x)

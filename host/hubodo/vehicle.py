@@ -1,0 +1,98 @@
+"""A vehicle's geometry and where its nodes sit, as `[vehicle]` and `[nodes.*]` of a TOML file say it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from hubodo.errors import ConfigError
+from hubodo.toml_file import as_table, load_toml, near, only_keys, read_table
+
+Side = Literal["left", "right"]
+Facing = Literal["left", "right"]
+
+_MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
+
+
+@dataclass(frozen=True, slots=True)
+class NodeMount:
+    """Where a node sits. side: which wheel, None on the body; facing: where its z axis points."""
+
+    side: Side | None = None
+    facing: Facing | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Geometry of a vehicle and its nodes, ``[vehicle]`` and ``[nodes.*]`` of a model file.
+
+    wheel_radius, track_width (between contacts): m. nodes: by name.
+    """
+
+    wheel_radius: float
+    track_width: float
+    nodes: Mapping[str, NodeMount] = field(default_factory=dict)
+
+    def on(self, side: Side) -> str | None:
+        """The name of the first node on that wheel, None where there is none."""
+        return next((name for name, mount in self.nodes.items() if mount.side == side), None)
+
+
+def side_sign(side: Side) -> float:
+    """+1 for the left wheel, -1 for the right one: the sign of its y coordinate in the body."""
+    return 1.0 if side == "left" else -1.0
+
+
+def facing_sign(facing: Facing) -> float:
+    """+1 for a node whose z axis points left, -1 for one whose z axis points right."""
+    return 1.0 if facing == "left" else -1.0
+
+
+def load_vehicle(path: Path) -> Vehicle:
+    """Reads ``[vehicle]`` and ``[nodes.*]`` of a model or vehicle file; its other tables are not looked at.
+
+    Raises ConfigError when a key is unknown, missing or impossible.
+    """
+    return vehicle_of(load_toml(path), path)
+
+
+def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
+    """`load_vehicle` of a document that is already parsed; path: where it stood, for the errors."""
+    only_keys(table, _MODEL_TABLES, str(path))
+    if "vehicle" not in table:
+        raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
+    body = as_table(table["vehicle"], f"{path}: [vehicle]")
+    only_keys(body, ("wheel_radius", "track_width"), f"{path}: [vehicle]")
+    sizes = read_table(body, _Sizes, f"{path}: [vehicle]")
+    for item in fields(sizes):
+        value = getattr(sizes, item.name)
+        if not (math.isfinite(value) and value > 0):
+            raise ConfigError(f"{path}: [vehicle] {item.name} = {value}: must be above 0 (metres)")
+    nodes: dict[str, NodeMount] = {}
+    for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
+        where = f"{path}: [nodes.{name}]"
+        entries = as_table(values, where)
+        only_keys(entries, ("side", "facing", "effects"), where)
+        nodes[name] = _mount(entries, where)
+    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Sizes:
+    wheel_radius: float
+    track_width: float
+
+
+def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
+    sides = ("left", "right")
+    for key in ("side", "facing"):
+        value = table.get(key)
+        if value is not None and value not in sides:
+            raise ConfigError(f"{where} {key} = {value!r}: write left or right{near(str(value), sides)}")
+    if ("side" in table) != ("facing" in table):
+        missing = "facing" if "side" in table else "side"
+        raise ConfigError(f"{where}: {missing} is missing; a node on a wheel has both side and facing")
+    return NodeMount(cast(Side | None, table.get("side")), cast(Facing | None, table.get("facing")))

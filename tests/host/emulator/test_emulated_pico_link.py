@@ -1,0 +1,95 @@
+"""The emulated Pico's USB: what firmware and host see when one of them goes or does not read."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import pytest
+from board_programs import Terminal, firmware
+
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from virtual_runs import pico_or_skip
+
+CHATTER = """
+import sys, time
+n = 0
+while True:
+    sys.stdout.buffer.write(b'%06d\\n' % n)
+    n += 1
+    time.sleep_ms(2)
+"""
+FLOOD = """
+import sys, time
+time.sleep_ms(600)
+chunk = bytearray(256)
+worst = 0
+for _ in range(800):
+    t = time.ticks_ms()
+    sys.stdout.buffer.write(chunk)
+    worst = max(worst, time.ticks_diff(time.ticks_ms(), t))
+    if worst > 100: break
+with open('/spent', 'w') as f: f.write(str(worst))
+"""
+
+
+@pytest.fixture(autouse=True)
+def _needs_an_image():
+    pico_or_skip()
+
+
+def pico(folder: Path, program: str) -> VirtualNode:
+    """A board whose link follows real time."""
+    return VirtualNode(
+        StillMotion(), firmware=firmware(folder / "fw", main=program), interpreter="rp2040", clock="paced",
+        miss_cycles=0, own_process=False,
+    )  # fmt: skip
+
+
+def spent(board: VirtualNode) -> int:
+    """ms of the longest write, as the program left it in its flash."""
+    end = time.monotonic() + 40
+    while not (board.flash / "spent").exists():
+        assert time.monotonic() < end
+        time.sleep(0.2)
+    return int((board.flash / "spent").read_text())
+
+
+def test_a_host_that_unplugs_meets_a_new_terminal_and_the_program_has_gone_on(tmp_path: Path) -> None:
+    with pico(tmp_path, CHATTER) as board:
+        with Terminal(board.port) as host:
+            host.until(b"000100\n")
+            before = Path(board.port).readlink()
+            board.unplug()
+            assert not os.path.lexists(board.port)
+            time.sleep(0.3)
+            board.replug()
+            assert Path(board.port).readlink() != before
+        with Terminal(board.port) as host:
+            host.until(b"\n")
+            lines = [int(line) for line in host.until(b"000400\n").split()]
+        # The device's buffer holds what was said meanwhile.
+        assert lines == list(range(lines[0], 401)) and lines[0] < 110
+        assert board.stats["t"] < 2.0
+        assert board.stats["resets"] == []
+
+
+def test_a_host_that_holds_the_port_and_does_not_read_costs_each_packet_half_a_second(tmp_path: Path) -> None:
+    with pico(tmp_path, FLOOD) as board, Terminal(board.port):
+        assert spent(board) in range(450, 2100)
+
+
+def test_with_the_port_closed_writes_cost_nothing(tmp_path: Path) -> None:
+    with pico(tmp_path, FLOOD) as board:
+        assert spent(board) < 20
+
+
+def test_a_program_is_stopped_by_ctrl_c_and_the_prompt_answers(tmp_path: Path) -> None:
+    with pico(tmp_path, "while True: pass") as board, Terminal(board.port) as host:
+        time.sleep(1.0)
+        host.write(b"\x03")
+        host.until(b">>> ")
+        host.write(b"print(6 * 7, '%s')\r" % (b"x" * 700))
+        host.until(b"42 " + b"x" * 700)
