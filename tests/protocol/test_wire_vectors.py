@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import second_encoder
-from hubodo.ingest.node.bulk import BulkDecoder
 
+from hubodo.ingest.node.bulk import BulkDecoder
 from hubowire import MAX_FRAME, MESSAGES, Frame, FrameDecoder, PayloadError, decode, encode, encode_frame
 from hubowire.messages import upper_snake
 

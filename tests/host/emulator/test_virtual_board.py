@@ -387,8 +387,8 @@ ORPHAN = """
 import sys, time
 sys.path[:0] = {path!r}
 from pathlib import Path
-from hubodo.model.motion import StillMotion
-from hubodo.model.virtual_node import VirtualNode
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
 nodes = []
 for kind in ("micropython", "cpython"):
     nodes.append(VirtualNode(StillMotion(), firmware=Path({fw!r}), interpreter=kind).start())
