@@ -14,6 +14,7 @@ _SWAPS: dict[type[ast.AST], tuple[str, str]] = {
     ast.Lt: ("<", ">="), ast.LtE: ("<=", ">"), ast.Gt: (">", "<="), ast.GtE: (">=", "<"),
     ast.Eq: ("==", "!="), ast.NotEq: ("!=", "=="), ast.And: ("and", "or"), ast.Or: ("or", "and"),
 }  # fmt: skip
+_SILENT = ("annotation", "returns", "decorator_list", "type_params")
 _CALLS = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "any": "all", "all": "any"}
 
 
@@ -33,7 +34,10 @@ class Mutant:
 
 
 def mutants(path: str, source: str) -> Iterator[Mutant]:
-    """All mutants of a file, in its order; nothing in annotations, docstrings, defaults or error texts."""
+    """All mutants of a file, in its order; nothing in annotations, docstrings, defaults or error texts.
+
+    Numbers that stand outside functions are left alone: settings and usual sizes, which no test should pin.
+    """
     starts = [0]
     for line in source.encode().splitlines(keepends=True):
         starts.append(starts[-1] + len(line))
@@ -55,7 +59,9 @@ def mutants(path: str, source: str) -> Iterator[Mutant]:
     def change(node: Any, start: int, end: int, new: str) -> Mutant:
         return Mutant(path, node.lineno, start, end, code[start:end].decode(), new)
 
-    for node in _worth_changing(ast.parse(source)):
+    for node, inside in _worth_changing(ast.parse(source)):
+        if isinstance(node, ast.Constant) and not inside:
+            continue
         if isinstance(node, ast.BinOp):
             yield from between(node.left, node.right, node.op)
         elif isinstance(node, ast.BoolOp):
@@ -91,17 +97,16 @@ def _name(function: ast.expr) -> str:
     return function.id if isinstance(function, ast.Name) else ""
 
 
-def _worth_changing(node: ast.AST) -> Iterator[ast.AST]:
-    """Every node but those that say nothing about behaviour, or of which a change is no mistake."""
-    yield node
+def _worth_changing(node: ast.AST, inside: bool = False) -> Iterator[tuple[ast.AST, bool]]:
+    """Every node but those that say nothing about behaviour, and whether it stands inside a function."""
+    yield node, inside
+    inside = inside or isinstance(node, ast.FunctionDef | ast.Lambda)
     for name, value in ast.iter_fields(node):
-        if name in ("annotation", "returns", "decorator_list", "type_params") or isinstance(
-            node, ast.Raise | ast.Assert
-        ):
+        if name in _SILENT or isinstance(node, ast.Raise | ast.Assert):
             continue
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST) and not _is_text(child) and not isinstance(child, ast.arguments):
-                yield from _worth_changing(child)
+                yield from _worth_changing(child, inside)
 
 
 def _is_text(node: ast.AST) -> bool:

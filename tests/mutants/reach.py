@@ -16,6 +16,10 @@ def nearest_tests(root: Path, paths: Iterable[str]) -> dict[str, list[str]]:
     """
     files = {_module(root, path): path for path in _sources(root)}
     imports = {module: set(_imports(path, module, files)) for module, path in files.items()}
+    for module, path in files.items():
+        # A package that imports its modules by name, as that of the verbs, uses all of them.
+        if path.name == "__init__.py" and "import_module" in path.read_text("utf-8"):
+            imports[module] |= {name for name in files if name.rpartition(".")[0] == module}
     users: dict[str, set[str]] = {module: set() for module in files}
     for module, used in imports.items():
         for name in used:
