@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.apply import Correction, left_over
+from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
@@ -104,7 +104,7 @@ class Odometer:
         self._t_zero_ns = t_zero_ns
         self._left = None if calibration is None else left_over(calibration)
         known = {} if calibration is None else calibration.nodes
-        self._corrections = {name: Correction.from_calibration(node) for name, node in known.items()}
+        self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(S / rate_hz)
