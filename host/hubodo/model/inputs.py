@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.earth import EARTH_RATE
 from hubodo.smooth import Smooth
-
-EARTH_RATE = 7.2921159e-5
 
 
 @dataclass(frozen=True, slots=True)
