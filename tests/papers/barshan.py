@@ -15,10 +15,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import start_gyro as start
 from hubodo.effects.warmup_models import WarmupModel
-from hubodo.fuse.six_state import SixState
 from hubodo.fuse.warm_heading import WarmHeading
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import fit_warmup
+from papers.filters.six_state import SixState
 
 DEG = math.pi / 180.0
 MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)

@@ -20,7 +20,7 @@ from rich.table import Table
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.ingest.live.localizer import Located
-from hubodo.ingest.live.odometer import Motion
+from hubodo.ingest.live.odometer import OdometryRows
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
 from hubodo.log.mcap import read_recording
@@ -95,9 +95,9 @@ class _Again:
         vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         calibration = None if args.calibration is None else read_calibration(args.calibration)
         self._playback = Playback(args.log, vehicle=vehicle, calibration=calibration)
-        self._coming: Iterator[Motion | Located] = self._playback.publications()
-        self._next: Motion | Located | None = next(self._coming, None)
-        self._done: list[Motion | Located] = []
+        self._coming: Iterator[OdometryRows | Located] = self._playback.publications()
+        self._next: OdometryRows | Located | None = next(self._coming, None)
+        self._done: list[OdometryRows | Located] = []
 
     @property
     def possible(self) -> bool:
@@ -115,7 +115,7 @@ class _Again:
         """Where the vehicle is."""
         if not self._done:
             return "odometry has not begun"
-        last = next(made for made in reversed(self._done) if isinstance(made, Motion))
+        last = next(made for made in reversed(self._done) if isinstance(made, OdometryRows))
         return _words(*(float(v[-1]) for v in (last.speed, last.heading, *last.position.T)))
 
     def warnings(self) -> list[str]:
@@ -141,7 +141,7 @@ class _Again:
         if not kept[topics.ODOM_MAP]:
             # Where it was recorded nothing was made of the fixes.
             kept = recorded_messages(self._path, on_map=False)
-            done = [made for made in done if isinstance(made, Motion)]
+            done = [made for made in done if isinstance(made, OdometryRows)]
         return as_messages(done, self._playback.t_zero_ns) == kept
 
 

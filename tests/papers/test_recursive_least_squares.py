@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hubodo.fuse.filters.recursive_least_squares import _SPREAD, RecursiveLeastSquares
+from papers.filters.recursive_least_squares import _SPREAD, RecursiveLeastSquares
 
 
 def regressors(y, rates, lagged):
@@ -38,9 +39,8 @@ def test_the_coefficients_are_those_of_weighted_least_squares(forgetting, lagged
 
 def test_it_is_the_fading_filter_of_filterpy():
     """A Kalman filter with F = I, Q = 0, R = 1 and P / lambda ahead of each update is eq. 13-14."""
-    filterpy = pytest.importorskip("filterpy.kalman")
     z = np.random.default_rng(4).normal(5.0, 0.2, 200)
-    theirs = filterpy.KalmanFilter(2, 1)
+    theirs = KalmanFilter(2, 1)
     theirs.alpha, theirs.Q, theirs.P = 1 / math.sqrt(0.98), np.zeros((2, 2)), _SPREAD * np.eye(2)
     ours, estimate = RecursiveLeastSquares(0.98), 0.0
     for n, value in enumerate(z.tolist(), 1):
@@ -121,6 +121,16 @@ def test_another_forgetting_factor_is_refused(forgetting):
         RecursiveLeastSquares(forgetting)
 
 
-def test_samples_that_are_no_numbers_are_refused():
+@pytest.mark.parametrize("samples", [[0.0, math.inf], [math.nan], [[0.0, 1.0], [2.0, 3.0]], 1.0])
+def test_samples_that_are_not_one_row_of_numbers_are_refused(samples):
+    filter_ = RecursiveLeastSquares(0.98)
+    filter_.update(0.3)
+    before = filter_.rate, filter_.coefficients
     with pytest.raises(ValueError, match="finite"):
-        RecursiveLeastSquares(0.98).run(np.array([0.0, math.inf]))
+        filter_.run(np.array(samples))
+    assert (filter_.rate, filter_.coefficients) == before
+
+
+@pytest.mark.parametrize("forgetting", [1e-3, 1.0])
+def test_the_ends_of_the_range_of_forgetting_are_taken(forgetting):
+    assert math.isfinite(RecursiveLeastSquares(forgetting).update(1.0))

@@ -22,12 +22,9 @@ construction. n is a float: exact to 2^53 samples.
 from __future__ import annotations
 
 import math
-from collections.abc import MutableSequence, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-
-from hubodo.compiled import Loop
 
 FloatArray = NDArray[np.float64]
 
@@ -91,20 +88,13 @@ class RecursiveLeastSquares:
         """Takes (N,) samples, rad/s, as N calls of `update` would, bit for bit; returns the rates, (N,).
 
         The regressor holds the last estimate, so no sample can be worked before the one in front of it, and
-        there is no linear filter to hand the recording to: it is a loop, in machine code where numba is
-        installed and recordings are long. (Cut into stretches with a run-up each, smooth recordings with
-        little noise do not meet: the closed loop through yhat remembers longer than lambda says.) ValueError
-        for samples that are not finite.
+        there is no linear filter to hand the recording to: it is a loop. ValueError for samples that are not
+        finite.
         """
         samples = np.array(z, dtype=np.float64)
         if samples.ndim != 1 or not np.isfinite(samples).all():
             raise ValueError(f"samples of shape {samples.shape}: must be (N,) and finite")
-        rates = np.empty(len(samples))
-        settings = self._bias, self._forgetting, self._lagged, self._last
-        self._state = LOOP(samples, rates, self._state, *settings)
-        if len(samples):
-            self._last = float(samples[-1]) - self._bias
-        return rates
+        return np.array([self.update(value) for value in samples.tolist()])
 
 
 def _step(state: _State, y: float, e: float, forgetting: float) -> _State:
@@ -125,24 +115,3 @@ def _step(state: _State, y: float, e: float, forgetting: float) -> _State:
         p22 = _WINDUP
     # n b_1 + e b_2, as what eq. 13 leaves of the residual is lambda times scale of it.
     return n, y - forgetting * scale * step, b1 + k1 * step, b2 + k2 * step, p11, p12, p22
-
-
-def _run(
-    samples: Sequence[float],
-    rates: MutableSequence[float],
-    state: _State,
-    bias: float,
-    forgetting: float,
-    lagged: bool,
-    last: float,
-) -> _State:
-    for i in range(len(samples)):
-        y = samples[i] - bias
-        state = _step(state, y, state[1] - (last if lagged else y), forgetting)
-        rates[i] = state[1]
-        last = y
-    return state
-
-
-LOOP = Loop(_run, _step)
-"""Over the samples of a recording."""

@@ -1,5 +1,4 @@
-"""The Kalman filter of Barshan and Durrant-Whyte: orientation with three derivatives, bias with its "
-"integral."""
+"""The Kalman filter of Barshan and Durrant-Whyte: orientation to its third derivative, and bias."""
 
 from __future__ import annotations
 
@@ -61,8 +60,7 @@ class SixState:
         return matrix, dt / (constant + dt) * (self.c1 + self.c2)
 
     def _process_noise(self) -> FloatArray:
-        """Eq. (11): continuous white noise on the derivative above the highest state of each chain, "
-        "discretised."""
+        """Eq. (11), discretised: white noise on the derivative above the highest state of each chain."""
         made = np.zeros((6, 6))
         made[:4, :4] = self.highest_derivative**2 * _white_noise(4, self.dt)
         made[4:, 4:] = (self.noise if self.bias_noise is None else self.bias_noise) ** 2 * _white_noise(

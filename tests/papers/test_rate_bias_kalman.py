@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from hubodo.fuse.filters.rate_bias_kalman import Gain, RateBiasKalman, closed_form, riccati_gain, steady_gain
+from papers.filters.rate_bias_kalman import Gain, RateBiasKalman, closed_form, riccati_gain, steady_gain
 
 GAINS = st.floats(1e-6, 1e3)
 
@@ -59,10 +60,9 @@ def test_the_steady_gain_solves_the_riccati_equation_of_the_sum(rate_step, bias_
 
 
 def test_the_filter_is_the_matrix_recursion_of_filterpy_once_the_gain_has_settled():
-    filterpy = pytest.importorskip("filterpy.kalman")
     rate_step, bias_step, noise, dt = 0.02, 1e-3, 0.1, 0.01
     z = np.random.default_rng(5).normal(2.0, 0.3, 600)
-    theirs = filterpy.KalmanFilter(2, 1)
+    theirs = KalmanFilter(2, 1)
     theirs.H, theirs.R = np.array([[1.0, 1.0]]), np.array([[noise**2]])
     theirs.Q, theirs.P = np.diag([rate_step**2, bias_step**2]), np.diag([rate_step**2, bias_step**2])
     for value in z[:300]:
