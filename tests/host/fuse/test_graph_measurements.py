@@ -119,7 +119,9 @@ class Gates:
         return self.t
 
     def factors(self, cut, config):
-        return GateFactors(np.searchsorted(cut.state_t, self.t), self.north, np.full(len(self.t), 0.02))
+        inside = (self.t >= cut.state_t[0]) & (self.t <= cut.state_t[-1])
+        state = np.searchsorted(cut.state_t, self.t[inside])
+        return GateFactors(state, self.north[inside], np.full(len(state), 0.02)) if len(state) else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,7 +40,8 @@ def build(
 
     solution: of a graph with the same poses, in place of a first guess.
     """
-    marks = np.concatenate([item.marks for item in measured]) if measured else path.t[:0]
+    marks = np.concatenate([path.t[:0], *(item.marks for item in measured)])
+    marks = marks[(marks >= path.t[0]) & (marks <= path.t[-1])]
     cut = cut_path(path, _state_times(path.t[0], path.t[-1], marks, config.knot), config.noise)
     factors = [factor for item in measured if (factor := item.factors(cut, config)) is not None]
     local = next((item for item in measured if isinstance(item, LocalFixes)), None)
