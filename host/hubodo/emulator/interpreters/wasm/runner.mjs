@@ -1,7 +1,7 @@
 // The interpreter of a virtual node: MicroPython (WebAssembly) whose world is the board behind two pipes.
 import fs from "node:fs";
 import path from "node:path";
-import { FLAG_INPUT, FLAG_INTERRUPT, FLAG_ROOM, HEADER, Pipe } from "./pipe.mjs";
+import { FLAG_INPUT, FLAG_INTERRUPT, FLAG_ROOM, HEADER, Pipe } from "../pipe.mjs";
 
 const config = JSON.parse(process.argv[2]);
 const { ops: OP, stepped, paced } = config;

@@ -6,16 +6,16 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
-from hubodo.emulator.board.link import RX_FIFO, TX_FIFO, Link
+from hubodo.emulator.board.link import RX_FIFO, TX_FIFO, HostLink
 
 
 @dataclass
-class Port:
+class ByteStream:
     """A byte stream of the processor: bytes in, bytes not yet out."""
 
     received: deque[int] = field(default_factory=deque)
     to_send: bytearray = field(default_factory=bytearray)
-    link: Link | None = None
+    link: HostLink | None = None
     byte_ns: float = 0.0
     send_buffer: int = TX_FIFO
     receive_buffer: int = RX_FIFO

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from hubodo.emulator.board.rp2040.image import FLASH_BYTES
+from hubodo.emulator.interpreters.rp2040.image import FLASH_BYTES
 from hubodo.errors import HubodoError
 
 BLOCK = 4096
@@ -67,7 +67,7 @@ def read_flash(path: Path) -> dict[str, bytes]:
     try:
         fs.mount()
         return {name: fs.open(name, "rb").read() for name in _names(fs)}
-    except Exception as broken:  # littlefs-python has an exception of its own for each kind of damage
+    except Exception as broken:  # noqa: BLE001  littlefs-python has an exception of its own for each kind of damage
         raise FlashUnreadable(f"{path}: no file system in this flash ({broken})") from None
 
 

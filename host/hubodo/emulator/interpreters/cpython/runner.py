@@ -411,7 +411,7 @@ def _install():
     io.IOBase = object
     devices = {"/dev/i2c": I2cDevice, "/dev/serial": SerialDevice, "/dev/udp": UdpDevice}
     for name in ("time", "machine", "network", "socket"):
-        source = HERE.parent / "mp" / f"_{name}.py"
+        source = HERE.parent / "modules" / f"_{name}.py"
         module = types.ModuleType(name)
         module.__dict__["open"] = lambda path, mode: devices[path]()
         exec(compile(source.read_text(), str(source), "exec"), module.__dict__)
