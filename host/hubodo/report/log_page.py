@@ -288,9 +288,11 @@ def _with_nodes(recording: Recording, applied: Applied) -> Recording:
 def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     groups = {"vehicle": learnt.get("vehicle", {}), **learnt.get("nodes", {})}
-    for name, quantities in groups.items():
-        for quantity, entry in quantities.items():
-            rows.append((name, quantity, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
+    for name, effects in groups.items():
+        for effect, parameters in effects.items():
+            for parameter, entry in parameters.items():
+                label = f"{effect}.{parameter}"
+                rows.append((name, label, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
     return rows
 
 

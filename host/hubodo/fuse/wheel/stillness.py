@@ -12,10 +12,10 @@ _SPAN = 10
 
 
 class Stillness(IntEnum):
-    """MOVING; LOITERING: rocking about one place, as with hands on the rims; RESTING: nothing moves."""
+    """MOVING; ROCKING: rocking about one place, as with hands on the rims; RESTING: nothing moves."""
 
     MOVING = 0
-    LOITERING = 1
+    ROCKING = 1
     RESTING = 2
 
 
@@ -23,15 +23,15 @@ class Stillness(IntEnum):
 class RestLimits:
     """rate_spread: rad/s of the gyro within a window, its own noise included. turning: m/s² by which the mean
     specific force may change over a second. rate: rad/s by which the mean rates may differ from their
-    biases, beside three sigma of these. Those of loitering are `loiter_spread`, `loiter_turning`,
-    `loiter_rate`."""
+    biases, beside three sigma of these. Those of rocking are `rocking_spread`, `rocking_turning`,
+    `rocking_rate`."""
 
     rate_spread: float = 0.02
     turning: float = 0.06
     rate: float = 0.01
-    loiter_spread: float = 0.25
-    loiter_turning: float = 0.8
-    loiter_rate: float = 0.12
+    rocking_spread: float = 0.25
+    rocking_turning: float = 0.8
+    rocking_rate: float = 0.12
 
 
 @dataclass
@@ -57,7 +57,7 @@ class RestDetector:
             self._near.clear()
             return Stillness.MOVING
         rate = abs(window.spin / WINDOW - spin_bias)
-        if rate >= limits.loiter_rate + margin:
+        if rate >= limits.rocking_rate + margin:
             # Most windows of a drive: nothing further needs a look.
             self._quiet.clear()
             self._near.clear()
@@ -65,12 +65,12 @@ class RestDetector:
         rate = max(rate, abs(window.raw_across / WINDOW - across_bias))
         force = window.raw_force / WINDOW
         still = window.gyro_variance < limits.rate_spread**2 and rate < limits.rate + margin
-        near = window.gyro_variance < limits.loiter_spread**2 and rate < limits.loiter_rate + margin
+        near = window.gyro_variance < limits.rocking_spread**2 and rate < limits.rocking_rate + margin
         if _held(self._quiet, still, force, limits.turning):
             self._near.append(force)
             return Stillness.RESTING
         return (
-            Stillness.LOITERING if _held(self._near, near, force, limits.loiter_turning) else Stillness.MOVING
+            Stillness.ROCKING if _held(self._near, near, force, limits.rocking_turning) else Stillness.MOVING
         )
 
 
