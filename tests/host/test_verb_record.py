@@ -27,7 +27,7 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.station import Station
+from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import View
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.vehicle import NodeMount, Vehicle
@@ -48,7 +48,7 @@ class Device:
     serial_number: str | None
 
 
-class Recorder:
+class RecorderThread:
     """`record` in a thread, so that the test can do things to the nodes meanwhile."""
 
     def __init__(self, out, *ports, **kwargs):
@@ -130,7 +130,7 @@ def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unn
     def devices():
         return [Device(node.path, "FAKE0001")] if node.path else []
 
-    with node, Recorder(out, "left=FAKE0001", lister=devices):
+    with node, RecorderThread(out, "left=FAKE0001", lister=devices):
         time.sleep(1.0)
         for turn in range(10):
             node.unplug()
@@ -172,7 +172,7 @@ def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unn
 
 def test_a_node_that_gives_frames_up_is_named_as_the_cause(tmp_path):
     out = tmp_path / "ride.mcap"
-    with FakeNode() as node, Recorder(out, node.path):
+    with FakeNode() as node, RecorderThread(out, node.path):
         time.sleep(1.2)
         node.lose(3)
         time.sleep(1.6)
@@ -183,7 +183,7 @@ def test_a_node_that_gives_frames_up_is_named_as_the_cause(tmp_path):
 
 def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way_times(tmp_path):
     out = tmp_path / "ride.mcap"
-    with FakeNode(answers=False, hello_period=0.5) as node, Recorder(out, node.path) as recorder:
+    with FakeNode(answers=False, hello_period=0.5) as node, RecorderThread(out, node.path) as recorder:
         time.sleep(1.5)
     assert recorder.result.nodes["left"]["samples"] > 200
     clock = recorder.result.nodes["left"]["clock"]
@@ -193,7 +193,7 @@ def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way
 
 def test_start_order_does_not_matter_with_wait(tmp_path):
     out, link = tmp_path / "ride.mcap", tmp_path / "ttyNODE"
-    with Recorder(out, str(link), wait=True) as recorder:
+    with RecorderThread(out, str(link), wait=True) as recorder:
         time.sleep(0.5)
         with FakeNode(link=link):
             time.sleep(1.5)
@@ -381,7 +381,7 @@ def test_nothing_is_sent_before_a_node_has_spoken_and_never_a_ctrl_c(tmp_path):
     tty.setraw(slave)
     os.set_blocking(master, False)
     heard = bytearray()
-    with Recorder(tmp_path / "ride.mcap", os.ttyname(slave), wait=True):
+    with RecorderThread(tmp_path / "ride.mcap", os.ttyname(slave), wait=True):
         time.sleep(1.0)
         with pytest.raises(BlockingIOError):
             os.read(master, 100)
@@ -473,14 +473,14 @@ def test_the_live_table_and_the_result_show_every_node_and_link(tmp_path):
         def __getattr__(self, name):
             return lambda *args, **kwargs: None
 
-    station = Station({"ttyACM0": None}, Log(), lambda *_: True, time.time_ns, vehicle=TROLLEY)
+    recorder = Recorder({"ttyACM0": None}, Log(), lambda *_: True, time.time_ns, vehicle=TROLLEY)
     terminal = Console(force_terminal=True, width=160, file=io.StringIO())
     with View(terminal, 0) as view:
-        view.update(station, 0, 10**9)
-        station.handle(LinkUp("ttyACM0", time.time_ns(), "/dev/ttyACM0", False))
+        view.update(recorder, 0, 10**9)
+        recorder.handle(LinkUp("ttyACM0", time.time_ns(), "/dev/ttyACM0", False))
         node = FakeNode()
         hello = encode_frame(Frame(Hello.type_id, 1, 0, encode(node.hello())))
         node.stop()
-        station.handle(Chunk("ttyACM0", time.time_ns(), hello, ""))
-        view.update(station, 0, 2 * 10**9)
+        recorder.handle(Chunk("ttyACM0", time.time_ns(), hello, ""))
+        view.update(recorder, 0, 2 * 10**9)
     assert "ttyACM0" in terminal.file.getvalue()

@@ -12,7 +12,7 @@ from hubodo.effects import Effect
 from hubodo.gap.problem import NodeData, Problem
 from hubodo.gap.terms import Term, effects_on
 from hubodo.model.forward import Reading, Start
-from hubodo.model.inputs import Correction, SpeedCorrection
+from hubodo.model.inputs import MotionCorrection, SpeedCorrection
 from hubodo.vehicle import facing_sign
 
 
@@ -56,7 +56,7 @@ def predict(problem: Problem, state: State) -> dict[str, Reading]:
 
 
 def predict_node(
-    node: NodeData, effects: Iterable[Effect], state: State, correction: Correction | None = None
+    node: NodeData, effects: Iterable[Effect], state: State, correction: MotionCorrection | None = None
 ) -> Reading:
     """What one node should have read, (3, N) each."""
     start, path = state.starts.get(node.name, Start()), state.paths.get(node.name, 0.0)

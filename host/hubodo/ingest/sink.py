@@ -1,4 +1,4 @@
-"""Where a station writes: the part of the log's writer that ingest uses."""
+"""Where a recorder writes: the part of the log's writer that ingest uses."""
 
 from __future__ import annotations
 

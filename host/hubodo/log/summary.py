@@ -23,7 +23,7 @@ GAP_FACTOR = 1.5
 
 
 @dataclass(frozen=True)
-class Gap:
+class SampleGap:
     """An interval without samples. t: s since t = 0; missing: samples that fit into it; cause: in words."""
 
     topic: str
@@ -34,7 +34,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Loss:
+class LossTotal:
     """The recorded `gap` events of one node, stream and cause, added up; unknown: those without a count."""
 
     node: str
@@ -59,7 +59,7 @@ class StreamSummary:
     period: float | None
     jitter: float | None
     longest: float | None
-    gaps: tuple[Gap, ...]
+    gaps: tuple[SampleGap, ...]
 
     @property
     def rate(self) -> float | None:
@@ -85,13 +85,13 @@ class Summary:
     duration: float
     streams: tuple[StreamSummary, ...]
     events: tuple[Event, ...]
-    losses: tuple[Loss, ...]
+    losses: tuple[LossTotal, ...]
     health: Mapping[str, Mapping[str, Any]]
     metadata: Mapping[str, str]
     warnings: tuple[str, ...]
 
     @property
-    def gaps(self) -> tuple[Gap, ...]:
+    def gaps(self) -> tuple[SampleGap, ...]:
         """The gaps of all streams in order of time."""
         return tuple(sorted((gap for s in self.streams for gap in s.gaps), key=lambda gap: gap.t))
 
@@ -173,11 +173,11 @@ def _stream(
     sampled = message_type(schema) in _SAMPLED or message_type(schema) == ros2.TEMPERATURE
     usual = float(np.median(periods)) if len(periods) and sampled else None
     regular = periods[periods <= GAP_FACTOR * usual] if usual is not None else periods
-    gaps: tuple[Gap, ...] = ()
+    gaps: tuple[SampleGap, ...] = ()
     if usual and message_type(schema) in _SAMPLED:
         found = np.flatnonzero(periods > GAP_FACTOR * usual)
         gaps = tuple(
-            Gap(
+            SampleGap(
                 topic,
                 (int(t_ns[i]) - start) / 1e9,
                 float(periods[i]),
@@ -229,7 +229,7 @@ def _health(events: Iterable[Event]) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _losses(events: Iterable[Event]) -> tuple[Loss, ...]:
+def _losses(events: Iterable[Event]) -> tuple[LossTotal, ...]:
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for event in events:
         if event.kind == "gap":
@@ -240,7 +240,7 @@ def _losses(events: Iterable[Event]) -> tuple[Loss, ...]:
             )
             groups.setdefault(key, []).append(event.data)
     return tuple(
-        Loss(
+        LossTotal(
             *key,
             gaps=len(found),
             samples=sum(data.get("samples_lost") or 0 for data in found),

@@ -80,7 +80,7 @@ class Inputs:
         )
 
 
-class Correction(Protocol):
+class MotionCorrection(Protocol):
     """What changes the motion that the inputs give."""
 
     def apply(self, body: Body) -> Body: ...
@@ -94,7 +94,7 @@ class Later:
     """
 
     by: float
-    before: Correction | None = None
+    before: MotionCorrection | None = None
 
     def apply(self, body: Body) -> Body:
         """The body where it was `by` before."""

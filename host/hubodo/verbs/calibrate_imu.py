@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from hubodo.calibration.file import (
+    CalibratedEffect,
     Calibration,
-    Effect,
     node_serial,
     read_calibration,
     source_hash,
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> CalibratedImu:
     return CalibratedImu(args.node, str(args.output), result)
 
 
-def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dict[str, Effect]:
+def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dict[str, CalibratedEffect]:
     """The result as effects of the calibration file, with where they came from."""
     date = datetime.now(UTC).date().isoformat()
     span = None
@@ -163,7 +163,7 @@ def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dic
         span = (float(known.min()), float(known.max())) if len(known) else None
     methods = {"accel": result.notes[0], "gyro": result.gyro.method}
     return {
-        name: Effect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
+        name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
         for name, parameters in result.effects().items()
     }
 

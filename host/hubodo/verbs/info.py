@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hubodo.log.summary import Gap, StreamSummary, Summary, summarise
+from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
 from hubodo.progress import progress_line
 
 HELP = "show streams, rates, gaps, losses, versions and health of a log"
@@ -161,7 +161,7 @@ def _stream_json(stream: StreamSummary) -> dict[str, Any]:
     }
 
 
-def _gap_json(gap: Gap) -> dict[str, Any]:
+def _gap_json(gap: SampleGap) -> dict[str, Any]:
     return {
         "topic": gap.topic,
         "t": gap.t,

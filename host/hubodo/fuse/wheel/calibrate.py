@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import Effect, Quantity
+from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel import phase
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelPrior
@@ -47,11 +47,11 @@ class WheelCalibration:
     fixes: int
     warnings: tuple[str, ...]
 
-    def effects(self, name: str, **provenance: object) -> dict[str, Effect]:
-        """The effects of one node for a calibration file; provenance: further fields of Effect."""
+    def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
+        """The effects of one node for a calibration file; provenance: further fields of CalibratedEffect."""
         return _effects(self.nodes[name], provenance)
 
-    def vehicle_effects(self, **provenance: object) -> dict[str, Effect]:
+    def vehicle_effects(self, **provenance: object) -> dict[str, CalibratedEffect]:
         """Those of the vehicle."""
         return _effects(self.vehicle, provenance)
 
@@ -214,5 +214,5 @@ def _left_out(effect: str, value: float) -> float:
 
 def _effects(
     found: Mapping[str, Mapping[str, Quantity]], provenance: Mapping[str, object]
-) -> dict[str, Effect]:
-    return {name: Effect(parameters, **provenance) for name, parameters in found.items()}  # type: ignore[arg-type]
+) -> dict[str, CalibratedEffect]:
+    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in found.items()}  # type: ignore[arg-type]

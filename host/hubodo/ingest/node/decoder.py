@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.ingest.node.clock import TickUnwrapper
-from hubodo.ingest.node.gaps import Gap, GapLedger, LinkCounts
+from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
     FilterSeen,
@@ -190,7 +190,7 @@ class NodeDecoder:
         )
         if before.tail is not None:
             self.counts.gaps += 1
-            gap = Gap("ImuBatch", before.tail.t_ns, t_ns, 0, None)
+            gap = WireGap("ImuBatch", before.tail.t_ns, t_ns, 0, None)
             yield from self._gaps.add(gap, link, link, restart=True)
 
     def _known(self, frame: Frame, t_ns: int, link: LinkCounts, *, sure: bool = False) -> Iterator[Output]:
@@ -225,7 +225,7 @@ class NodeDecoder:
             yield from self._batch(boot, message, t_ns, stream, lost, link)
             return
         if lost and stream is not None:
-            gap = Gap(_NAMES.get(frame.type_id, f"type {frame.type_id}"), stream.t_ns, t_ns, lost, 0)
+            gap = WireGap(_NAMES.get(frame.type_id, f"type {frame.type_id}"), stream.t_ns, t_ns, lost, 0)
             yield from self._gaps.add(gap, stream.link, link)
         yield from self._small(boot, message, t_ns)
 
@@ -261,7 +261,7 @@ class NodeDecoder:
                 self.counts.samples_lost += samples_lost or 0
                 self.counts.gaps += 1
                 between = (tail.next_device_ns - tail.period_ns, first_ns)
-                gap = Gap("ImuBatch", stream.t_ns, t_ns, frames_lost, samples_lost, between)
+                gap = WireGap("ImuBatch", stream.t_ns, t_ns, frames_lost, samples_lost, between)
                 yield from self._gaps.add(gap, stream.link, link, overrun=overrun)
         boot.tail = _Tail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
         self.counts.samples += count

@@ -1,4 +1,4 @@
-"""One node as the station knows it: its decoder, its clock, what to ask it, and its place in the log."""
+"""One node as the recorder knows it: its decoder, its clock, what to ask it, and its place in the log."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ class Published:
 
 
 class ArrivalOrder:
-    """Log times of blocks of samples: strictly increasing over all nodes of a station.
+    """Log times of blocks of samples: strictly increasing over all nodes of a recorder.
 
-    A log read by log time then gives the blocks in the order in which the station took them, which is that
+    A log read by log time then gives the blocks in the order in which the recorder took them, which is that
     of arrival but for what was held back and for links that were read at the same moment.
     """
 

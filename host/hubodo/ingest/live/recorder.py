@@ -14,7 +14,7 @@ from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
 from hubodo.ingest.live.localizer_process import Answer, LocalizerProcess
-from hubodo.ingest.live.odometer import Block, Motion, Odometer
+from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.node.session import ArrivalOrder, NodeSession, Published
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
@@ -24,7 +24,7 @@ from hubowire import Frame, node_name
 Send = Callable[[str, bytes, str], bool]
 
 
-class Station:
+class Recorder:
     """Routes what links report to nodes, odometry and log.
 
     links: label -> name for the node behind it, or None to take it from the node id. gnss: labels of
@@ -189,7 +189,7 @@ class Station:
                 arrived_ns,
             )
 
-    def _publish(self, motions: Iterable[Motion], arrived_ns: int) -> None:
+    def _publish(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
         for motion in motions:
             motion.write(self._sink, self._now_ns())
             self.latency.add(self._now_ns() - arrived_ns)
