@@ -12,7 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.calibration.file import Effect, NodeCalibration, read_calibration
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
@@ -168,7 +168,7 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
     )
 
 
-def _effects(path: Path | None, node: str) -> dict[str, Effect]:
+def _effects(path: Path | None, node: str) -> dict[str, CalibratedEffect]:
     if path is None:
         return {}
     nodes = read_calibration(path).nodes
@@ -178,10 +178,10 @@ def _effects(path: Path | None, node: str) -> dict[str, Effect]:
 
 
 def _noise(
-    args: argparse.Namespace, effects: dict[str, Effect], axis: Axis, spans: Spans, notes: list[str]
+    args: argparse.Namespace, effects: dict[str, CalibratedEffect], axis: Axis, spans: Spans, notes: list[str]
 ) -> BiasNoise:
     """N, B, K: from `hubodo allan`, else N from the standstills, K from the calibration, B as is usual."""
-    walk = effects.get("gyro_rate_random_walk", Effect({})).value("k")
+    walk = effects.get("gyro_rate_random_walk", CalibratedEffect({})).value("k")
     if args.allan is not None:
         noise = noise_of_allan(args.allan)
         return replace(noise, rate_random_walk=noise.rate_random_walk or walk)
@@ -195,11 +195,11 @@ def _noise(
     return BiasNoise(found, USUAL_INSTABILITY, walk)
 
 
-def _scale_sigma(args: argparse.Namespace, effects: dict[str, Effect], notes: list[str]) -> float:
+def _scale_sigma(args: argparse.Namespace, effects: dict[str, CalibratedEffect], notes: list[str]) -> float:
     """1 sigma of the relative scale: as given, else the calibration's, else that of a gyro off the shelf."""
     if args.scale_sigma is not None:
         return float(args.scale_sigma)
-    scale = effects.get("gyro_scale_factor", Effect({})).parameters.get(args.axis)
+    scale = effects.get("gyro_scale_factor", CalibratedEffect({})).parameters.get(args.axis)
     if scale is not None:
         return scale.sigma
     notes.append("the scale is not calibrated: one per cent of the net turn is in sigma for it")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import Effect
+from hubodo.calibration.file import CalibratedEffect
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.effects.warmup_models import WarmupModel
 from hubodo.errors import InputError
@@ -46,7 +46,7 @@ def upright(accel: Array, axis: str) -> tuple[float, str]:
 
 
 def warmup_upwards(
-    effects: Mapping[str, Effect], axis: str, up: float, *, thermometer: bool
+    effects: Mapping[str, CalibratedEffect], axis: str, up: float, *, thermometer: bool
 ) -> tuple[WarmupModel, dict[str, float]]:
     """The warm-up of the axis once scale and cross-axis are taken out, and 1 sigma of its parameters.
 
@@ -55,7 +55,7 @@ def warmup_upwards(
     """
     matrix = triad_from_effects(effects, "gyro").matrix
 
-    def upwards(effect: Effect) -> float:
+    def upwards(effect: CalibratedEffect) -> float:
         raw = np.array([effect.value(name) for name in "xyz"])
         return up * float(np.linalg.solve(matrix, raw)["xyz".index(axis)])
 
