@@ -20,6 +20,7 @@ VERBS: tuple[str, ...] = (
     "warmup",
     "calibrate",
     "north",
+    "heading",
     "simulate",
     "gap",
     "report",
