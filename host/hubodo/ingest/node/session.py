@@ -4,20 +4,31 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import assert_never
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.ingest.node.bias_filter import filter_columns
 from hubodo.ingest.node.clock import PERIOD_US, ClockSync, StrictlyIncreasing
 from hubodo.ingest.node.decoder import NodeDecoder, Output
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.health import health_data
-from hubodo.ingest.node.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
+from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.samples import (
+    FilterSeen,
+    HealthSeen,
+    HelloSeen,
+    ImuBlock,
+    MagSample,
+    Refused,
+    TimeReplySeen,
+)
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
-from hubowire.messages import GetHello, Health, Hello, Part, ResetCause, Start, TimeRequest
+from hubowire.messages import GetHello, Health, Hello, ResetCause, Start, TimeRequest
 
 S = 1_000_000_000
 _BURST, _BURST_NS = 8, S // 50
@@ -32,33 +43,8 @@ _RATE_WINDOW_NS = 2 * S
 _TICKS_PERIOD = PERIOD_US * 1e-6
 
 Send = Callable[[bytes], bool]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Published:
-    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement; power_on_ns: host
-    time at which the node was switched on."""
-
-    node: str
-    t_ns: NDArray[np.int64]
-    block: ImuBlock
-    power_on_ns: int | None
-
-
-class ArrivalOrder:
-    """Log times of blocks of samples: strictly increasing over all nodes of a recorder.
-
-    A log read by log time then gives the blocks in the order in which the recorder took them, which is that
-    of arrival but for what was held back and for links that were read at the same moment.
-    """
-
-    def __init__(self) -> None:
-        self._last_ns = 0
-
-    def stamp(self, received_ns: int) -> int:
-        """The log time of a block received at that time."""
-        self._last_ns = max(received_ns, self._last_ns + 1)
-        return self._last_ns
+Timed = ImuBlock | MagSample | FilterSeen
+"""What goes into the log at the time of its measurement."""
 
 
 class NodeSession:
@@ -87,6 +73,7 @@ class NodeSession:
         self.decoder = NodeDecoder(name, datagrams=datagrams)
         self.clock = ClockSync()
         self.health: Health | None = None
+        self.filter: FilterSeen | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
@@ -100,7 +87,8 @@ class NodeSession:
         self._clock_period_ns = int(clock_period * S)
         self._times = StrictlyIncreasing()
         self._mag_times = StrictlyIncreasing()
-        self._held: list[ImuBlock | MagSample] = []
+        self._filter_times = StrictlyIncreasing()
+        self._held: list[Timed] = []
         self._held_since = 0
         self._asked: dict[bytes, int] = {}
         self._questions = node_id << 24  # tokens differ between nodes that hear each other's questions
@@ -225,6 +213,9 @@ class NodeSession:
                     yield from self._hold(output)
                 case MagSample():
                     yield from self._hold(output)
+                case FilterSeen():
+                    self.filter = output
+                    yield from self._hold(output)
                 case TimeReplySeen():
                     yield from self._answered(output)
                 case HealthSeen():
@@ -233,7 +224,7 @@ class NodeSession:
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
                 case _:
-                    pass
+                    assert_never(output)
 
     def _gap(self, event: Event) -> Event:
         """Counts a gap, and puts its start on the time of measurement, where the samples stand."""
@@ -257,7 +248,7 @@ class NodeSession:
         if self.clock.source == "two way" and self._held:
             yield from self._release()
 
-    def _hold(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+    def _hold(self, item: Timed) -> Iterator[Published]:
         if self.clock.source == "two way" or (
             self._held_since and item.received_ns - self._held_since > _CLOCK_WAIT_NS
         ):
@@ -273,10 +264,14 @@ class NodeSession:
         for item in held:
             yield from self._publish(item)
 
-    def _publish(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+    def _publish(self, item: Timed) -> Iterator[Published]:
         if isinstance(item, MagSample):
             t_ns = self._mag_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
             self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
+            return
+        if isinstance(item, FilterSeen):
+            t_ns = self._filter_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
+            self._sink.bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
             return
         t_ns = self._times.apply(self.clock.host_ns(item.device_ns))
         if self._boot is not None:
@@ -303,28 +298,3 @@ class NodeSession:
         }
         text = f"{self.name}: switched on {age:.1f} s before this sample, or a multiple of 18 min earlier"
         self._sink.event(Event(t_ns, "started", self.name, text, data))
-
-
-def hello_metadata(seen: HelloSeen) -> dict[str, str]:
-    """What a node said about itself, as text for the log."""
-    hello = seen.hello
-    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part(part)}" for at, who, part in hello.parts]
-    return {
-        "fingerprint": f"{hello.fingerprint:08x}",
-        "firmware": ".".join(map(str, hello.firmware)),
-        "serial": hello.serial.hex(),
-        "boot_id": str(hello.boot_id),
-        "rate_hz": f"{hello.rate_mhz / 1000:g}",
-        "gyro_range_dps": str(hello.gyro_range_dps),
-        "accel_range_g": str(hello.accel_range_g),
-        "gyro_lsb_ndps": str(hello.gyro_lsb_ndps),
-        "accel_lsb_ng": str(hello.accel_lsb_ng),
-        "temperature_lsb_udegc": str(hello.temperature_lsb_udegc),
-        "temperature_offset_udegc": str(hello.temperature_offset_udegc),
-        "mag_lsb_ft": str(hello.mag_lsb_ft),
-        "parts": "; ".join(parts),
-    }
-
-
-def _part(number: int) -> str:
-    return Part(number).name if number in set(Part) else "unknown"
