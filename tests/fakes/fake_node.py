@@ -79,6 +79,7 @@ class FakeNode:
     hello_period: float = 5.0  # s, as the firmware
     spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
     bias_q12: tuple[int, int, int] | None = None  # what its filter says five times a second
+    refuse: int | None = None  # the Reason for which settings and initialisations are refused
     rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
     sent: list[Sent] = field(default_factory=list)
     requests: list[Message] = field(default_factory=list)
@@ -290,6 +291,8 @@ class FakeNode:
             case TimeRequest():
                 now = self._clock_us() % PERIOD
                 self._put(TimeReply(message.token, now, self._clock_us() % PERIOD))
+            case SetConfig() | BiasInit() if self.refuse is not None:
+                self._put(Nack(frame.type_id, frame.seq, self.refuse, 7))
             case Ping() | SetConfig() | BiasInit():
                 self._put(Ack(frame.type_id, frame.seq))
             case Start() | Stop():

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from hubodo.ingest.node.identity import known_name
 from hubodo.ingest.node.samples import FilterSeen, Vector
 from hubodo.recording import BIAS_FILTER_COLUMNS
 from hubowire.messages import Filter, FilterState
@@ -45,9 +46,9 @@ def filter_columns(seen: FilterSeen) -> dict[str, float]:
     return dict(zip(BIAS_FILTER_COLUMNS[1:], map(float, values), strict=True))
 
 
-def state_name(state: int) -> str:
-    """The state in one word, a number that this version does not know as it is."""
-    return FilterState(state).name.lower() if state in set(FilterState) else str(state)
+def seen_row(seen: FilterSeen) -> dict[str, float]:
+    """The same with its device time, s, as `filter_words` takes it."""
+    return {"t": seen.device_ns * 1e-9, **filter_columns(seen)}
 
 
 def filter_json(seen: FilterSeen | None) -> dict[str, Any] | None:
@@ -55,7 +56,7 @@ def filter_json(seen: FilterSeen | None) -> dict[str, Any] | None:
     if seen is None:
         return None
     return {
-        "state": state_name(seen.state),
+        "state": known_name(FilterState, seen.state),
         "samples": seen.samples,
         "bias": list(seen.bias),
         "sigma": [None if math.isnan(sigma) else sigma for sigma in seen.bias_sigma],
@@ -67,14 +68,14 @@ def bias_words(seen: FilterSeen | None) -> str:
     if seen is None:
         return ""
     if seen.state != FilterState.TRACKING:
-        return state_name(seen.state)
+        return known_name(FilterState, seen.state)
     return " ".join(f"{math.degrees(value):+.2f}" for value in seen.bias)
 
 
 def filter_words(row: Mapping[str, float]) -> str:
     """A row of the channel in one line: the bias with its sigma, and what it rests on."""
     if row["state"] != FilterState.TRACKING:
-        return f"{state_name(int(row['state']))}, no bias is known"
+        return f"{known_name(FilterState, int(row['state']))}, no bias is known"
     bias = ", ".join(f"{axis} {_value_words(row, axis)}" for axis in "xyz")
     samples = int(row["samples"])
     origin = f"from {samples} samples" if samples else "from the node's settings"

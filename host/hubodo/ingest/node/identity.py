@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from hubodo.ingest.node.samples import HelloSeen
-from hubowire.messages import Part
+from enum import IntEnum
+
+from hubowire.messages import Hello, Part
 
 
-def hello_metadata(seen: HelloSeen) -> dict[str, str]:
+def hello_metadata(hello: Hello) -> dict[str, str]:
     """What a node said about itself, as text for the log."""
-    hello = seen.hello
     parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part(part)}" for at, who, part in hello.parts]
     return {
         "fingerprint": f"{hello.fingerprint:08x}",
@@ -25,6 +25,11 @@ def hello_metadata(seen: HelloSeen) -> dict[str, str]:
         "mag_lsb_ft": str(hello.mag_lsb_ft),
         "parts": "; ".join(parts),
     }
+
+
+def known_name(codes: type[IntEnum], number: int) -> str:
+    """A code's name in lower case; one that this version does not know as its number."""
+    return codes(number).name.lower() if number in set(codes) else str(number)
 
 
 def _part(number: int) -> str:

@@ -16,6 +16,7 @@ from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.health import health_data
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.questions import Questions
 from hubodo.ingest.node.samples import (
     FilterSeen,
     HealthSeen,
@@ -27,7 +28,7 @@ from hubodo.ingest.node.samples import (
 )
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
-from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
+from hubowire import FINGERPRINT, Frame, Message
 from hubowire.messages import GetHello, Health, Hello, ResetCause, Start, TimeRequest
 
 S = 1_000_000_000
@@ -36,9 +37,6 @@ _CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answer o
 _HELLO_EVERY_NS = S // 2
 _START_AFTER_NS = 2 * S
 _OUTSTANDING = 32
-_CTRL_C = 0x03
-_ANY_NODE = 0
-_TRIES = 600
 _RATE_WINDOW_NS = 2 * S
 _TICKS_PERIOD = PERIOD_US * 1e-6
 
@@ -91,13 +89,13 @@ class NodeSession:
         self._held: list[Timed] = []
         self._held_since = 0
         self._asked: dict[bytes, int] = {}
-        self._questions = node_id << 24  # tokens differ between nodes that hear each other's questions
+        self._questions = Questions(node_id)
+        self._token = node_id << 24  # tokens differ between nodes that hear each other's questions
         self._burst_left = 0
         self._next_request = 0
         self._next_hello = 0
         self._start_at: int | None = None
         self._muted = False
-        self._seq = 0
         self._recent: deque[tuple[int, int]] = deque()
 
     def frame(self, frame: Frame, t_ns: int, link: LinkCounts) -> Iterator[Published]:
@@ -132,8 +130,8 @@ class NodeSession:
 
     def ask_time(self) -> None:
         """One question of the clock exchange; its token names the time at which it was sent."""
-        self._questions += 1
-        token = bytes(0x20 + (self._questions >> shift & 0x0F) for shift in range(0, 32, 4))
+        self._token += 1
+        token = bytes(0x20 + (self._token >> shift & 0x0F) for shift in range(0, 32, 4))
         while len(self._asked) >= _OUTSTANDING:
             self._asked.pop(next(iter(self._asked)))
         self._asked[token] = self._now_ns()
@@ -177,19 +175,7 @@ class NodeSession:
         return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / S)
 
     def _ask(self, message: Message) -> None:
-        """Sends a question that holds no ctrl-C.
-
-        A MicroPython board takes that byte for "stop the program" while it boots. Sequence numbers of
-        questions carry no meaning, so they are counted on until none is in the frame.
-        """
-        payload = encode(message)
-        to = self.node_id if self.node_id != _CTRL_C else _ANY_NODE
-        for _ in range(_TRIES):
-            self._seq = (self._seq + 1) & 0xFFFF
-            data = encode_frame(Frame(message.type_id, to, self._seq, payload))
-            if _CTRL_C not in data:
-                break
-        self._send(b"\0" + data)
+        self._send(self._questions.wire(message)[1])
 
     def _take(self, outputs: Iterable[Output]) -> Iterator[Published]:
         for output in outputs:
@@ -206,7 +192,7 @@ class NodeSession:
                         self._held_since = 0
                     self._burst_left, self._next_request = _BURST, 0
                     self._start_at = output.received_ns + _START_AFTER_NS
-                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output))
+                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
                 case ImuBlock():
                     self._start_at = None
                     self.clock.arrival(int(output.device_ns[-1]) // 1000, output.received_ns)
