@@ -6,7 +6,7 @@ import tomllib
 from gap_matrix.make_case import make
 from gap_runs import gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.account import MEANING
+from hubodo.gap.tell.account import MEANING
 
 SEED = 3
 
