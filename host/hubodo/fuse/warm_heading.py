@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hubodo.effects.warmup_models import BiasRecursion, WarmupModel
+from hubodo.effects.warmup import BiasRecursion, WarmupModel
 
 
 @dataclass(frozen=True)
