@@ -21,10 +21,9 @@ import numpy as np
 from gap_matrix import cases, recording, sensor
 from gap_matrix.dose import MEDIUM, Meter
 from hubodo.effects import BY_NAME
-from hubodo.gap.problem import build
-from hubodo.gap.search import initial_state
-from hubodo.gap.state import predict
-from hubodo.gap.terms import ALL, Term
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.problem.build import build
+from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -69,9 +68,9 @@ def forward(folder):
             BY_NAME["lever_arm"](x=1e-4 * k, z=1e-3),
             BY_NAME["time_offset"](delay=1e-5 * k),
         ]
-        state = initial_state(problem).with_terms([Term(effect, ALL) for effect in effects])
+        state = initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
         begin = time.perf_counter()
-        predict(problem, state)
+        _ = state.readings
         taken.append(time.perf_counter() - begin)
     return min(taken), sum(len(node.t) for node in problem.nodes)
 

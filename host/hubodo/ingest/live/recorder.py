@@ -15,7 +15,8 @@ from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
 from hubodo.ingest.live.localizer_process import Answer, LocalizerProcess
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
-from hubodo.ingest.node.session import ArrivalOrder, NodeSession, Published
+from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
