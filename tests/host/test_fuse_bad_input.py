@@ -138,7 +138,7 @@ def test_a_wheel_that_never_turns_is_named(folder, parts):
     found = folder.fuse(recorded(driven(parts)))
     assert "left: the wheel turned only 0.0" in found.warnings
     assert found.json["truth"]["final_error"] < max(3.0 * found.sigma, 0.01)
-    scale = found.json["nodes"]["left"]["spin_scale"]
+    scale = found.json["nodes"]["left"]["gyro_scale_factor"]["z"]
     assert scale["sigma"] == pytest.approx(0.015, rel=0.1)
 
 

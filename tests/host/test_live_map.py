@@ -17,7 +17,7 @@ from fakes.fake_receiver import FakeReceiver
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import geodetic
 from hubodo.fuse.wheel.step import Pose
-from hubodo.fuse.wheel.zero_velocity import Stillness
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_process import LocalizerProcess
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages

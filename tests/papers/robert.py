@@ -25,7 +25,7 @@ from hubodo.sensors.north.circle import fuse, wrap
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.filters import FILTERS, opposite_pairs
 from hubodo.sensors.north.find import find_north, horizontal_rate
-from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.stops import TableMotion
 from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
 
 LATITUDE = np.radians(32.7574)
@@ -56,7 +56,7 @@ def drift_of(sensor):
 
 
 def table_of(run):
-    return Table(run.table_t, run.table_angle, run.table_moving)
+    return TableMotion(run.table_t, run.table_angle, run.table_moving)
 
 
 def programme(sensor, seed, azimuth, angles, stop):

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import XYZ, Calibration, Effect, NodeCalibration, Quantity, node_serial
+from hubodo.calibration.file import XYZ, CalibratedEffect, Calibration, NodeCalibration, Quantity, node_serial
 from hubodo.calibration.triad import Triad, triad_from_effects
 from hubodo.effects.warmup_models import REFERENCE_CELSIUS
 from hubodo.errors import CalibrationError
@@ -60,7 +60,7 @@ _S_NAMES = (("xx", "xy", "xz"), ("yx", "yy", "yz"), XYZ)
 
 
 @dataclass(frozen=True)
-class Correction:
+class SampleCorrection:
     """What is undone in the samples of one node; `from_calibration` makes it.
 
     warmup: (3,) rad/s, time_constant: s. temperature: (3,) rad/s per degree C. g_sensitivity: (3, 3)
@@ -77,9 +77,9 @@ class Correction:
     mounting: Array = field(default_factory=lambda: np.eye(3))
 
     @staticmethod
-    def from_calibration(node: NodeCalibration) -> Correction:
+    def from_calibration(node: NodeCalibration) -> SampleCorrection:
         """The correction of a node. Raises CalibrationError for numbers that no sensor has."""
-        effects, none = node.effects, Effect({})
+        effects, none = node.effects, CalibratedEffect({})
         gyro, accel = triad_from_effects(effects, "gyro"), triad_from_effects(effects, "accel")
         for kind, triad in (("gyro", gyro), ("accel", accel)):
             if not 0.5 < abs(float(np.linalg.det(triad.matrix))) < 2.0:
@@ -97,7 +97,7 @@ class Correction:
                 f"the calibration's gyro_cubic z = {cubic:g} would turn the scale around within the range "
                 "of the gyro; calibrate this node anew"
             )
-        return Correction(
+        return SampleCorrection(
             gyro,
             accel,
             _xyz(warmup),
@@ -201,7 +201,7 @@ def apply_calibration(
         if name not in nodes:
             continue
         check_serial(name, node, node_serial(metadata or {}, name))
-        correction = Correction.from_calibration(node)
+        correction = SampleCorrection.from_calibration(node)
         table = nodes[name]
         starts = power_on_times(known, name)
         age = age_of(table.t, starts, t_zero_ns)
@@ -276,7 +276,7 @@ def age_of(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
     return np.asarray(t - power_on[place])
 
 
-def _zeroed(effect: Effect) -> Effect:
+def _zeroed(effect: CalibratedEffect) -> CalibratedEffect:
     """The effect without its size; a time constant is none, and stays."""
     return replace(
         effect,
@@ -287,7 +287,7 @@ def _zeroed(effect: Effect) -> Effect:
     )
 
 
-def _xyz(effect: Effect) -> Array:
+def _xyz(effect: CalibratedEffect) -> Array:
     return np.array([effect.value(axis) for axis in XYZ])
 
 

@@ -1,7 +1,6 @@
 """A calibration file as effects of the forward model: a node simulated with the errors found in it."""
 
-from hubodo.calibration.file import Calibration
-from hubodo.calibration.file import Effect as Found
+from hubodo.calibration.file import CalibratedEffect, Calibration
 from hubodo.effects import BY_NAME
 from hubodo.model.model_file import Model, Scoped
 
@@ -14,7 +13,7 @@ def with_calibration(model: Model, calibration: Calibration) -> tuple[Model, tup
     added: list[Scoped] = []
     notes: list[str] = []
 
-    def take(name: str, found: Found, node: str | None) -> None:
+    def take(name: str, found: CalibratedEffect, node: str | None) -> None:
         kind = BY_NAME[name]
         if node is not None and kind.level == "vehicle":
             notes.append(f"{node}.{name}: an effect of the vehicle; left out")

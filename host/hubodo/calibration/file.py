@@ -69,7 +69,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Effect:
+class CalibratedEffect:
     """Parameters of one effect and where they came from.
 
     method: how it was found, in words. source_sha256: hash of the log. date: ISO 8601 day.
@@ -91,7 +91,7 @@ class Effect:
 class NodeCalibration:
     """All effects known of one node; serial: the node's own number, "" when the log did not tell."""
 
-    effects: Mapping[str, Effect] = field(default_factory=dict)
+    effects: Mapping[str, CalibratedEffect] = field(default_factory=dict)
     serial: str = ""
 
 
@@ -100,15 +100,15 @@ class Calibration:
     """What a calibration file holds: nodes by name, and effects of the whole vehicle."""
 
     nodes: Mapping[str, NodeCalibration] = field(default_factory=dict)
-    vehicle: Mapping[str, Effect] = field(default_factory=dict)
+    vehicle: Mapping[str, CalibratedEffect] = field(default_factory=dict)
 
-    def with_node(self, name: str, effects: Mapping[str, Effect], serial: str = "") -> Calibration:
+    def with_node(self, name: str, effects: Mapping[str, CalibratedEffect], serial: str = "") -> Calibration:
         """The same with these effects of a node added; effects of the same name are replaced, others stay."""
         old = self.nodes.get(name, NodeCalibration())
         new = NodeCalibration({**old.effects, **effects}, serial or old.serial)
         return replace(self, nodes={**self.nodes, name: new})
 
-    def with_vehicle(self, effects: Mapping[str, Effect]) -> Calibration:
+    def with_vehicle(self, effects: Mapping[str, CalibratedEffect]) -> Calibration:
         """The same with these effects of the vehicle added or replaced."""
         return replace(self, vehicle={**self.vehicle, **effects})
 
@@ -176,7 +176,7 @@ def source_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _effect_lines(prefix: str, effects: Mapping[str, Effect]) -> list[str]:
+def _effect_lines(prefix: str, effects: Mapping[str, CalibratedEffect]) -> list[str]:
     lines: list[str] = []
     for name, effect in effects.items():
         lines += ["", f"[{prefix}.{toml_key(name)}]"]
@@ -192,7 +192,7 @@ def _effect_lines(prefix: str, effects: Mapping[str, Effect]) -> list[str]:
     return lines
 
 
-def _effects(path: Path, where: str, body: Any) -> dict[str, Effect]:
+def _effects(path: Path, where: str, body: Any) -> dict[str, CalibratedEffect]:
     found = {}
     for name, table in _table(path, where, body).items():
         if name not in PARAMETERS:
@@ -206,7 +206,7 @@ def _effects(path: Path, where: str, body: Any) -> dict[str, Effect]:
         span = (table.get("temperature_min"), table.get("temperature_max"))
         temperature = None if None in span else (float(span[0]), float(span[1]))
         method, source, date = (str(table.get(key, "")) for key in _PROVENANCE[:3])
-        found[name] = Effect(parameters, method, source, date, temperature)
+        found[name] = CalibratedEffect(parameters, method, source, date, temperature)
     return found
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import NONORTHOGONALITY, XYZ, Effect, Quantity
+from hubodo.calibration.file import NONORTHOGONALITY, XYZ, CalibratedEffect, Quantity
 
 Array = NDArray[np.float64]
 
@@ -71,9 +71,9 @@ def triad_from(bias: Array, scale_error: Array, nonorthogonality: Mapping[str, f
     return Triad(np.array(bias, float), matrix)
 
 
-def triad_from_effects(effects: Mapping[str, Effect], kind: str) -> Triad:
+def triad_from_effects(effects: Mapping[str, CalibratedEffect], kind: str) -> Triad:
     """Triad of `kind` "gyro" or "accel" from a node's calibration; what is not in it counts as zero."""
-    empty = Effect({})
+    empty = CalibratedEffect({})
     bias, scale, angles = (
         effects.get(f"{kind}_{name}", empty) for name in ("bias", "scale_factor", "nonorthogonality")
     )

@@ -6,8 +6,17 @@ from typing import ClassVar
 
 import numpy as np
 
-from hubodo.effects.base import Chain, Effect, Shows, parameter
+from hubodo.effects.base import Chain, Effect, Estimate, Shows, parameter
 from hubodo.effects.triad import CrossAxis, ScaleFactor
+
+_OFFSET = "zero-g tolerance of the MPU-6050, 50 mg"
+_ACROSS = Estimate(0.4, 1e-3, f"{_OFFSET}; walk: vibration and temperature, 6 mg in an hour")
+_ALONG = Estimate(0.4, 1e-2, f"{_OFFSET}; walk: ten times that across, for the banking of roads")
+_LEAK = Estimate(
+    0.03,
+    1e-6,
+    "cross-axis sensitivity of the MPU-6050, 2 %, and a board not square in its case; walk: it is fixed",
+)
 
 
 @dataclass(frozen=True)
@@ -15,9 +24,9 @@ class AccelBias(Effect):
     """A constant offset."""
 
     name: ClassVar[str] = "accel_bias"
-    x: float = parameter("m/s²", 0.1)
-    y: float = parameter("m/s²", 0.1)
-    z: float = parameter("m/s²", 0.1)
+    x: float = parameter("m/s²", 0.1, estimate=_ACROSS)
+    y: float = parameter("m/s²", 0.1, turned=True, estimate=_ACROSS)
+    z: float = parameter("m/s²", 0.1, turned=True, estimate=_ALONG)
 
     def offset(self, chain: Chain) -> None:
         chain.accel += np.array([[self.x], [self.y], [self.z]])
@@ -38,6 +47,8 @@ class AccelNonorthogonality(CrossAxis):
     """Cross-axis terms of the accelerometer after Avrutov."""
 
     name: ClassVar[str] = "accel_nonorthogonality"
+    zy: float = parameter("rad", 0.01, turned=True, estimate=_LEAK)
+    zx: float = parameter("rad", 0.01, estimate=_LEAK)
 
     def respond(self, chain: Chain) -> None:
         chain.accel += self.matrix() @ chain.force

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.vehicle import Side
+from hubodo.vehicle import Facing, Side, facing_sign
 
 Level = Literal["vehicle", "wheel", "node"]
 Shows = Literal["mean", "scatter"]
@@ -64,14 +65,44 @@ class Noise:
     accel: float
 
 
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """How the odometry believes a parameter before it has seen data, and how the parameter moves.
+
+    prior: 1 sigma before the first sample, in the parameter's unit. walk: how far it wanders at random, per
+    square root of a second. origin: where the numbers come from. shown_by: what to do so that a drive shows
+    it. forgets: s, the time constant of a process that stays within `prior` (Gauss-Markov of first order);
+    its walk is prior sqrt(2 / forgets).
+    """
+
+    prior: float
+    walk: float
+    origin: str
+    shown_by: str = ""
+    forgets: float = math.inf
+
+
 def parameter(
-    unit: str, scale: float, *, positive: bool = False, default: float = 0.0, within: float = math.inf
+    unit: str,
+    scale: float,
+    *,
+    positive: bool = False,
+    default: float = 0.0,
+    within: float = math.inf,
+    turned: bool = False,
+    fitted: bool = True,
+    estimate: Estimate | None = None,
 ) -> Any:
-    """A field of an effect: its unit, the size that would not surprise anybody, whether it must be positive,
-    and the magnitude beyond which it means nothing."""
-    return field(
-        default=default, metadata={"unit": unit, "scale": scale, "positive": positive, "within": within}
-    )
+    """A field of an effect.
+
+    scale: the size that would not surprise anybody. positive: whether it must be. within: the magnitude
+    beyond which it means nothing. turned: whether its sign changes on a node that faces right, whose y and z
+    axes are those of a node facing left negated: so does what has an odd number of indices y and z. fitted:
+    whether a fit to a drive moves it. estimate: for what the odometry estimates while it drives.
+    """
+    about = {"unit": unit, "scale": scale, "positive": positive, "within": within}
+    about |= {"turned": turned, "fitted": fitted, "estimate": estimate}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True)
@@ -92,12 +123,36 @@ class Effect:
         return tuple(item.name for item in fields(cls))
 
     @classmethod
+    def fitted(cls) -> tuple[str, ...]:
+        """The parameters that a fit to a drive moves."""
+        return tuple(item.name for item in fields(cls) if item.metadata["fitted"])
+
+    @classmethod
     def unit(cls, parameter: str) -> str:
-        return str(cls.__dataclass_fields__[parameter].metadata["unit"])
+        return str(cls._about(parameter)["unit"])
 
     @classmethod
     def scale(cls, parameter: str) -> float:
-        return float(cls.__dataclass_fields__[parameter].metadata["scale"])
+        return float(cls._about(parameter)["scale"])
+
+    @classmethod
+    def sign(cls, parameter: str, facing: Facing) -> float:
+        """-1 where a node facing right has the negated value of one facing left, else +1.
+
+        The side of the vehicle changes no sign: what belongs to a node is in its own axes, what belongs to a
+        wheel is the same on either (camber is positive inwards).
+        """
+        return facing_sign(facing) if cls._about(parameter)["turned"] else 1.0
+
+    @classmethod
+    def estimate(cls, parameter: str) -> Estimate | None:
+        """What the odometry believes of a parameter beforehand; None where it does not estimate it."""
+        found: Estimate | None = cls._about(parameter)["estimate"]
+        return found
+
+    @classmethod
+    def _about(cls, parameter: str) -> Mapping[str, Any]:
+        return cls.__dataclass_fields__[parameter].metadata
 
     def values(self) -> dict[str, float]:
         return {name: getattr(self, name) for name in self.parameters()}
@@ -110,7 +165,7 @@ class Effect:
         """How fast each gyro axis wanders at random, (rad/s)² per second."""
         return 0.0
 
-    # How a fit moves it. The coordinates are the parameters, unless an effect has better ones.
+    # How a fit moves it. The coordinates are the fitted parameters, unless an effect has better ones.
 
     @classmethod
     def seeds(cls) -> tuple[Self, ...]:
@@ -120,15 +175,15 @@ class Effect:
     @classmethod
     def coordinate_scales(cls) -> Array:
         """(k,) usual size of each coordinate; steps of numerical derivatives are 1e-3 of them."""
-        return np.array([cls.scale(name) for name in cls.parameters()])
+        return np.array([cls.scale(name) for name in cls.fitted()])
 
     def coordinates(self) -> Array:
         """(k,) where it stands, in coordinates in which the channels are smooth."""
-        return np.array(list(self.values().values()))
+        return np.array([getattr(self, name) for name in self.fitted()])
 
     def at(self, coordinates: Array) -> Self:
         """The effect at other coordinates, (k,)."""
-        return replace(self, **dict(zip(self.parameters(), map(float, coordinates), strict=True)))
+        return replace(self, **dict(zip(self.fitted(), map(float, coordinates), strict=True)))
 
     def surprise(self) -> float:
         """-ln of how likely its parameters are beforehand, beside the usual, where sizes do not say it."""
@@ -136,8 +191,10 @@ class Effect:
 
     def is_possible(self) -> bool:
         """Whether every parameter is finite and within what means anything."""
-        bounds = {item.name: item.metadata.get("within", math.inf) for item in fields(self)}
-        return all(math.isfinite(v) and abs(v) <= bounds[name] for name, v in self.values().items())
+        return all(
+            math.isfinite(value) and abs(value) <= self._about(name)["within"]
+            for name, value in self.values().items()
+        )
 
     # The stages of the chain, in order. An effect overrides the one where it enters.
 

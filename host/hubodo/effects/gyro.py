@@ -9,9 +9,33 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, Noise, Shows, parameter
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.effects.base import Chain, Effect, Estimate, Noise, Shows, parameter
 from hubodo.effects.one_pole import one_pole
 from hubodo.effects.triad import CrossAxis, ScaleFactor
+
+_PER_FORCE = "(rad/s)/(m/s²)"
+_TURN = "drive on: the wheel must turn many times"
+_CURVES = "drive curves: turns that add up to well over 180 degrees, to both sides"
+_STAND = "stand still for ten seconds, and drive at several speeds"
+_SPIN_SCALE = Estimate(
+    0.015, 2e-6, "half of what the MPU-6050 may be off, 3 %; walk: temperature, 0.012 % in an hour", _TURN
+)
+# Turns of the vehicle pass from x to y and back as the wheel turns: a drive shows the mean of both scales.
+_YAW_SCALE = Estimate(
+    0.0075, 2e-6, "of the mean of x and y, 1 % each; walk: temperature, 0.012 % in an hour", _CURVES
+)
+_BIAS_ORIGIN = (
+    "a third of the MPU-6050's zero-rate tolerance, 20 deg/s; walk: temperature, 0.3 deg/s in an hour"
+)
+_BIAS_ACROSS = Estimate(0.1, 1e-4, _BIAS_ORIGIN, _TURN)
+_BIAS_ALONG = Estimate(0.1, 1e-4, _BIAS_ORIGIN, _STAND)
+# Gravity turns with the wheel, so what it makes in x and y is a yaw rate of g (xx + yy) / 2.
+_FROM_GRAVITY = Estimate(
+    1.2e-4 / STANDARD_GRAVITY,
+    1e-6 / STANDARD_GRAVITY,
+    "of the mean of xx and yy, 0.01 deg/s per g each, a tenth of the MPU-6050's limit; walk: it is fixed",
+)
 
 
 @dataclass(frozen=True)
@@ -34,6 +58,9 @@ class GyroScaleFactor(ScaleFactor):
     """Reads (1 + e) times the rate, each axis its own e."""
 
     name: ClassVar[str] = "gyro_scale_factor"
+    x: float = parameter("1", 0.01, estimate=_YAW_SCALE)
+    y: float = parameter("1", 0.01, estimate=_YAW_SCALE)
+    z: float = parameter("1", 0.01, estimate=_SPIN_SCALE)
 
     def respond(self, chain: Chain) -> None:
         chain.gyro += self.more(chain.rate)
@@ -65,9 +92,9 @@ class GyroBias(Effect):
     """A constant offset."""
 
     name: ClassVar[str] = "gyro_bias"
-    x: float = parameter("rad/s", 0.01)
-    y: float = parameter("rad/s", 0.01)
-    z: float = parameter("rad/s", 0.01)
+    x: float = parameter("rad/s", 0.01, estimate=_BIAS_ACROSS)
+    y: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ACROSS)
+    z: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ALONG)
 
     def offset(self, chain: Chain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]])
@@ -82,8 +109,8 @@ class GyroWarmup(Effect):
 
     name: ClassVar[str] = "gyro_warmup"
     x: float = parameter("rad/s", 0.01)
-    y: float = parameter("rad/s", 0.01)
-    z: float = parameter("rad/s", 0.01)
+    y: float = parameter("rad/s", 0.01, turned=True)
+    z: float = parameter("rad/s", 0.01, turned=True)
     time_constant: float = parameter("s", 60.0, positive=True, default=60.0)
 
     @classmethod
@@ -119,8 +146,8 @@ class GyroTemperature(Effect):
 
     name: ClassVar[str] = "gyro_temperature"
     x: float = parameter("rad/s/°C", 1e-3)
-    y: float = parameter("rad/s/°C", 1e-3)
-    z: float = parameter("rad/s/°C", 1e-3)
+    y: float = parameter("rad/s/°C", 1e-3, turned=True)
+    z: float = parameter("rad/s/°C", 1e-3, turned=True)
 
     def offset(self, chain: Chain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - 25.0)
@@ -128,15 +155,29 @@ class GyroTemperature(Effect):
 
 @dataclass(frozen=True)
 class GyroGSensitivity(Effect):
-    """How the z gyro answers the true specific force along x, y, z."""
+    """How the gyros answer the true specific force.
+
+    x, y, z: the z gyro along x, y, z. xx to yz: the x and y gyros, xy how the x gyro answers f_y; a bench
+    calibration knows them, a drive shows little of them, so no fit to a drive moves them.
+    """
 
     name: ClassVar[str] = "gyro_g_sensitivity"
-    x: float = parameter("(rad/s)/(m/s²)", 1e-3)
-    y: float = parameter("(rad/s)/(m/s²)", 1e-3)
-    z: float = parameter("(rad/s)/(m/s²)", 1e-3)
+    x: float = parameter(_PER_FORCE, 1e-3, turned=True)
+    y: float = parameter(_PER_FORCE, 1e-3)
+    z: float = parameter(_PER_FORCE, 1e-3)
+    xx: float = parameter(_PER_FORCE, 1e-3, fitted=False, estimate=_FROM_GRAVITY)
+    xy: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
+    xz: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
+    yx: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
+    yy: float = parameter(_PER_FORCE, 1e-3, fitted=False, estimate=_FROM_GRAVITY)
+    yz: float = parameter(_PER_FORCE, 1e-3, fitted=False)
+
+    def matrix(self) -> Array:
+        """(3, 3), row = gyro."""
+        return np.array([[self.xx, self.xy, self.xz], [self.yx, self.yy, self.yz], [self.x, self.y, self.z]])
 
     def offset(self, chain: Chain) -> None:
-        chain.gyro[2] += np.array([self.x, self.y, self.z]) @ chain.force
+        chain.gyro += self.matrix() @ chain.force
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,17 @@ from typing import ClassVar
 
 from scipy.spatial.transform import Rotation
 
-from hubodo.effects.base import Chain, Effect, Geometry, parameter
+from hubodo.effects.base import Chain, Effect, Estimate, Geometry, parameter
+
+_TILT = Estimate(
+    0.03,
+    1e-6,
+    "two degrees of a mounting by hand; walk: it is fixed",
+    "drive on: the wheel must turn many times",
+)
+_ARM = Estimate(
+    0.1, 1e-6, "a node anywhere on the hub; walk: it is fixed", "drive faster, or brake and accelerate"
+)
 
 
 @dataclass(frozen=True)
@@ -13,9 +23,9 @@ class NodeMisalignment(Effect):
     """The node is turned by a rotation vector against its nominal axes: a vector v reads R(x, y, z)ᵀ v."""
 
     name: ClassVar[str] = "node_misalignment"
-    x: float = parameter("rad", 0.02)
-    y: float = parameter("rad", 0.02)
-    z: float = parameter("rad", 0.02)
+    x: float = parameter("rad", 0.02, estimate=_TILT)
+    y: float = parameter("rad", 0.02, turned=True, estimate=_TILT)
+    z: float = parameter("rad", 0.02, turned=True)
 
     def mount(self, chain: Chain) -> None:
         turned = Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix().T
@@ -28,9 +38,9 @@ class LeverArm(Effect):
     """From the axle to the sensing point, in node axes before `node_misalignment` turns them."""
 
     name: ClassVar[str] = "lever_arm"
-    x: float = parameter("m", 0.01)
-    y: float = parameter("m", 0.01)
-    z: float = parameter("m", 0.01)
+    x: float = parameter("m", 0.01, estimate=_ARM)
+    y: float = parameter("m", 0.01, turned=True, estimate=_ARM)
+    z: float = parameter("m", 0.01, turned=True)
 
     def shape(self, geometry: Geometry) -> Geometry:
         a, b, c = geometry.lever_arm

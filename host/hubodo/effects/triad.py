@@ -12,11 +12,11 @@ from hubodo.effects.base import Effect, parameter
 class CrossAxis(Effect):
     """Six small angles after Avrutov; xz is how much of y the x axis reads, and so on."""
 
-    xz: float = parameter("rad", 0.01)
-    xy: float = parameter("rad", 0.01)
-    yz: float = parameter("rad", 0.01)
+    xz: float = parameter("rad", 0.01, turned=True)
+    xy: float = parameter("rad", 0.01, turned=True)
+    yz: float = parameter("rad", 0.01, turned=True)
     yx: float = parameter("rad", 0.01)
-    zy: float = parameter("rad", 0.01)
+    zy: float = parameter("rad", 0.01, turned=True)
     zx: float = parameter("rad", 0.01)
 
     def matrix(self) -> Array:

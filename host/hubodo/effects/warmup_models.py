@@ -43,8 +43,7 @@ class WarmupModel:
     temperature_coefficient: float = 0.0
 
     def bias(self, t: FloatArray, temperature: FloatArray | None = None) -> FloatArray:
-        """(N,) rad/s at t (N,) s since power-on. Raises ValueError when the temperature is needed and not "
-        "given."""
+        """(N,) rad/s at t (N,) s since power-on. Raises ValueError where it needs the temperature."""
         made = self.c2 - self.c1 * np.expm1(-t / self.time_constant)
         made -= self.c1_second * np.expm1(-t / self.time_constant_second)
         if self.temperature_coefficient:
@@ -52,36 +51,3 @@ class WarmupModel:
                 raise ValueError("this warm-up model needs the temperature")
             made += self.temperature_coefficient * (temperature - REFERENCE_CELSIUS)
         return made
-
-
-class BiasRecursion:
-    """The bias sample by sample, as a filter or a node keeps it: eq. (6) of the paper, started at any age.
-
-    eps(k + 1) = T / (T + dt) eps(k) + dt / (T + dt) (C1 + C2), for each exponential; the temperature term is
-    added outside. age: seconds since power-on at the first sample.
-    """
-
-    def __init__(self, model: WarmupModel, dt: float, age: float = 0.0) -> None:
-        self._coefficient = model.temperature_coefficient
-        self._base = model.c2
-        pairs = ((model.c1, model.time_constant), (model.c1_second, model.time_constant_second))
-        self._parts = [
-            [-c1 * math.expm1(-age / constant), constant / (constant + dt), dt / (constant + dt) * c1]
-            for c1, constant in pairs
-            if c1
-        ]
-
-    def value(self, temperature: float | None = None) -> float:
-        """Bias of the present sample, rad/s. Raises ValueError when the temperature is needed and not "
-        "given."""
-        bias = self._base + sum(part[0] for part in self._parts)
-        if self._coefficient:
-            if temperature is None:
-                raise ValueError("this warm-up model needs the temperature")
-            bias += self._coefficient * (temperature - REFERENCE_CELSIUS)
-        return bias
-
-    def advance(self) -> None:
-        """On to the next sample."""
-        for part in self._parts:
-            part[0] = part[1] * part[0] + part[2]

@@ -9,7 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Geometry, Level, parameter
+from hubodo.effects.base import Effect, Estimate, Geometry, Level, parameter
+
+_RADIUS = Estimate(
+    0.004,
+    2e-5,
+    "a tape measure around the tyre; walk: pressure and load, 1 mm/m in an hour",
+    "drive farther, or with better positions",
+)
+_CAMBER = Estimate(0.05, 1e-5, "three degrees, beyond what is built; walk: suspension and load")
 
 
 @dataclass(frozen=True)
@@ -18,7 +26,7 @@ class WheelRadius(Effect):
 
     name: ClassVar[str] = "wheel_radius"
     level: ClassVar[Level] = "wheel"
-    error: float = parameter("1", 0.01, within=0.9)
+    error: float = parameter("1", 0.01, within=0.9, estimate=_RADIUS)
 
     def shape(self, geometry: Geometry) -> Geometry:
         return replace(geometry, radius=geometry.radius * (1.0 + self.error))
@@ -83,7 +91,7 @@ class WheelCamber(Effect):
 
     name: ClassVar[str] = "wheel_camber"
     level: ClassVar[Level] = "wheel"
-    angle: float = parameter("rad", 0.05, within=1.5)
+    angle: float = parameter("rad", 0.05, within=1.5, estimate=_CAMBER)
 
     def shape(self, geometry: Geometry) -> Geometry:
         return replace(geometry, camber=geometry.camber + self.angle)

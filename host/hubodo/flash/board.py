@@ -108,7 +108,7 @@ class FlashError(HubodoError):
 
 
 @dataclass(frozen=True)
-class Look:
+class BoardIdentity:
     """A board's MicroPython. architecture: processor word for mpy-cross, None for bytecode only."""
 
     platform: str
@@ -127,12 +127,12 @@ class FlashBoard:
     def __init__(self, port: str) -> None:
         self.port = port
 
-    def look(self) -> Look:
+    def look(self) -> BoardIdentity:
         """What MicroPython says of itself and of the board."""
         platform, machine, mpy, version, text = ast.literal_eval(self.run(_LOOK).strip().splitlines()[-1])
         number = mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
-        return Look(platform, machine, architecture, version, text)
+        return BoardIdentity(platform, machine, architecture, version, text)
 
     def run(self, code: str) -> str:
         """What a piece of Python prints on the board."""

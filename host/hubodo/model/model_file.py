@@ -274,7 +274,8 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
             says = problem(type(item.effect), key, value)
             if says:
                 raise ValueError(f"{item.effect.name} {key} = {value}: {says}")
-            lines.append(_number(key, value, item.effect.unit(key)))
+            if value or key in item.effect.fitted():
+                lines.append(_number(key, value, item.effect.unit(key)))
     return "\n".join(lines) + "\n"
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.table import Table as TextTable
+from rich.table import Table
 
 from hubodo.calibration.file import NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
@@ -24,18 +24,18 @@ from hubodo.sensors.north.circle import fuse, wrap
 from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
 from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning
 from hubodo.sensors.north.report import advice, advice_words, gyro_json
-from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.stops import TableMotion
 from hubodo.sensors.north.table import SimulatedTable, simulate_stops
 
 HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
-EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude_deg 48.1 --method maytag4"
+EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
 Array = NDArray[np.float64]
 PROGRAMMES = {"maytag": (0.0, 180.0), "maytag4": (0.0, 180.0, 90.0, 270.0), "east": (0.0, 180.0, 90.0, 270.0)}
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundNorth:
     """Azimuth of table zero: from one axis, or from several together."""
 
     latitude_deg: float
@@ -79,9 +79,7 @@ class Found:
             )
         for node, axis, found in self.gyros:
             drift = found.posterior.drift
-            table = TextTable(
-                "", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}"
-            )
+            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}")
             rate, spread = found.components()
             table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(found.azimuth))
             for name, filtered in found.filters.items():
@@ -118,12 +116,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("x", "y", "z"),
         help="gyro axis (default x); again to fuse several",
     )
-    parser.add_argument("--latitude_deg", type=float, required=True, help="north positive")
+    parser.add_argument("--latitude-deg", type=float, required=True, help="north positive")
     parser.add_argument(
         "--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)"
     )
     parser.add_argument(
-        "--near_deg", type=float, help="about where table zero points; decides between two answers"
+        "--near-deg", type=float, help="about where table zero points; decides between two answers"
     )
     parser.add_argument(
         "--settle", type=float, help="s cut at both ends of each stop (default: found from the data)"
@@ -132,7 +130,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibration", type=Path, metavar="TOML", help="gyro scale and cross-axis of the nodes"
     )
     parser.add_argument(
-        "--simulate_azimuth_deg",
+        "--simulate-azimuth-deg",
         type=float,
         help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
     )
@@ -140,7 +138,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--stops", type=int, default=20, help="number of simulated stops (default 20)")
 
 
-def run(args: argparse.Namespace) -> Found:
+def run(args: argparse.Namespace) -> FoundNorth:
     """Read, find north with each axis, put them together."""
     latitude = math.radians(args.latitude_deg)
     horizontal = horizontal_rate(latitude)
@@ -174,12 +172,12 @@ def run(args: argparse.Namespace) -> Found:
     if len(gyros) > 1:
         azimuth, sigma = fuse([found.posterior for *_, found in gyros], horizontal)
     simulated = None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg)
-    return Found(args.latitude_deg, azimuth, sigma, tuple(gyros), tuple(warnings), simulated)
+    return FoundNorth(args.latitude_deg, azimuth, sigma, tuple(gyros), tuple(warnings), simulated)
 
 
 def _channel(
     recording: Recording, node: str, axis: str, args: argparse.Namespace, calibration: Any
-) -> tuple[Array, Array, Mount, Table]:
+) -> tuple[Array, Array, Mount, TableMotion]:
     if node not in recording.nodes:
         raise InputError(f"{args.log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
     data = recording.nodes[node]
@@ -195,17 +193,19 @@ def _channel(
         raise InputError(
             f"{args.log}: has no table.csv (t,angle,moving), which tells where the axis pointed; record it, "
             f"or give "
-            "--simulate_azimuth_deg to try the gyro on a simulated table"
+            "--simulate-azimuth-deg to try the gyro on a simulated table"
         )
-    table = Table(recording.table.t, recording.table["angle"], recording.table["moving"] > 0.5)
+    table = TableMotion(recording.table.t, recording.table["angle"], recording.table["moving"] > 0.5)
     check_direction(mount, data.t, table)
     return data.t, rate, mount, table
 
 
-def _simulate(t: Array, rate: Array, mount: Mount, args: argparse.Namespace) -> tuple[Array, Array, Table]:
+def _simulate(
+    t: Array, rate: Array, mount: Mount, args: argparse.Namespace
+) -> tuple[Array, Array, TableMotion]:
     """The record at rest as the error of a gyro on a table that makes the method's stops."""
     if args.method not in PROGRAMMES:
-        raise InputError(f"--simulate_azimuth_deg makes stops; it cannot be used with --method {args.method}")
+        raise InputError(f"--simulate-azimuth-deg makes stops; it cannot be used with --method {args.method}")
     table = SimulatedTable(
         rate,
         float(np.median(np.diff(t))),

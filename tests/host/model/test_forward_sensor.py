@@ -89,7 +89,13 @@ ADDS = {
     ),
     "gyro_temperature": lambda e, w, f, age, warm: (np.outer([e.x, e.y, e.z], warm - 25.0), 0),
     "gyro_g_sensitivity": lambda e, w, f, age, warm: (
-        np.stack([0 * w[0], 0 * w[0], e.x * f[0] + e.y * f[1] + e.z * f[2]]),
+        np.stack(
+            [
+                e.xx * f[0] + e.xy * f[1] + e.xz * f[2],
+                e.yx * f[0] + e.yy * f[1] + e.yz * f[2],
+                e.x * f[0] + e.y * f[1] + e.z * f[2],
+            ]
+        ),
         0,
     ),
 }
@@ -248,7 +254,8 @@ def slow_chain(values, w, f, age, warm):
     shown = shown + of("gyro_bias", "xyz")
     shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
     shown = shown + of("gyro_temperature", "xyz") * (warm - 25.0)
-    shown[2] += of("gyro_g_sensitivity", "xyz") @ f
+    for axis, names in enumerate((("xx", "xy", "xz"), ("yx", "yy", "yz"), "xyz")):
+        shown[axis] += of("gyro_g_sensitivity", names) @ f
     read = read + of("accel_bias", "xyz")
     limit, step = values["gyro_saturation"]["limit"], values["gyro_quantization"]["step"]
     shown = np.round(np.clip(shown, -limit, limit) / step) * step

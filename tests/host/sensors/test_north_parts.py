@@ -12,6 +12,7 @@ from serial import Serial
 
 from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError, LinkError
 from hubodo.sensors.north.advice import (
     best_programme,
@@ -23,7 +24,7 @@ from hubodo.sensors.north.advice import (
 from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
 from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
-from hubodo.sensors.north.stops import Table, split_stops
+from hubodo.sensors.north.stops import TableMotion, split_stops
 from hubodo.sensors.north.table import SerialTable
 
 LATITUDE = np.radians(45)
@@ -47,7 +48,7 @@ def run_of(seed, *, transient=0.02, stops=8, stop=20.0):
 
 
 def table_of(run):
-    return Table(run.table_t, run.table_angle, run.table_moving)
+    return TableMotion(run.table_t, run.table_angle, run.table_moving)
 
 
 def test_one_recording_is_split_into_its_stops_and_the_transients_are_cut():
@@ -80,7 +81,7 @@ def test_a_table_file_whose_angle_changes_while_still_is_refused_with_the_time()
     t = np.append(run.table_t[:-1], [run.table_t[-1] - 5, run.table_t[-1]])
     angle = np.append(run.table_angle[:-1], [run.table_angle[-1] + 0.01, run.table_angle[-1] + 0.01])
     with pytest.raises(InputError, match=r"0\.57 degrees while moving is 0"):
-        split_stops(run.t, run.rate, Table(t, angle, np.append(run.table_moving[:-1], [False, False])))
+        split_stops(run.t, run.rate, TableMotion(t, angle, np.append(run.table_moving[:-1], [False, False])))
 
 
 @pytest.mark.parametrize("name", FILTERS)
@@ -196,7 +197,7 @@ def test_a_table_file_that_counts_clockwise_is_found_out():
     check_direction(mount_of(gyro, accel, "x"), run.t, table_of(run))
     with pytest.raises(InputError, match="clockwise"):
         check_direction(
-            mount_of(gyro, accel, "x"), run.t, Table(run.table_t, -run.table_angle, run.table_moving)
+            mount_of(gyro, accel, "x"), run.t, TableMotion(run.table_t, -run.table_angle, run.table_moving)
         )
 
 
@@ -260,3 +261,8 @@ def test_a_serial_table_is_driven_over_a_real_port():
 def test_a_table_that_misses_or_does_not_answer_is_an_error(fault, words):
     with Serial(FakeTable(**fault).path, 115200, timeout=0.3) as port, pytest.raises(LinkError, match=words):
         SerialTable(port).turn_to(1.0)
+
+
+def test_earth_turns_once_in_a_mean_sidereal_day():
+    # IERS: a mean sidereal day has 86164.0905 s.
+    assert pytest.approx(2 * np.pi / 86164.0905, rel=1e-8) == EARTH_RATE

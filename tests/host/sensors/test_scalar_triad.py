@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from generators.poses import Errors
 from hubodo.calibration.file import (
     NONORTHOGONALITY,
+    CalibratedEffect,
     Calibration,
-    Effect,
     Quantity,
     calibration_toml,
     read_calibration,
@@ -44,18 +44,22 @@ def test_the_bias_comes_off_before_the_matrix_is_undone():
 def test_a_triad_survives_the_calibration_file(b, e, d):
     triad = triad_from(np.array(b), np.array(e), d)
     made = effects_from_triad(triad, np.full(12, 1e-3), "gyro")
-    back = triad_from_effects({name: Effect(p) for name, p in made.items()}, "gyro")
+    back = triad_from_effects({name: CalibratedEffect(p) for name, p in made.items()}, "gyro")
     assert np.allclose(back.matrix, triad.matrix, atol=1e-15) and np.allclose(back.bias, triad.bias, atol=0)
 
 
 def test_the_file_keeps_every_digit_the_provenance_and_what_was_in_it_before(tmp_path):
     path = tmp_path / "c.toml"
-    first = Effect({"x": Quantity(1 / 3, 1e-7)}, 'by "hand"\n', "ab" * 32, "2026-01-02", (20.5, 31.0))
+    first = CalibratedEffect(
+        {"x": Quantity(1 / 3, 1e-7)}, 'by "hand"\n', "ab" * 32, "2026-01-02", (20.5, 31.0)
+    )
     write_calibration(Calibration().with_node("left wheel", {"gyro_bias": first}, "e66"), path)
     again = read_calibration(path).with_node(
-        "left wheel", {"lever_arm": Effect({"y": Quantity(0.01, 0.001)})}
+        "left wheel", {"lever_arm": CalibratedEffect({"y": Quantity(0.01, 0.001)})}
     )
-    write_calibration(again.with_vehicle({"track_width": Effect({"error": Quantity(0.01, 0.002)})}), path)
+    write_calibration(
+        again.with_vehicle({"track_width": CalibratedEffect({"error": Quantity(0.01, 0.002)})}), path
+    )
     read = read_calibration(path)
     assert read.nodes["left wheel"].effects["gyro_bias"] == first
     assert read.nodes["left wheel"].serial == "e66"

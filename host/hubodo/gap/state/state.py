@@ -14,7 +14,7 @@ from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.noise import InputAnswers, input_answers
 from hubodo.gap.state.terms import ModelTerm, effects_on
 from hubodo.model.forward import Reading, Start
-from hubodo.model.inputs import Correction, Later, SpeedCorrection
+from hubodo.model.inputs import Later, MotionCorrection, SpeedCorrection
 from hubodo.vehicle import facing_sign
 
 # rad, or of ATTITUDE_SCALE: half of a central difference; its cube is below the rounding of a log.
@@ -115,7 +115,7 @@ class State:
         return np.stack([self._slope(node, partial(self._turned, node, axis)) for axis in axes])
 
     def reading(
-        self, node: NodeData, effects: Iterable[Effect], correction: Correction | None = None
+        self, node: NodeData, effects: Iterable[Effect], correction: MotionCorrection | None = None
     ) -> Reading:
         """What one node should have read, (3, N) each, with these effects in place of its own."""
         path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)

@@ -101,7 +101,7 @@ def _gain_of(rounds: Rounds, term: ModelTerm) -> float:
 def _parameters(term: ModelTerm, final: Refit, own: Rival | None) -> dict[str, Value]:
     """Values with sigmas: those of the fit, carried from its coordinates to the parameters."""
     effect = term.effect
-    values = effect.values()
+    values = {name: value for name, value in effect.values().items() if name in effect.fitted()}
     if own is not None and own.proposal is not None:
         return {
             name: Value(value, own.proposal.sigmas.get(name), effect.unit(name))

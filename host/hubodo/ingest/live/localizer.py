@@ -1,7 +1,7 @@
 """Odometry and GNSS fixes to where the vehicle is on the map, live and in playback: ROS REP 105, map → odom.
 
 What comes out depends on the poses and fixes and their order alone. A log, in which both stand in the order
-in which the station took them, gives the same bits again.
+in which the recorder took them, gives the same bits again.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ def horizontal_sigma(east: float, north: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as `Motion`'s, and where /odom's own
-    frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of origin_deg
-    (latitude, longitude)."""
+    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where
+    /odom's own frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of
+    origin_deg (latitude, longitude)."""
 
     t_ns: NDArray[np.int64]
     position: Array

@@ -12,11 +12,12 @@ from scipy.stats import f as f_distribution
 
 from hubodo.calibration.file import XYZ, Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.rests import Rests, find_rests, find_steady_rates
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, scalar_calibration
 from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_by_turns, collect_turns, turn_errors
-from hubodo.sensors.misalignment import EARTH_RATE, align_by_earth_rate, turned
+from hubodo.sensors.misalignment import align_by_earth_rate, turned
 
 Array = NDArray[np.float64]
 

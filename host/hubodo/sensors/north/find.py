@@ -15,13 +15,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.misalignment import EARTH_RATE
 from hubodo.sensors.north.circle import blind_axis, summarise
 from hubodo.sensors.north.drift import Drift, covariance
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
 from hubodo.sensors.north.ml import Averages, Posterior, average, estimate
-from hubodo.sensors.north.stops import Stops, Table, split_stops
+from hubodo.sensors.north.stops import Stops, TableMotion, split_stops
 
 Array = NDArray[np.float64]
 Method = Literal["maytag", "maytag4", "carousel", "east"]
@@ -101,7 +101,7 @@ def horizontal_rate(latitude: float) -> float:
 def find_north(
     t: Array,
     rate: Array,
-    table: Table,
+    table: TableMotion,
     latitude: float,
     method: Method,
     *,
@@ -214,7 +214,7 @@ def _stops(t: Array, rate: Array, stops: Stops, method: Method) -> tuple[Average
     return average(t, rate, angle, spans, mean / parts), stops.duration
 
 
-def _carousel(t: Array, rate: Array, angle: Array, table: Table) -> tuple[Averages, float]:
+def _carousel(t: Array, rate: Array, angle: Array, table: TableMotion) -> tuple[Averages, float]:
     inside = np.flatnonzero((t >= table.t[0]) & (t <= table.t[-1]))
     if len(inside) < 100:
         raise InputError("table.csv and the node have no time in common; put both on one clock")

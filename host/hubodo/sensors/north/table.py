@@ -14,7 +14,7 @@ from hubodo.errors import InputError, LinkError
 from hubodo.sensors.north.circle import summarise, wrap
 from hubodo.sensors.north.find import horizontal_rate
 from hubodo.sensors.north.ml import Averages, estimate
-from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.stops import TableMotion
 
 Array = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ class SimulatedTable:
         return np.asarray(index * self.dt), self.error[index] + earth
 
 
-def simulate_stops(table: SimulatedTable, angles: Array, stop: float) -> tuple[Array, Array, Table]:
+def simulate_stops(table: SimulatedTable, angles: Array, stop: float) -> tuple[Array, Array, TableMotion]:
     """(t, rate, table) of one recording with a stop at each angle: what a log of a real table would hold."""
     at_t: list[float] = []
     at_angle: list[float] = []
@@ -167,11 +167,11 @@ def simulate_stops(table: SimulatedTable, angles: Array, stop: float) -> tuple[A
     return (
         np.concatenate(times),
         np.concatenate(rates),
-        Table(np.array(at_t), np.array(at_angle), np.array(moving)),
+        TableMotion(np.array(at_t), np.array(at_angle), np.array(moving)),
     )
 
 
-class Port(Protocol):
+class TablePort(Protocol):
     """The part of `serial.Serial` that is needed."""
 
     def write(self, data: bytes) -> int | None: ...
@@ -187,7 +187,7 @@ class SerialTable:
     `ERR <words>`.
     """
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: TablePort) -> None:
         self._port = port
 
     def turn_to(self, angle: float) -> None:
