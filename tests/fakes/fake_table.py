@@ -15,7 +15,8 @@ import tty
 class FakeTable:
     """Runs inside `with`. off: degrees by which it misses. silent: never answers. jammed: does not turn.
 
-    good: moves before it is off or jammed. turn: s that each move takes. visited: degrees at which it stopped, in order.
+    good: moves before it is off or jammed. turn: s that each move takes. visited: degrees
+    at which it stopped, in order.
     """
 
     def __init__(
