@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from graph_drives import numeric, small_drive
 from gtsam_oracle import covariances_of_gtsam, solve_with_gtsam
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.constants import COUNT
@@ -11,7 +12,6 @@ from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
 from hubodo.fuse.graph.solver import solve
 from hubodo.fuse.graph.window import Window, without_first
-from small_graphs import numeric, small_drive
 
 
 def weighted_dense(graph, poses, constants):
