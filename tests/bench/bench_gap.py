@@ -9,7 +9,6 @@ import os
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,7 +17,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
-from gap_matrix import cases, recording, sensor
+from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import initial_state
@@ -35,11 +34,7 @@ EVALUATIONS = 50
 
 def make(folder):
     """The log: 240 s, both nodes at 100 Hz."""
-    setup = cases.setup(SEED, duration=SECONDS)
-    noise = {node: replace(one, rate_hz=100.0) for node, one in setup.noise.items()}
-    rng = np.random.default_rng(SEED)
-    taken = {node: sensor.sample_times(SECONDS, one, rng) for node, one in noise.items()}
-    setup = replace(setup, noise=noise, taken=taken)
+    setup = cases.sampled_at(cases.setup(SEED, duration=SECONDS), 100.0, np.random.default_rng(SEED))
     effect, _ = Meter(setup).dose(cases.hidden_effect(setup, HIDDEN, "left"), MEDIUM)
     recording.write(setup, [effect], folder, {})
 

@@ -1,11 +1,9 @@
 """A log at 400 Hz is searched with some of its samples first, and loses nothing by it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from gap_matrix import cases, effects, recording, sensor
+from gap_matrix import cases, effects, recording
 from gap_runs import gap
 from hubodo.gap.problem.build import build
 from hubodo.log.csv_folder import read_folder
@@ -19,15 +17,13 @@ def fast(tmp_path_factory):
     """A folder: 400 Hz, a sensor off the axle, and samples that come twice."""
     folder = tmp_path_factory.mktemp("fast")
     setup = cases.setup(SEED, duration=SECONDS)
-    rng = np.random.default_rng(SEED)
-    noise = {node: replace(one, rate_hz=RATE_HZ, jitter=0.02) for node, one in setup.noise.items()}
-    taken = {node: sensor.sample_times(SECONDS, one, rng) for node, one in noise.items()}
+    setup = cases.sampled_at(setup, RATE_HZ, np.random.default_rng(SEED), jitter=0.02)
     hidden = [
         cases.hidden_effect(setup, "lever_arm", "left"),
         cases.hidden_effect(setup, "sample_repeat", "left"),
     ]
     hidden[1] = effects.scaled(hidden[1], 5.0)
-    recording.write(replace(setup, noise=noise, taken=taken), hidden, folder, {})
+    recording.write(setup, hidden, folder, {})
     return folder
 
 

@@ -10,9 +10,10 @@ from generators.north_table import Sensor, carousel, earth_in_sensor, maytag
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.north.circle import fuse, summarise, wrap
 from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.east import seek_east
 from hubodo.sensors.north.find import find_north, horizontal_rate
+from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
-from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
 
 LATITUDE = np.radians(32.7574)
 TACTICAL = Sensor(0.05, 0.2, 0.3)
