@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections import deque
 from collections.abc import Iterator
@@ -15,6 +14,8 @@ from hubodo.ingest.node.bias_filter import filter_seen
 from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace, samples_lost
 from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
+from hubodo.ingest.node.many_frames import NodeFrames
+from hubodo.ingest.node.runs import goes_on, take_run
 from hubodo.ingest.node.samples import (
     HealthSeen,
     HelloSeen,
@@ -24,6 +25,7 @@ from hubodo.ingest.node.samples import (
     Sample,
     TimeReplySeen,
 )
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, PayloadError, decode
 from hubowire.messages import (
@@ -47,9 +49,6 @@ from hubowire.messages import (
     TimeReply,
     TimeRequest,
 )
-
-G = 9.80665
-RAD_PER_NANO_DEG = math.pi / 180 * 1e-9
 
 _HELLO_HEAD = struct.Struct("<I3B")  # fixed for every version of the table
 _MAX_PENDING = 2048
@@ -111,6 +110,42 @@ class NodeDecoder:
             self._keep(frame, t_ns, link)
         else:
             yield from self._known(frame, t_ns, link)
+
+    def many(self, some: NodeFrames, downs: int) -> Iterator[Output]:
+        """The same for many frames at once, of which the link was lost so many times before.
+
+        What they become is what `frame` gives for each, to the last bit; but batches that follow each other
+        without a gap come as one `ImuRun`.
+        """
+        at = 0
+        for other in some.others:
+            end = int(np.searchsorted(some.batches.end, other.end))
+            yield from self._batches(some, at, end, downs)
+            yield from self.frame(other.frame, other.t_ns, LinkCounts(other.damaged, downs))
+            at = end
+        yield from self._batches(some, at, len(some.batches), downs)
+
+    def _batches(self, some: NodeFrames, at: int, end: int, downs: int) -> Iterator[Output]:
+        """Batches at to end, those that follow the one before as a run."""
+        batches = some.batches
+        breaks = deque(np.append(at + np.flatnonzero(~batches.follows[at:end]), end).tolist())
+        while at < end:
+            while breaks[0] < at:
+                breaks.popleft()
+            stop = breaks[0]
+            boot = None if self._doubt or self.refusal is not None else self._boot
+            if boot is not None and stop > at > 0 and goes_on(boot, batches, at):
+                run = take_run(boot, batches, at, stop, downs)
+                self.counts.frames += stop - at
+                self.counts.samples += len(run.device_ns)
+                saturated = batches.flags[at:stop] & BatchFlag.SATURATED
+                self.counts.saturated_batches += int(np.count_nonzero(saturated))
+                yield run
+                at = stop
+                continue
+            link = LinkCounts(int(batches.damaged[at]), downs)
+            yield from self.frame(some.batch(at), int(batches.t_ns[at]), link)
+            at += 1
 
     def tick(self, now_ns: int) -> Iterator[Output]:
         """Settles what waited for a report that did not come."""

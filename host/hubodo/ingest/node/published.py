@@ -35,3 +35,12 @@ class ArrivalOrder:
         """The log time of a block received at that time."""
         self._last_ns = max(received_ns, self._last_ns + 1)
         return self._last_ns
+
+    def stamps(self, received_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The same for blocks (B,) one after the other."""
+        steps = np.arange(len(received_ns))
+        level = received_ns - steps
+        level[0] = max(int(level[0]), self._last_ns + 1)
+        stamped: NDArray[np.int64] = np.maximum.accumulate(level) + steps
+        self._last_ns = int(stamped[-1])
+        return stamped

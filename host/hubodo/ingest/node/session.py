@@ -15,6 +15,7 @@ from hubodo.ingest.node.decoder import NodeDecoder, Output
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.health import health_data
 from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.many_frames import NodeFrames
 from hubodo.ingest.node.published import ArrivalOrder, Published
 from hubodo.ingest.node.questions import Questions
 from hubodo.ingest.node.samples import (
@@ -22,6 +23,7 @@ from hubodo.ingest.node.samples import (
     HealthSeen,
     HelloSeen,
     ImuBlock,
+    ImuRun,
     MagSample,
     Refused,
     TimeReplySeen,
@@ -108,6 +110,20 @@ class NodeSession:
                 self._ask(GetHello())  # it may be another start, or another board
         yield from self._take(self.decoder.frame(frame, t_ns, link))
 
+    def many(self, some: NodeFrames, downs: int) -> Iterator[Published]:
+        """Frames that a log has kept; downs: how often their link had been lost before."""
+        yield from self._take(self.decoder.many(some, downs))
+
+    def settle(self, now_ns: int) -> Iterator[Published]:
+        """Lets go of what waited long enough for a report of the node."""
+        yield from self._take(self.decoder.tick(now_ns))
+
+    def asked(self, token: bytes, t_ns: int) -> None:
+        """A question of the clock exchange was sent at t_ns."""
+        while len(self._asked) >= _OUTSTANDING:
+            self._asked.pop(next(iter(self._asked)))
+        self._asked[token] = t_ns
+
     def tick(self, now_ns: int) -> Iterator[Published]:
         """Asks what is due, and lets go of samples that waited long enough for the clock."""
         yield from self._take(self.decoder.tick(now_ns))
@@ -132,9 +148,9 @@ class NodeSession:
         """One question of the clock exchange; its token names the time at which it was sent."""
         self._token += 1
         token = bytes(0x20 + (self._token >> shift & 0x0F) for shift in range(0, 32, 4))
-        while len(self._asked) >= _OUTSTANDING:
-            self._asked.pop(next(iter(self._asked)))
-        self._asked[token] = self._now_ns()
+        now_ns = self._now_ns()
+        self.asked(token, now_ns)
+        self._sink.asked(self.link, now_ns, token)
         self._ask(TimeRequest(token))
 
     def mute(self) -> None:
@@ -194,9 +210,9 @@ class NodeSession:
                     self._start_at = output.received_ns + _START_AFTER_NS
                     self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
                 case ImuBlock():
-                    self._start_at = None
-                    self.clock.arrival(int(output.device_ns[-1]) // 1000, output.received_ns)
-                    yield from self._hold(output)
+                    yield from self._block(output)
+                case ImuRun():
+                    yield from self._run(output)
                 case MagSample():
                     yield from self._hold(output)
                 case FilterSeen():
@@ -211,6 +227,26 @@ class NodeSession:
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
                 case _:
                     assert_never(output)
+
+    def _block(self, block: ImuBlock) -> Iterator[Published]:
+        self._start_at = None
+        self.clock.arrival(int(block.device_ns[-1]) // 1000, block.received_ns)
+        yield from self._hold(block)
+
+    def _run(self, run: ImuRun) -> Iterator[Published]:
+        """The blocks of a run, in one go where their clock is known and nothing waits."""
+        if self.clock.source != "two way" or self._held or self._boot is not None:
+            for block in run.blocks():
+                yield from self._block(block)
+            return
+        t_ns = self._times.apply(self.clock.host_ns(run.device_ns))
+        log_ns = self._order.stamps(run.received_ns)
+        counts = np.diff(run.first, append=len(t_ns))
+        self._sink.imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
+        self._sink.temperature(self.name, t_ns[run.first], log_ns, run.temperature)
+        self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
+        for block, begin in zip(run.blocks(), run.first.tolist(), strict=True):
+            yield Published(self.name, t_ns[begin : begin + len(block.raw)], block, self.power_on_ns)
 
     def _gap(self, event: Event) -> Event:
         """Counts a gap, and puts its start on the time of measurement, where the samples stand."""
