@@ -33,6 +33,7 @@ from hubodo.ingest.node.bulk import BulkDecoder  # noqa: E402
 from hubodo.ingest.node.decoder import NodeDecoder  # noqa: E402
 from hubodo.ingest.node.gaps import LinkCounts  # noqa: E402
 from hubodo.ingest.node.many_frames import by_node  # noqa: E402
+from hubodo.ingest.node.runs import RunDecoder  # noqa: E402
 from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame  # noqa: E402
 from hubowire.messages import Hello, ImuBatch  # noqa: E402
 
@@ -130,7 +131,7 @@ def run_again(stream: bytes, portion: int, ns_per_byte: float, batch: int) -> in
     def arrival(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return T0 + (end * ns_per_byte).astype(np.int64), np.zeros_like(end)
 
-    decoder, node = BulkDecoder(), NodeDecoder("left")
+    decoder, node = BulkDecoder(), RunDecoder("left")
     for at in range(0, len(stream), portion):
         for number, some in by_node(decoder.feed(stream[at : at + portion]), arrival).items():
             if number == 1:

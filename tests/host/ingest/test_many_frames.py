@@ -12,6 +12,7 @@ from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.many_frames import by_node
 from hubodo.ingest.node.published import ArrivalOrder
+from hubodo.ingest.node.runs import RunDecoder
 from hubodo.ingest.node.samples import FilterSeen, ImuBlock, ImuRun
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
@@ -144,7 +145,7 @@ def check(came, portions, *, datagrams=False, downs=2):
     """The frames through both; returns how many runs there were."""
     single, many, bulk = (
         NodeDecoder("left", datagrams=datagrams),
-        NodeDecoder("left", datagrams=datagrams),
+        RunDecoder("left", datagrams=datagrams),
         BulkDecoder(),
     )
     runs = at = end = 0

@@ -5,17 +5,14 @@ from __future__ import annotations
 import struct
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_seen
-from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace, samples_lost
+from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, samples_lost
 from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
-from hubodo.ingest.node.many_frames import NodeFrames
-from hubodo.ingest.node.runs import goes_on, take_run
 from hubodo.ingest.node.samples import (
     HealthSeen,
     HelloSeen,
@@ -60,21 +57,6 @@ _NAMES = {message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag
 Output = Sample | Event
 
 
-@dataclass(slots=True)
-class NodeCounts:
-    """What has come from a node, and what has not."""
-
-    frames: int = 0
-    frames_lost: int = 0
-    frames_late: int = 0
-    frames_unread: int = 0  # no Hello in time, refused, or a payload shorter than its message
-    samples: int = 0
-    samples_lost: int = 0
-    saturated_batches: int = 0
-    gaps: int = 0
-    restarts: int = 0
-
-
 class NodeDecoder:
     """Decodes the frames of one node on one link, across unplugs and restarts.
 
@@ -110,42 +92,6 @@ class NodeDecoder:
             self._keep(frame, t_ns, link)
         else:
             yield from self._known(frame, t_ns, link)
-
-    def many(self, some: NodeFrames, downs: int) -> Iterator[Output]:
-        """The same for many frames at once, of which the link was lost so many times before.
-
-        What they become is what `frame` gives for each, to the last bit; but batches that follow each other
-        without a gap come as one `ImuRun`.
-        """
-        at = 0
-        for other in some.others:
-            end = int(np.searchsorted(some.batches.end, other.end))
-            yield from self._batches(some, at, end, downs)
-            yield from self.frame(other.frame, other.t_ns, LinkCounts(other.damaged, downs))
-            at = end
-        yield from self._batches(some, at, len(some.batches), downs)
-
-    def _batches(self, some: NodeFrames, at: int, end: int, downs: int) -> Iterator[Output]:
-        """Batches at to end, those that follow the one before as a run."""
-        batches = some.batches
-        breaks = deque(np.append(at + np.flatnonzero(~batches.follows[at:end]), end).tolist())
-        while at < end:
-            while breaks[0] < at:
-                breaks.popleft()
-            stop = breaks[0]
-            boot = None if self._doubt or self.refusal is not None else self._boot
-            if boot is not None and stop > at > 0 and goes_on(boot, batches, at):
-                run = take_run(boot, batches, at, stop, downs)
-                self.counts.frames += stop - at
-                self.counts.samples += len(run.device_ns)
-                saturated = batches.flags[at:stop] & BatchFlag.SATURATED
-                self.counts.saturated_batches += int(np.count_nonzero(saturated))
-                yield run
-                at = stop
-                continue
-            link = LinkCounts(int(batches.damaged[at]), downs)
-            yield from self.frame(some.batch(at), int(batches.t_ns[at]), link)
-            at += 1
 
     def tick(self, now_ns: int) -> Iterator[Output]:
         """Settles what waited for a report that did not come."""

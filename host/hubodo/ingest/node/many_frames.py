@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -40,7 +40,8 @@ class Batches:
     """Sound batches of one node in the order they came, (n,) each; rows: (N, 6) int16, the samples of all.
 
     first: where the samples of each begin in rows. end, t_ns, damaged: see `Arrival`. follows: whether a
-    batch goes on where the one before it ended, with nothing lost, flagged or out of time between them.
+    batch goes on where the one before it ended, with nothing lost, flagged or out of time between them;
+    spaced: the same, but frames are missing between them, and `missing` samples.
     """
 
     end: Times
@@ -56,6 +57,8 @@ class Batches:
     first: Times
     rows: NDArray[np.int16]
     follows: NDArray[np.bool_]
+    spaced: NDArray[np.bool_]
+    missing: Times
 
     def __len__(self) -> int:
         return len(self.end)
@@ -128,16 +131,20 @@ def _batches(groups: list[FrameGroup], arrival: Arrival) -> Batches:
         head, end, seq, count, first = head[order], end[order], seq[order], count[order], first[order]
     t_ns, damaged = arrival(end)
     columns = {name: head[name].astype(np.int64) for name in _FIELDS.names or () if name != "count"}
+    numbers = seq.astype(np.int64)
+    follows, spaced, missing = _neighbours(numbers, t_ns, count, columns)
     return Batches(
         end=end,
         t_ns=t_ns,
         damaged=damaged,
-        seq=seq.astype(np.int64),
+        seq=numbers,
         **columns,
         count=count,
         first=first,
         rows=np.concatenate(rows) if rows else np.empty((0, 6), np.int16),
-        follows=_follows(seq.astype(np.int64), t_ns, count, **columns),
+        follows=follows,
+        spaced=spaced,
+        missing=missing,
     )
 
 
@@ -153,32 +160,28 @@ def _rows(group: FrameGroup, count: NDArray[np.uint8]) -> NDArray[np.int16]:
     return rows[np.arange(most) < count[:, None]]
 
 
-def _follows(
-    seq: Times,
-    t_ns: Times,
-    count: Times,
-    *,
-    t_us: Times,
-    period_ns: Times,
-    index: Times,
-    temperature_raw: Times,
-    flags: Times,
-) -> NDArray[np.bool_]:
-    del temperature_raw
-    follows = np.zeros(len(seq), bool)
+def _neighbours(
+    seq: Times, t_ns: Times, count: Times, columns: Mapping[str, Times]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Times]:
+    """follows, spaced and missing of `Batches`: what lies between each batch and the one before it."""
+    follows, spaced = np.zeros(len(seq), bool), np.zeros(len(seq), bool)
+    missing = np.zeros(len(seq), np.int64)
     if len(seq) < 2:
-        return follows
-    step_us = np.diff(t_us) % PERIOD_US
+        return follows, spaced, missing
+    period_ns, flags = columns["period_ns"], columns["flags"]
+    step_us = np.diff(columns["t_us"]) % PERIOD_US
     late_us = step_us - np.diff(t_ns) // 1000
-    pause_ns = step_us * 1000 - (count * period_ns)[:-1]
-    follows[1:] = (
-        (np.diff(seq) % 0x10000 == 1)
-        & ((np.diff(index) - count[:-1]) % 0x10000 == 0)
-        & (flags[1:] & _OVERRUN == 0)
+    missing[1:] = (np.diff(columns["index"]) - count[:-1]) % 0x10000
+    beside_ns = step_us * 1000 - (count * period_ns)[:-1] - missing[1:] * period_ns[1:]
+    frames_lost = (np.diff(seq) - 1) % 0x10000
+    plain = (
+        (flags[1:] & _OVERRUN == 0)
         & (period_ns[1:] > 0)
         & (period_ns[:-1] > 0)
         & (step_us > 0)
         & (np.abs(late_us) < STEP_US)
-        & (np.abs(pause_ns) < _PAUSE * period_ns[1:])
+        & (np.abs(beside_ns) < _PAUSE * period_ns[1:])
     )
-    return follows
+    follows[1:] = plain & (frames_lost == 0) & (missing[1:] == 0)
+    spaced[1:] = plain & (frames_lost > 0) & (frames_lost < 0x8000)
+    return follows, spaced, missing

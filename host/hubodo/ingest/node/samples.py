@@ -46,6 +46,23 @@ class ImuRun:
     temperature: NDArray[np.float64]
     received_ns: NDArray[np.int64]
 
+    def part(self, begin: int, end: int) -> ImuRun:
+        """Blocks begin to end."""
+        if begin == 0 and end == len(self.first):
+            return self
+        first = self.first[begin]
+        last = self.first[end] if end < len(self.first) else len(self.device_ns)
+        rows = slice(first, last)
+        return ImuRun(
+            self.device_ns[rows],
+            self.gyro[rows],
+            self.accel[rows],
+            self.raw[rows],
+            self.first[begin:end] - first,
+            self.temperature[begin:end],
+            self.received_ns[begin:end],
+        )
+
     def blocks(self) -> Iterator[ImuBlock]:
         """The blocks one by one."""
         edges = [*self.first.tolist(), len(self.device_ns)]
