@@ -101,6 +101,34 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
     assert report.fit.terms["R"].value is None
 
 
+def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
+    """Sixteen octaves of white noise: N alone is shown, fifteen remain, and chi-square is about as large."""
+    samples, chi2 = 1 << 18, []
+    for seed in range(12):
+        fit = characterise(
+            np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
+        ).fit
+        shown = [name for name, term in fit.terms.items() if term.value is not None]
+        assert fit.dof == len(fit.factors) - len(shown), (seed, shown)
+        chi2.append(fit.chi2 / fit.dof)
+    print("chi-square over its degrees, seeds 0..11:", np.round(chi2, 2))
+    # 12 times some 14 degrees: the mean is 1 with 11 %; the fit that is judged has up to three terms more.
+    assert 0.55 < np.mean(chi2) < 1.4
+
+
+def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
+    """A gyro behind a low-pass of ten samples: its shortest averaging times are not of these terms."""
+    samples = 1 << 18
+    rough = gyro_noise(samples + 40, DT, np.random.default_rng(3), n=1e-3)
+    smooth = np.convolve(rough, np.exp(-np.arange(40) / 10.0) / 10.0, "valid")[:samples]
+    fit = characterise(np.arange(samples) * DT, smooth, "gz").fit
+    shown = sum(term.value is not None for term in fit.terms.values())
+    assert fit.factors[0] > 1
+    # Octaves from the first that was fitted to the sixteenth part of the record.
+    assert fit.dof == len(fit.factors) - shown
+    assert fit.factors.tolist() == [2**k for k in range(int(np.log2(fit.factors[0])), 64)][: len(fit.factors)]
+
+
 def test_a_ramp_comes_back_and_is_not_seen_where_there_is_none():
     samples, ramp = 1 << 17, 2e-6
     for seed in range(5):
