@@ -29,8 +29,13 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import View
+from hubodo.log.convert import write_recording
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.summary import summarise
+from hubodo.recording import BIAS_FILTER_COLUMNS
+from hubodo.report.log_page import log_page
 from hubodo.vehicle import NodeMount, Vehicle
+from hubodo.verbs.info import Info
 from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest
@@ -189,6 +194,40 @@ def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way
     clock = recorder.result.nodes["left"]["clock"]
     assert clock["source"] == "one way"
     assert clock["sigma"] > 0.005
+
+
+def test_what_the_node_says_of_its_bias_is_in_the_log_its_summary_its_page_and_survives_a_new_log(tmp_path):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    with FakeNode(bias_q12=(4096, -2048, 410)) as node:
+        result = record(RecordConfig(ports=(node.path,), duration=2.0), out)
+    told = np.array([4096, -2048, 410]) / 4096 * DPS_LSB
+    np.testing.assert_allclose(result.nodes["left"]["bias_filter"]["bias"], told, rtol=1e-12)
+    assert result.nodes["left"]["bias_filter"]["sigma"][1] is None
+    json.dumps(result.as_json(), allow_nan=False)
+    recording = read_recording(out)
+    table = recording.bias_filters["left"]
+    assert tuple(table) == BIAS_FILTER_COLUMNS
+    assert 5 <= len(table) <= 11
+    for axis, value in zip("xyz", told, strict=True):
+        np.testing.assert_allclose(table[f"bias_{axis}"], value, rtol=1e-12)
+    np.testing.assert_allclose(table["sigma_x"], 41 / 4096 * DPS_LSB, rtol=1e-12)
+    assert np.isnan(table["sigma_y"]).all()
+    samples = recording.nodes["left"]
+    assert samples.t[0] - 0.05 < table.t[0] < table.t[-1] < samples.t[-1] + 0.05
+    assert recording.warnings == ()
+    summary = summarise(out)
+    assert summary.bias_filters["left"]["bias_x"] == pytest.approx(told[0], rel=1e-12)
+    shown = io.StringIO()
+    Info(summary).render(Console(file=shown, width=200))
+    assert "bias filter of left" in shown.getvalue()
+    assert "x +0.070 ± 0.001, y -0.035, z +0.007 ± 0.001 °/s, from 2000 samples" in shown.getvalue()
+    json.dumps(Info(summary).as_json(), allow_nan=False)
+    made = log_page("ride", recording, summary)
+    assert any(line.startswith("left: its own filter's bias, at the end x +0.070") for line in made.facts)
+    assert "left: bias by its own filter" in made.html
+    write_recording(recording, again)
+    for column in table:
+        np.testing.assert_array_equal(read_recording(again).bias_filters["left"][column], table[column])
 
 
 def test_start_order_does_not_matter_with_wait(tmp_path):

@@ -26,6 +26,10 @@ class Sink(Protocol):
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
     ) -> None: ...
 
+    def bias_filter(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
+    ) -> None: ...
+
     def odometry(
         self,
         t_pub_ns: ArrayLike,

@@ -16,6 +16,7 @@ VERBS: tuple[str, ...] = (
     "recover",
     "flash",
     "doctor",
+    "node",
     "allan",
     "warmup",
     "calibrate",

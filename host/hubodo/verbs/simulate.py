@@ -17,13 +17,13 @@ from hubodo.calibration.as_model import with_calibration
 from hubodo.calibration.file import read_calibration
 from hubodo.demo.ride import (
     SETTLE,
-    Interpreter,
     Rider,
     add_board_arguments,
     choose_interpreter,
     ride,
     speed_of,
 )
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
@@ -252,7 +252,7 @@ def _virtual(
     args: argparse.Namespace, model: Model, experiment: Experiment, show: Any
 ) -> tuple[Recording, dict[str, Any]]:
     """The drive through emulated chips, firmware, serial ports and the daemon; reference and truth added."""
-    interpreter: Interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
+    interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     vehicle = model.vehicle
     riders = {}
     for name, mount in vehicle.nodes.items():
@@ -280,8 +280,7 @@ def _virtual(
             args.seed,
             lambda share: show(f"virtual nodes drive, {speed}", share),
             int(args.rate or 416),
-            image=args.image,
-            bootrom=args.bootrom,
+            pico=PicoSettings(args.image, args.bootrom),
         )
         recorded = read_recording(result.log)
     begin = (result.start_ns - recorded.t_zero_ns) * 1e-9

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
-from hubodo.fuse.projection import LocalFrame, local_frame
+from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.wheel.step import Pose
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
@@ -79,16 +79,12 @@ class Located:
 
 
 class Localizer:
-    """The factor graph over a window of the last seconds, with a map frame that stays: that of its start.
-
-    Raises ConfigError when GTSAM or pyproj is missing.
-    """
+    """The factor graph over a window of the last minute, with a map frame that stays: that of its start."""
 
     def __init__(self, t_zero_ns: int, config: GraphConfig | None = None) -> None:
         """t_zero_ns: host time of t = 0 of the poses."""
         self._t_zero_ns = t_zero_ns
         self._graph = LiveGraph(config)
-        local_frame(0.0, 0.0)  # a missing pyproj is to be known now, not at the first fix
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 
 from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.node.bias_filter import bias_words, filter_json
 
 S = 1_000_000_000
 _LIVE_NS = S // 2
@@ -130,6 +131,7 @@ def make_result(recorder: Recorder, *, file: str, duration: float, messages: int
             "gaps": dict(node.gaps),
             "restarts": counts.restarts,
             "refused": node.decoder.refusal,
+            "bias_filter": filter_json(node.filter),
             "battery_mv": health.battery_mv if health is not None else None,
             "clock": node.clock.estimate().as_json(),
         }
@@ -248,6 +250,7 @@ def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
         "damaged",
         "clock ± ms",
         "ppm",
+        "bias °/s",
         "last",
     ):
         table.add_column(column, justify="left" if column in ("link", "node") else "right")
@@ -256,7 +259,7 @@ def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
         damaged = str(sum(link.damage.values()))
         if not nodes:
             what = "waiting" if link.where is None else link.foreign or "no node yet"
-            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "")
+            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "", "")
         for node in nodes:
             counts, clock = node.decoder.counts, node.clock.estimate()
             whole = counts.samples + counts.samples_lost
@@ -270,6 +273,7 @@ def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
                 damaged,
                 f"{clock.sigma_ns * 1e-6:.2f}" if clock.source != "none" else "",
                 f"{clock.drift * 1e6:+.1f}" if clock.drift_used else "",
+                bias_words(node.filter),
                 f"{(now_ns - node.last_frame_ns) / S:.1f} s",
             )
     state = recorder.odometer.state if recorder.odometer is not None else None

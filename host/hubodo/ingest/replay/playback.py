@@ -104,10 +104,7 @@ class Playback:
                 yield made
 
     def publications(self) -> Iterator[OdometryRows | Located]:
-        """`motions` and, where the log has fixes, what the localizer makes of both.
-
-        Raises ConfigError when GTSAM or pyproj is missing.
-        """
+        """`motions` and, where the log has fixes, what the localizer makes of both."""
         return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
 
     def _made(self, localizer: Localizer | None) -> Iterator[OdometryRows | Located]:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise
 from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.track import HeadingTrack

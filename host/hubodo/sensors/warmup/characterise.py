@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.effects.warmup_models import PARAMETERS
+from hubodo.effects.warmup import PARAMETERS
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.even_grid import EvenGrid, even_grid
