@@ -61,8 +61,10 @@ def rows(rate, bias, seed, noise=NOISE):
 
 
 def float_filter(table, stretch, rate, at_rest):
-    """(bias, sigma) in steps: the float filter with the means of the same stretches; at rest the first is
-    where it begins."""
+    """(bias, sigma) in steps of the float filter with the means of the same stretches.
+
+    At rest the first is where it begins.
+    """
     count = len(table) // stretch
     means = table[: count * stretch, :3].reshape(count, stretch, 3).mean(axis=1)
     noise = NOISE * STEP / math.sqrt(stretch)

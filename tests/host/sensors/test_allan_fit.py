@@ -1,5 +1,4 @@
-"""Noise terms from the Allan deviation: covariance against foreign oracles, known truth, what cannot be "
-"shown."""
+"""Noise terms from the Allan deviation: foreign oracles, known truth, and what cannot be shown."""
 
 import allantools
 import numpy as np
@@ -88,8 +87,10 @@ def test_the_slope_of_noise_wanders_as_stated():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
-    """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows; tests/accuracy/allan_truth.py has 50 "
-    "seeds."""
+    """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows.
+
+    tests/accuracy/allan_truth.py has 50 seeds.
+    """
     truth = {"q": 1e-4, "n": 1e-3, "b": 4e-3, "k": 8e-3}
     samples = 1 << 19
     noise = gyro_noise(samples, DT, np.random.default_rng(seed), **truth)
@@ -158,8 +159,10 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
 
 
 def test_white_noise_alone_shows_nothing_else_in_most_records():
-    """0.5 % false alarms for each of three terms: of 40 records 0.6 are expected, 4 or more come once in "
-    "300."""
+    """0.5 % false alarms for each of three terms.
+
+    Of 40 records 0.6 are expected, 4 or more come once in 300.
+    """
     wrong = 0
     for seed in range(24):
         samples = 1 << 15
@@ -194,8 +197,10 @@ def test_a_temperature_step_takes_the_slow_terms_away_and_leaves_the_white_noise
 
 
 def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
-    """Half differences of adjacent stops, averaged over a fixed time with turns in between: the stop given "
-    "is best."""
+    """The stop that is given is best for half differences of adjacent stops with turns in between.
+
+    They are averaged over a fixed time.
+    """
     truth, turn, total = {"n": 1e-3, "b": 1e-3, "k": 3e-5}, 2.0, 2000.0
     samples = 1 << 18
     noise = gyro_noise(samples, 0.1, np.random.default_rng(1), **truth)
@@ -219,8 +224,10 @@ def test_too_short_a_record_is_refused_with_what_to_do():
 
 
 def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
-    """ADIS16405, 2.8 h at 100 Hz. Data sheet (Analog Devices, rev. B, table 1): angle random walk 2.0 "
-    "deg/sqrt(h) typical."""
+    """ADIS16405, 2.8 h at 100 Hz.
+
+    Its data sheet (Analog Devices, rev. B, table 1) has an angle random walk of 2.0 deg/sqrt(h), typical.
+    """
     rows = np.loadtxt(shared_data("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
     report = characterise(rows[:, 0], rows[:, 3], "gz")
     found = report.as_json()["coefficients"]["N"]

@@ -1,5 +1,4 @@
-"""North: every method finds the azimuth within its sigma, on tables made without the estimator's
-equations."""
+"""North: every method finds the azimuth within its sigma, on tables that share none of its equations."""
 
 import numpy as np
 import pytest
