@@ -15,6 +15,7 @@ REAL_TIME = (
     "signal_path/test_wheelchair_ride.py",
     "host/ingest",
     "host/emulator/test_emulated_pico_link.py",
+    "host/sensors/test_north_live.py",
     "host/test_live_map.py",
     "host/test_live_odometry.py",
     "host/test_verb_play.py",

@@ -13,6 +13,14 @@ from numpy.typing import NDArray
 Column = NDArray[np.float64]
 
 NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+BIAS_FILTER_COLUMNS = (
+    "t",
+    "state",
+    "samples",
+    "saturations",
+    *(f"{what}_{axis}" for what in ("rate", "bias", "noise", "sigma") for axis in "xyz"),
+)
+"""sigma: of the initial bias; samples: behind it; noise: 1 sigma of a sample at rest."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +109,8 @@ class Recording:
     """All that a log or a CSV folder holds, on one clock.
 
     nodes: by name, columns `t,gx,gy,gz,ax,ay,az[,temperature]` and whatever else the file had.
+    bias_filters: what each node's own filter said of its gyro, by node, columns `BIAS_FILTER_COLUMNS`: rad/s,
+    node axes; state as in the wire's FilterState; a sigma is NaN where the node does not know it.
     reference, wheels, gnss, heading, table, truth: the files of that name in the CSV folder, or None.
     magnetometers: by node, `t,mx,my,mz` in tesla. odometry: `t,x,y,heading,speed,yaw_rate` as recorded live.
     metadata: key -> text; keys of other metadata records than `hubodo` are written `record.key`.
@@ -115,6 +125,7 @@ class Recording:
     table: Table | None = None
     truth: Table | None = None
     magnetometers: Mapping[str, Table] = field(default_factory=dict)
+    bias_filters: Mapping[str, Table] = field(default_factory=dict)
     odometry: Table | None = None
     events: tuple[Event, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)

@@ -98,13 +98,20 @@ def _value(value: object, hint: Any, where: str) -> Any:
 def load_toml(path: Path) -> dict[str, Any]:
     """A TOML document. Raises ConfigError: no such file, not readable, not TOML."""
     try:
-        return tomllib.loads(path.read_text("utf-8"))
+        text = path.read_text("utf-8")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the path") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(
             f"{path}: cannot be read ({error}); check the path and that it is UTF-8 text"
         ) from None
+    return parse_toml(text, path)
+
+
+def parse_toml(text: str, path: Path) -> dict[str, Any]:
+    """The document in a text; path: where it stood. Raises ConfigError when it is not TOML."""
+    try:
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
 

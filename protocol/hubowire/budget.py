@@ -25,7 +25,7 @@ _BACKGROUND: tuple[tuple[type[Message], int, float], ...] = (
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class LinkCapacity:
     """A link by the time each packet takes: packet_s + bytes / bytes_per_s.
 
     packet_bytes: most bytes of a frame that one packet carries, 0 for a plain byte stream.
@@ -42,12 +42,12 @@ class Link:
         return frames_per_s * (frame_bytes / self.bytes_per_s + packets * self.packet_s)
 
 
-def serial_link(baud: int) -> Link:
+def serial_link(baud: int) -> LinkCapacity:
     """A serial line with 8N1: ten bits a byte."""
-    return Link(f"UART {baud}", baud / 10)
+    return LinkCapacity(f"UART {baud}", baud / 10)
 
 
-def nrf24_link() -> Link:
+def nrf24_link() -> LinkCapacity:
     """nRF24L01+ at 250 kb/s with acknowledgements: what a fragmented frame costs.
 
     Of 32 payload bytes two go to a fragment header (frame number, place and count). A packet has 1 byte of
@@ -56,15 +56,15 @@ def nrf24_link() -> Link:
     """
     byte_s = 8 / 250e3
     wrapping_s = (1 + 5 + 2) * byte_s + 9 / 250e3
-    return Link("nRF24 250 kb/s", 1 / byte_s, 30, 2 * byte_s + 2 * wrapping_s + 2 * 130e-6)
+    return LinkCapacity("nRF24 250 kb/s", 1 / byte_s, 30, 2 * byte_s + 2 * wrapping_s + 2 * 130e-6)
 
 
 # Full-speed bulk transfers: at most 19 packets of 64 bytes in each millisecond (USB 2.0, table 5-9).
 LINKS = (
     serial_link(CONSOLE_BAUD),
     serial_link(UART_BAUD),
-    Link("USB CDC", 19 * 64 * 1000.0),
-    Link("radio 250 kb/s", 250e3 / 8),
+    LinkCapacity("USB CDC", 19 * 64 * 1000.0),
+    LinkCapacity("radio 250 kb/s", 250e3 / 8),
     nrf24_link(),
 )
 
@@ -85,7 +85,7 @@ def background() -> tuple[tuple[int, float], ...]:
     return tuple((frame_bytes(message, rows), rate) for message, rows, rate in _BACKGROUND)
 
 
-def load(link: Link, rate_hz: float, batch: int) -> float:
+def load(link: LinkCapacity, rate_hz: float, batch: int) -> float:
     """Share of a link that one node takes, background included."""
     frames = ((imu_frame_bytes(batch), rate_hz / batch), *background())
     return sum(link.load(size, rate) for size, rate in frames)

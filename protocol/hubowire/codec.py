@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from hubowire.messages import MESSAGES, Hello, Message, wire_fields
+from hubowire.messages import MESSAGES, AnyMessage, Hello, Message, wire_fields
 
 
 class PayloadError(ValueError):
@@ -84,7 +84,7 @@ def encode(message: Message) -> bytes:
 _BY_TYPE = {message.type_id: (message, layout(message)) for message in MESSAGES}
 
 
-def decode(type_id: int, payload: bytes) -> Message | None:
+def decode(type_id: int, payload: bytes) -> AnyMessage | None:
     """The message in a payload; None for a type this table does not know.
 
     Bytes after the last known field are a newer version's and are passed over.
@@ -108,7 +108,9 @@ def decode(type_id: int, payload: bytes) -> Message | None:
         if len(payload) < end:
             raise PayloadError(f"{message.__name__}: {count} rows need {end} bytes, {len(payload)} came")
         values.append(tuple(shape.rows.iter_unpack(payload[need:end])))
-    return message(*values)
+    found: Any = message(*values)
+    made: AnyMessage = found
+    return made
 
 
 _IDENTITY = struct.Struct("<I3B")

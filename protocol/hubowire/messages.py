@@ -3,7 +3,7 @@
 import re
 from dataclasses import MISSING, dataclass, field, fields
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 
 class Part(IntEnum):
@@ -361,17 +361,13 @@ class GetHello(Message):
     type_id: ClassVar[int] = 0x48
 
 
-NODE_TO_HOST: tuple[type[Message], ...] = (Hello, ImuBatch, Mag, Filter, Health, Ack, Nack, TimeReply)
-HOST_TO_NODE: tuple[type[Message], ...] = (
-    TimeRequest,
-    Ping,
-    SetConfig,
-    Start,
-    Stop,
-    BiasInit,
-    Reboot,
-    GetHello,
-)
+NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply
+HostMessage = TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello
+AnyMessage = NodeMessage | HostMessage
+"""What `decode` may give: a `match` over it that forgets one is found by the type checker."""
+
+NODE_TO_HOST: tuple[type[Message], ...] = get_args(NodeMessage)
+HOST_TO_NODE: tuple[type[Message], ...] = get_args(HostMessage)
 MESSAGES = NODE_TO_HOST + HOST_TO_NODE
 ENUMS: tuple[type[IntEnum], ...] = (
     Part,

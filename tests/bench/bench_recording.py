@@ -17,7 +17,6 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from hubodo.log import ros2
-from hubodo.log.container import Compression
 from hubodo.log.writer import McapLog
 
 RUNS = 5
@@ -75,26 +74,11 @@ def small_single(path: Path) -> int:
     return MESSAGES
 
 
-def small_many(compression: Compression) -> Job:
-    """McapLog.write_many, a chunk's worth a call."""
-
-    def job(path: Path) -> int:
-        times = np.arange(10_000)
-        with McapLog(path, compression=compression) as log:
-            channel = log.add_channel("/raw", "", "", b"", "hubodo")
-            for _ in range(100):
-                log.write_many(channel, times, times, _MATRIX)
-        return 1_000_000
-
-    return job
-
-
 _RNG = np.random.default_rng(1)
 _T = 1_700_000_000_000_000_000 + np.arange(MESSAGES) * 4_800_000
 _GYRO = np.round(_RNG.normal(size=(MESSAGES, 3)) / 0.00122) * 0.00122
 _ACCEL = np.round(_RNG.normal(size=(MESSAGES, 3)) / 0.00479) * 0.00479
-_MATRIX = _RNG.integers(0, 256, (10_000, SMALL), np.uint8)
-_PAYLOADS = [row.tobytes() for row in _MATRIX[:1000]]
+_PAYLOADS = [row.tobytes() for row in _RNG.integers(0, 256, (1000, SMALL), np.uint8)]
 
 
 def _encoded() -> list[bytes]:
@@ -130,8 +114,6 @@ def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
         {
             "48 bytes: mcap Writer.add_message": small_peer,
             "48 bytes: hubodo write, one a call": small_single,
-            "48 bytes: hubodo write_many": small_many("zstd"),
-            "48 bytes: hubodo write_many, uncompressed": small_many("none"),
         },
     ]
     lines = []

@@ -24,6 +24,7 @@ from hubowire import FINGERPRINT, Frame, FrameDecoder, Message, decode, encode, 
 from hubowire.messages import (
     Ack,
     BiasInit,
+    Filter,
     GetHello,
     Health,
     Hello,
@@ -77,6 +78,8 @@ class FakeNode:
     answers: bool = True
     hello_period: float = 5.0  # s, as the firmware
     spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
+    bias_q12: tuple[int, int, int] | None = None  # what its filter says five times a second
+    refuse: int | None = None  # the Reason for which settings and initialisations are refused
     rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
     sent: list[Sent] = field(default_factory=list)
     requests: list[Message] = field(default_factory=list)
@@ -171,6 +174,7 @@ class FakeNode:
         self.dropped = 0
         self._next_hello = 0.0
         self._next_health = 0.5
+        self._next_filter = 0.1
         self._streaming = True
         self.boot_indices.append(self.samples_made)
 
@@ -257,6 +261,10 @@ class FakeNode:
             self._put(batch, self.samples_made, self.batch)
             self._index += self.batch
             self.samples_made += self.batch
+        if self.bias_q12 is not None and now >= self._next_filter:
+            self._next_filter = now + 0.2
+            t_us = int(self._index * period * 1e6) % PERIOD
+            self._put(Filter(t_us, 2, 0, 2000, (256, 0, 0), self.bias_q12, (256, 0, 1024), (41, 0, 82)))
         if now >= self._next_health:
             self._next_health = now + 0.5
             t_us = self._clock_us() % PERIOD
@@ -283,6 +291,8 @@ class FakeNode:
             case TimeRequest():
                 now = self._clock_us() % PERIOD
                 self._put(TimeReply(message.token, now, self._clock_us() % PERIOD))
+            case SetConfig() | BiasInit() if self.refuse is not None:
+                self._put(Nack(frame.type_id, frame.seq, self.refuse, 7))
             case Ping() | SetConfig() | BiasInit():
                 self._put(Ack(frame.type_id, frame.seq))
             case Start() | Stop():

@@ -4,7 +4,7 @@ import inspect
 
 import settings
 
-from hubodo.ingest.link.link import Link
+from hubodo.ingest.link.link import PortLink
 from hubodo.ingest.live.record_config import RecordConfig
 from hubowire import budget
 
@@ -13,7 +13,7 @@ def test_the_node_s_uart_and_record_speak_the_same_rate_unless_told_otherwise():
     rates = {
         settings.DEFAULTS["baud"],
         RecordConfig().baud,
-        inspect.signature(Link).parameters["baud"].default,
+        inspect.signature(PortLink).parameters["baud"].default,
     }
     assert rates == {budget.UART_BAUD}
 

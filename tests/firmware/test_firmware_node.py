@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.calibration.apply import Correction
-from hubodo.calibration.file import Effect, NodeCalibration, Quantity
+from hubodo.calibration.apply import SampleCorrection
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples, OdrStep, StuckBus
 from hubodo.emulator.chips.imu import Specimen
@@ -314,7 +314,7 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     }
     calibration = NodeCalibration(
         {
-            name: Effect({key: Quantity(float(value), 0.0) for key, value in values.items()})
+            name: CalibratedEffect({key: Quantity(float(value), 0.0) for key, value in values.items()})
             for name, values in effects.items()
         }
     )
@@ -327,7 +327,7 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     age = np.concatenate([b.t_us + b.period_ns / 1000 * np.arange(len(b.samples)) for b in batches]) * 1e-6
     raw = np.concatenate([b.samples for b in batches])
     shown = raw[:, :3] * np.radians(0.07)
-    true, _ = Correction.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
+    true, _ = SampleCorrection.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
     assert np.abs(shown[-100:].mean(axis=0) - gyro[-200]).max() < 1e-3, "sent as the chip gave it"
     # Steps of 1.2e-3 rad/s, a bias that moves by ten of them: rounding stays, the warm-up does not.
     assert np.abs(true).max() < 0.52 * np.radians(0.07) and np.abs(true.mean(axis=0)).max() < 1e-4

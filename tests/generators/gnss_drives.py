@@ -1,9 +1,9 @@
 """Drives with an odometer that errs, a GNSS receiver and a compass, made without the model under test.
 
 The path is the integral of a smooth speed and yaw rate at 1 kHz (Simpson's rule, own code). Fixes get their
-latitude and longitude by way of Earth-centred coordinates on the WGS 84 ellipsoid, never by a map
-projection. The odometer measures distance and turn per step with a scale each, a drift with time and one
-with the way, and white noise.
+latitude and longitude by geodesics on the WGS 84 ellipsoid (Karney 2013), never by a map projection.
+The odometer measures distance and turn per step with a scale each, a drift with time and one with the way,
+and white noise.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pyproj
 
 STEP = 1e-3
-A, F = 6378137.0, 1.0 / 298.257223563
-E2 = F * (2.0 - F)
+WGS84 = pyproj.Geod(ellps="WGS84")
 
 
 @dataclass(frozen=True)
@@ -111,25 +111,12 @@ def drive(
 
 
 def geodetic(east, north, latitude_deg, longitude_deg):
-    """Latitude and longitude in degrees of points on the ellipsoid, `east` and `north` metres from an
-    origin in its tangent plane."""
-    phi, lam = np.radians(latitude_deg), np.radians(longitude_deg)
-    n = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
-    m = A * (1.0 - E2) / (1.0 - E2 * np.sin(phi) ** 2) ** 1.5
-    # The plane is curved back onto the ellipsoid, so that a metre stays a metre.
-    up = -0.5 * (east**2 / n + north**2 / m)
-    centre = np.array(
-        [n * np.cos(phi) * np.cos(lam), n * np.cos(phi) * np.sin(lam), n * (1.0 - E2) * np.sin(phi)]
-    )
-    e = np.array([-np.sin(lam), np.cos(lam), 0.0])
-    u = np.array([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)])
-    place = centre[:, None] + e[:, None] * east + np.cross(u, e)[:, None] * north + u[:, None] * up
-    rho = np.hypot(place[0], place[1])
-    latitude = np.arctan2(place[2], rho * (1.0 - E2))
-    for _ in range(6):
-        big = A / np.sqrt(1.0 - E2 * np.sin(latitude) ** 2)
-        latitude = np.arctan2(place[2] + E2 * big * np.sin(latitude), rho)
-    return np.degrees(latitude), np.degrees(np.arctan2(place[1], place[0]))
+    """Latitude and longitude in degrees of points `east` and `north` metres from origins: as far along the
+    geodesic and in the direction that both say. All scalars or (N,)."""
+    east, north, lat, lon = np.broadcast_arrays(east, north, latitude_deg, longitude_deg)
+    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)
+    longitude, latitude, _ = WGS84.fwd(lon, lat, azimuth, distance)
+    return np.asarray(latitude), np.asarray(longitude)
 
 
 def _odometer(rng, t, x, y, heading, way, errors):

@@ -27,10 +27,15 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.station import Station
+from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import View
+from hubodo.log.convert import write_recording
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.summary import summarise
+from hubodo.recording import BIAS_FILTER_COLUMNS
+from hubodo.report.log_page import log_page
 from hubodo.vehicle import NodeMount, Vehicle
+from hubodo.verbs.info import Info
 from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest
@@ -48,7 +53,7 @@ class Device:
     serial_number: str | None
 
 
-class Recorder:
+class RecorderThread:
     """`record` in a thread, so that the test can do things to the nodes meanwhile."""
 
     def __init__(self, out, *ports, **kwargs):
@@ -130,7 +135,7 @@ def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unn
     def devices():
         return [Device(node.path, "FAKE0001")] if node.path else []
 
-    with node, Recorder(out, "left=FAKE0001", lister=devices):
+    with node, RecorderThread(out, "left=FAKE0001", lister=devices):
         time.sleep(1.0)
         for turn in range(10):
             node.unplug()
@@ -172,7 +177,7 @@ def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unn
 
 def test_a_node_that_gives_frames_up_is_named_as_the_cause(tmp_path):
     out = tmp_path / "ride.mcap"
-    with FakeNode() as node, Recorder(out, node.path):
+    with FakeNode() as node, RecorderThread(out, node.path):
         time.sleep(1.2)
         node.lose(3)
         time.sleep(1.6)
@@ -183,7 +188,7 @@ def test_a_node_that_gives_frames_up_is_named_as_the_cause(tmp_path):
 
 def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way_times(tmp_path):
     out = tmp_path / "ride.mcap"
-    with FakeNode(answers=False, hello_period=0.5) as node, Recorder(out, node.path) as recorder:
+    with FakeNode(answers=False, hello_period=0.5) as node, RecorderThread(out, node.path) as recorder:
         time.sleep(1.5)
     assert recorder.result.nodes["left"]["samples"] > 200
     clock = recorder.result.nodes["left"]["clock"]
@@ -191,9 +196,43 @@ def test_a_node_that_answers_nothing_is_recorded_with_the_uncertainty_of_one_way
     assert clock["sigma"] > 0.005
 
 
+def test_what_the_node_says_of_its_bias_is_in_the_log_its_summary_its_page_and_survives_a_new_log(tmp_path):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    with FakeNode(bias_q12=(4096, -2048, 410)) as node:
+        result = record(RecordConfig(ports=(node.path,), duration=2.0), out)
+    told = np.array([4096, -2048, 410]) / 4096 * DPS_LSB
+    np.testing.assert_allclose(result.nodes["left"]["bias_filter"]["bias"], told, rtol=1e-12)
+    assert result.nodes["left"]["bias_filter"]["sigma"][1] is None
+    json.dumps(result.as_json(), allow_nan=False)
+    recording = read_recording(out)
+    table = recording.bias_filters["left"]
+    assert tuple(table) == BIAS_FILTER_COLUMNS
+    assert 5 <= len(table) <= 11
+    for axis, value in zip("xyz", told, strict=True):
+        np.testing.assert_allclose(table[f"bias_{axis}"], value, rtol=1e-12)
+    np.testing.assert_allclose(table["sigma_x"], 41 / 4096 * DPS_LSB, rtol=1e-12)
+    assert np.isnan(table["sigma_y"]).all()
+    samples = recording.nodes["left"]
+    assert samples.t[0] - 0.05 < table.t[0] < table.t[-1] < samples.t[-1] + 0.05
+    assert recording.warnings == ()
+    summary = summarise(out)
+    assert summary.bias_filters["left"]["bias_x"] == pytest.approx(told[0], rel=1e-12)
+    shown = io.StringIO()
+    Info(summary).render(Console(file=shown, width=200))
+    assert "bias filter of left" in shown.getvalue()
+    assert "x +0.070 ± 0.001, y -0.035, z +0.007 ± 0.001 °/s, from 2000 samples" in shown.getvalue()
+    json.dumps(Info(summary).as_json(), allow_nan=False)
+    made = log_page("ride", recording, summary)
+    assert any(line.startswith("left: its own filter's bias, at the end x +0.070") for line in made.facts)
+    assert "left: bias by its own filter" in made.html
+    write_recording(recording, again)
+    for column in table:
+        np.testing.assert_array_equal(read_recording(again).bias_filters["left"][column], table[column])
+
+
 def test_start_order_does_not_matter_with_wait(tmp_path):
     out, link = tmp_path / "ride.mcap", tmp_path / "ttyNODE"
-    with Recorder(out, str(link), wait=True) as recorder:
+    with RecorderThread(out, str(link), wait=True) as recorder:
         time.sleep(0.5)
         with FakeNode(link=link):
             time.sleep(1.5)
@@ -381,7 +420,7 @@ def test_nothing_is_sent_before_a_node_has_spoken_and_never_a_ctrl_c(tmp_path):
     tty.setraw(slave)
     os.set_blocking(master, False)
     heard = bytearray()
-    with Recorder(tmp_path / "ride.mcap", os.ttyname(slave), wait=True):
+    with RecorderThread(tmp_path / "ride.mcap", os.ttyname(slave), wait=True):
         time.sleep(1.0)
         with pytest.raises(BlockingIOError):
             os.read(master, 100)
@@ -473,14 +512,14 @@ def test_the_live_table_and_the_result_show_every_node_and_link(tmp_path):
         def __getattr__(self, name):
             return lambda *args, **kwargs: None
 
-    station = Station({"ttyACM0": None}, Log(), lambda *_: True, time.time_ns, vehicle=TROLLEY)
+    recorder = Recorder({"ttyACM0": None}, Log(), lambda *_: True, time.time_ns, vehicle=TROLLEY)
     terminal = Console(force_terminal=True, width=160, file=io.StringIO())
     with View(terminal, 0) as view:
-        view.update(station, 0, 10**9)
-        station.handle(LinkUp("ttyACM0", time.time_ns(), "/dev/ttyACM0", False))
+        view.update(recorder, 0, 10**9)
+        recorder.handle(LinkUp("ttyACM0", time.time_ns(), "/dev/ttyACM0", False))
         node = FakeNode()
         hello = encode_frame(Frame(Hello.type_id, 1, 0, encode(node.hello())))
         node.stop()
-        station.handle(Chunk("ttyACM0", time.time_ns(), hello, ""))
-        view.update(station, 0, 2 * 10**9)
+        recorder.handle(Chunk("ttyACM0", time.time_ns(), hello, ""))
+        view.update(recorder, 0, 2 * 10**9)
     assert "ttyACM0" in terminal.file.getvalue()

@@ -15,9 +15,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import spin_drives
-from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter
-from hubodo.fuse.filters.rate_bias_kalman import RateBiasKalman, steady_gain
-from hubodo.fuse.filters.recursive_least_squares import RecursiveLeastSquares
+from papers.filters.pseudo_measurement import PseudoMeasurementFilter
+from papers.filters.rate_bias_kalman import RateBiasKalman, steady_gain
+from papers.filters.recursive_least_squares import RecursiveLeastSquares
 
 DT = 0.01
 FACTORS = (0.98, 0.92)

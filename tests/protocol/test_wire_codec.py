@@ -99,3 +99,8 @@ def test_type_ids_are_unique_and_the_direction_is_bit_six():
     assert 0x3F not in ids
     assert decode(0x3F, b"") is None
     assert Ack.type_id < 0x40 <= TimeRequest.type_id
+
+
+def test_every_message_class_stands_in_the_table():
+    there = {kind.__name__ for kind in Message.__subclasses__() if kind.__module__ == Message.__module__}
+    assert there == {kind.__name__ for kind in MESSAGES}

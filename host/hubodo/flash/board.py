@@ -110,7 +110,7 @@ class FlashError(HubodoError):
 
 
 @dataclass(frozen=True)
-class MicroPythonBuild:
+class BoardIdentity:
     """A board's MicroPython. architecture: processor word for mpy-cross, None for bytecode only."""
 
     platform: str
@@ -129,12 +129,12 @@ class FlashBoard:
     def __init__(self, port: str) -> None:
         self.port = port
 
-    def look(self) -> MicroPythonBuild:
+    def look(self) -> BoardIdentity:
         """What MicroPython says of itself and of the board."""
         platform, machine, mpy, version, text = ast.literal_eval(self.run(_LOOK).strip().splitlines()[-1])
         number = mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
-        return MicroPythonBuild(platform, machine, architecture, version, text)
+        return BoardIdentity(platform, machine, architecture, version, text)
 
     def run(self, code: str) -> str:
         """What a piece of Python prints on the board."""

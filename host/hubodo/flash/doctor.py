@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hubodo.errors import LinkError
-from hubodo.flash.board import FlashBoard, FlashError, MicroPythonBuild
+from hubodo.flash.board import BoardIdentity, FlashBoard, FlashError
 from hubodo.flash.finding import CHECKS, Finding, ok, unknown, wrong
 from hubodo.flash.image import build, digests, firmware_folder
 from hubodo.flash.listen import Heard, listen
@@ -77,7 +77,7 @@ def _look_within(board: FlashBoard) -> tuple[list[Finding], bool]:
     return [_interpreter(seen, kind, told="pins" in config), wires, files], has_firmware
 
 
-def _interpreter(look: MicroPythonBuild, kind: Board, *, told: bool) -> Finding:
+def _interpreter(look: BoardIdentity, kind: Board, *, told: bool) -> Finding:
     text = f"{'.'.join(map(str, look.version))} on {look.machine or look.platform}"
     if look.version < AT_LEAST:
         wanted = ".".join(map(str, AT_LEAST))
@@ -90,7 +90,7 @@ def _interpreter(look: MicroPythonBuild, kind: Board, *, told: bool) -> Finding:
     return ok("MicroPython", text)
 
 
-def _files(board: FlashBoard, look: MicroPythonBuild) -> tuple[Finding, bool]:
+def _files(board: FlashBoard, look: BoardIdentity) -> tuple[Finding, bool]:
     """Whether the board runs the firmware of this host, and whether it has any."""
     image = build(firmware_folder(), look.architecture)
     held, running = board.survey(image)

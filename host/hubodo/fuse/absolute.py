@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.fixes import Fixes, Headings
+from hubodo.fuse.graph.factors.heading import Headings
+from hubodo.fuse.graph.fixes import Fixes
 from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.outages import outages
 from hubodo.fuse.graph.steps import path_of
@@ -36,7 +37,7 @@ def absolute_track(
     """The most probable track of odometry, fixes and headings; None for a log that has neither.
 
     antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
-    InputError when there are fixes and none is usable, ConfigError when pyproj is missing.
+    InputError when there are fixes and none is usable.
     """
     gnss, compass = recording.gnss, recording.heading
     if gnss is None and compass is None:

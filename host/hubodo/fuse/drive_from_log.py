@@ -33,7 +33,7 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
 def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
 
-    Raises InputError when the log has none, or fewer than 20; ConfigError without pyproj.
+    Raises InputError when the log has none, or fewer than 20.
     """
     table = _enough(recording.gnss, "gnss", where)
     latitude, longitude = table["latitude_deg"], table["longitude_deg"]

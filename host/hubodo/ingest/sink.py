@@ -1,4 +1,4 @@
-"""Where a station writes: the part of the log's writer that ingest uses."""
+"""Where a recorder writes: the part of the log's writer that ingest uses."""
 
 from __future__ import annotations
 
@@ -24,6 +24,10 @@ class Sink(Protocol):
 
     def magnetic_field(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
+    ) -> None: ...
+
+    def bias_filter(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None: ...
 
     def odometry(

@@ -62,7 +62,7 @@ class _Index:
 class BatchStream:
     """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch."""
 
-    def __init__(self, channel: int, layout: ros2.Layout, stamp: str) -> None:
+    def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
         size = layout.dtype.itemsize
         self.channel = channel
         self.record_size = PREFIX.itemsize + size
@@ -178,26 +178,6 @@ class ChunkLog:
         )
         self._bytes += 31 + size
         self._appended()
-
-    def write_many(
-        self, channel: int, t_log_ns: ArrayLike, t_pub_ns: ArrayLike, payload: NDArray[np.uint8]
-    ) -> None:
-        """Messages of equal size. times: (n,) ns; payload: (n, size) uint8."""
-        count, size = payload.shape
-        rows = np.empty(count, np.dtype([*_fields(PREFIX), ("payload", "u1", (size,))]))
-        rows["opcode"] = Opcode.MESSAGE
-        rows["length"] = 22 + size
-        rows["channel"] = channel
-        rows["sequence"] = self._sequence[channel] + np.arange(count)
-        rows["log_time"] = t_log_ns
-        rows["publish_time"] = t_pub_ns
-        rows["payload"] = payload
-        _check_times(rows["log_time"], rows["publish_time"])
-        self._sequence[channel] += count
-        step = max(1, self._chunk_bytes // (31 + size))
-        for first in range(0, count, step):
-            part = rows[first : first + step]
-            self._append(channel, part.tobytes(), part["log_time"].copy(), 31 + size)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Another metadata record, such as a calibration's key figures."""

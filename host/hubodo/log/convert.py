@@ -1,10 +1,11 @@
 """A recording in memory to a log.
 
-Topics: node -> /<node>/imu (+ /<node>/temperature), gnss -> /gnss/fix, truth -> /truth, magnetometers and
-odometry to their own. What a ROS message cannot give back to the last bit (t between whole ns, unknown
-columns, sigma, files without a ROS type) goes to /hubodo/columns/<file>, one Float64MultiArray a row, the
-column names in the channel's metadata `columns`. The metadata record `hubodo.csv` lists the columns of each
-file in order. Row i of a file has sequence number i in every channel that carries a part of it: so rows meet.
+Topics: node -> /<node>/imu (+ /<node>/temperature), gnss -> /gnss/fix, truth -> /truth, magnetometers, bias
+filters and odometry to their own. What a ROS message cannot give back to the last bit (t between whole ns,
+unknown columns, sigma, files without a ROS type) goes to /hubodo/columns/<file>, one Float64MultiArray a
+row, the column names in the channel's metadata `columns`. The metadata record `hubodo.csv` lists the columns
+of each file in order. Row i of a file has sequence number i in every channel that carries a part of it: so
+rows meet.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from hubodo.log.container import Compression, publish, temporary_beside
 from hubodo.log.csv_table import T_LIMIT
 from hubodo.log.timebase import NS, survives, to_ns
 from hubodo.log.writer import McapLog
-from hubodo.recording import NODE_COLUMNS, Recording, Table
+from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
 
 Progress = Callable[[str, float], None]
 _ROWS = 8192
@@ -112,6 +113,8 @@ def _parts(recording: Recording) -> list[_Part]:
     parts = [_file(name, table, recording.t_zero_ns) for name, table in recording.files().items()]
     for node, table in recording.magnetometers.items():
         parts.append(_Part(node, to_ns(table.t, recording.t_zero_ns), _magnetometer(node, table)))
+    for node, table in recording.bias_filters.items():
+        parts.append(_Part(node, to_ns(table.t, recording.t_zero_ns), _bias_filter(node, table)))
     if recording.odometry is not None:
         odometry = recording.odometry
         parts.append(_Part("odometry", to_ns(odometry.t, recording.t_zero_ns), _odometry(odometry)))
@@ -168,6 +171,13 @@ def _truth(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows:
 def _magnetometer(node: str, table: Table) -> Callable[[McapLog, NDArray[np.int64], slice], None]:
     def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
         log.magnetic_field(node, t_ns, t_ns, _stack(table, ("mx", "my", "mz"), rows))
+
+    return write
+
+
+def _bias_filter(node: str, table: Table) -> Callable[[McapLog, NDArray[np.int64], slice], None]:
+    def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
+        log.bias_filter(node, t_ns, t_ns, {name: table[name][rows] for name in BIAS_FILTER_COLUMNS[1:]})
 
     return write
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -72,6 +73,15 @@ def message_type(schema: str) -> str:
     """The ROS 2 spelling of a type: `sensor_msgs/Imu`, as some writers have it, is `sensor_msgs/msg/Imu`."""
     package, _, name = schema.partition("/")
     return schema if "/" in name else f"{package}/msg/{name}"
+
+
+def column_names(text: str) -> list[str]:
+    """Column names from their JSON list; none when it is damaged."""
+    try:
+        names = json.loads(text)
+    except ValueError:
+        return []
+    return [str(name) for name in names] if isinstance(names, list) else []
 
 
 @dataclass

@@ -17,7 +17,7 @@ from hubodo.errors import LogError
 from hubodo.log import topics
 from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, load, load_cut, walk
 from hubodo.log.chunks import PREFIX
-from hubodo.log.scan import Damage, Scan, scan
+from hubodo.log.scan import DamagedSpan, Scan, scan
 
 T_ZERO_LIMIT = 4_000_000_000 * 1_000_000_000
 """ns; the year 2096: what is beyond is no time of a recording but a damaged metadata record."""
@@ -233,7 +233,7 @@ class Log:
             )
         return tuple(lines)
 
-    def _place(self, damage: Damage) -> str:
+    def _place(self, damage: DamagedSpan) -> str:
         text = f"bytes {damage.offset} to {damage.offset + damage.length}"
         if damage.start_ns is not None and damage.end_ns is not None:
             zero = self.t_zero_ns or 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,11 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.convert import carried_columns
-from hubodo.log.decode import WANTED, Decoder, Rows, message_type
+from hubodo.log.decode import WANTED, Decoder, Rows, column_names, message_type
 from hubodo.log.logfile import Log, LogMessage, Stream, open_log
+from hubodo.log.meeting_rows import places_of, rising_rows, shared_rows
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
-from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event, Recording, Table
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
 
@@ -116,10 +116,16 @@ class _Collected:
             for topic, (stream, rows) in self.rows.items()
             if message_type(stream.schema) == ros2.MAGNETIC_FIELD and len(rows)
         }
+        bias_filters = {
+            topic[1:].removesuffix("/bias_filter"): self._bias_filter(topic, rows)
+            for topic, (_, rows) in self.rows.items()
+            if topic == topics.bias_filter(topic[1:].removesuffix("/bias_filter")) and len(rows)
+        }
         special: dict[str, Any] = {name: tables.pop(name) for name in RESERVED if name in tables}
         return Recording(
             tables,
             magnetometers=magnetometers,
+            bias_filters={name: table for name, table in bias_filters.items() if table is not None},
             odometry=self._odometry(topics.ODOM),
             events=self.events,
             metadata=self.log.metadata,
@@ -132,7 +138,7 @@ class _Collected:
         """The files of an import, each row put together from its messages by sequence number."""
         tables = {}
         for name, text in self.log.records.get(topics.CSV_FILES, {}).items():
-            columns = _column_names(text)
+            columns = column_names(text)
             if "t" not in columns:
                 self._note(f"{name}: its list of columns is damaged; read by topic instead")
                 continue
@@ -140,19 +146,19 @@ class _Collected:
             if not parts:
                 tables[name] = Table({column: np.empty(0) for column in columns})
                 continue
-            common, lost = _common([rows.sequence for rows, _ in parts])
+            common, lost = shared_rows([rows.sequence for rows, _ in parts])
             if lost:
                 self._note(f"{name}: {lost} rows have lost a part to damage; left out")
-            since = parts[0][0].stamp_ns[_places(parts[0][0].sequence, common)] - self.t_zero_ns
+            since = parts[0][0].stamp_ns[places_of(parts[0][0].sequence, common)] - self.t_zero_ns
             found = {"t": to_seconds(since, 0)}
             for rows, values in parts:
-                chosen = _places(rows.sequence, common)
+                chosen = places_of(rows.sequence, common)
                 found.update({column: array[chosen] for column, array in values.items()})
             between = any("t" in values for _, values in parts)
             beyond = len(since) > 0 and int(np.abs(since).max()) >= EXACT_S * NS and not between
             if absent := [column for column in columns if column not in found]:
                 self._note(f"{name}: nothing is left of column {', '.join(absent)}")
-            rising = _rising(found["t"])
+            rising = rising_rows(found["t"])
             repeated = len(since) - len(since[rising])
             if repeated:
                 self._note(f"{name}: {repeated} rows repeat the time of another; left out")
@@ -187,7 +193,7 @@ class _Collected:
 
     def _columns(self, topic: str, rows: Rows) -> dict[str, NDArray[np.float64]]:
         data = rows.values["data"]
-        names = _column_names(self.rows[topic][0].metadata.get("columns", "[]"))
+        names = column_names(self.rows[topic][0].metadata.get("columns", "[]"))
         if len(names) != data.shape[1]:
             names = [f"column{i}" for i in range(data.shape[1])]
         return dict(zip(names, data.T, strict=True))
@@ -200,6 +206,13 @@ class _Collected:
             return table
         warm = self._ordered("", heat, {"temperature": heat.values["temperature"]})
         return Table({**table.columns, "temperature": np.interp(table.t, warm.t, warm["temperature"])})
+
+    def _bias_filter(self, topic: str, rows: Rows) -> Table | None:
+        columns = self._columns(topic, rows) if "data" in rows.values else {}
+        if not set(BIAS_FILTER_COLUMNS[1:]) <= set(columns):
+            self._note(f"{topic}: is not what a node's filter says; left out")
+            return None
+        return self._ordered(topic, rows, columns)
 
     def _live_files(self, tables: dict[str, Table]) -> None:
         """GNSS, and columns written live, of logs that are no import."""
@@ -255,39 +268,6 @@ def _position(fix: Rows) -> dict[str, NDArray[np.float64]]:
         "longitude_deg": fix.values["longitude"],
         "altitude": fix.values["altitude"],
     }
-
-
-def _column_names(text: str) -> list[str]:
-    """Column names from their JSON list; none when it is damaged."""
-    try:
-        names = json.loads(text)
-    except ValueError:
-        return []
-    return [str(name) for name in names] if isinstance(names, list) else []
-
-
-def _common(sequences: list[NDArray[Any]]) -> tuple[NDArray[Any], int]:
-    """Row numbers that every part of a file has, rising, and how many rows have lost a part."""
-    first = sequences[0]
-    if bool((np.diff(first) > 0).all()) and all(np.array_equal(first, other) for other in sequences[1:]):
-        return first, 0
-    common = reduce(np.intersect1d, sequences)
-    return common, max(len(np.union1d(common, sequence)) for sequence in sequences) - len(common)
-
-
-def _rising(t: NDArray[np.float64]) -> NDArray[np.intp] | slice:
-    """Places of the first row at each time, in order of time."""
-    if bool((np.diff(t) > 0).all()):
-        return slice(None)
-    return np.unique(t, return_index=True)[1]
-
-
-def _places(sequence: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.intp] | slice:
-    """Where each wanted sequence number stands."""
-    if np.array_equal(sequence, wanted):
-        return slice(None)
-    order = np.argsort(sequence, kind="stable")
-    return order[np.searchsorted(sequence, wanted, sorter=order)]
 
 
 def _stem(topic: str) -> str:

@@ -121,7 +121,7 @@ def _dependencies(name: str) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Layout:
+class CdrLayout:
     """Where each field of one message stands, for given string and sequence lengths.
 
     dtype: structured, little-endian, itemsize = whole message with encapsulation. Field names are dotted
@@ -194,7 +194,7 @@ class _Builder:
 
 def layout(
     name: str, texts: Mapping[str, bytes] | None = None, lengths: Mapping[str, int] | None = None
-) -> Layout:
+) -> CdrLayout:
     """The byte layout of one message type.
 
     texts: value of each string field by path, without the closing zero. lengths: elements of each sequence.
@@ -211,7 +211,7 @@ def layout(
     for path, text in closed.items():
         if path in builder.names:
             template[path] = np.void(text)
-    return Layout(builder.dtype(), template)
+    return CdrLayout(builder.dtype(), template)
 
 
 @dataclass(frozen=True)
@@ -245,7 +245,7 @@ def measure(name: str, payload: bytes) -> Form:
     return Form(builder.dtype(), builder.lengths, int.from_bytes(payload[:4], "little"))
 
 
-def stamped(name: str, frame_id: str, child_frame_id: str = "") -> Layout:
+def stamped(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
     """The layout of a message with one header (or one transform), its frame names constant."""
     prefix = "transforms[0]." if name == TF else ""
     texts = {
@@ -255,7 +255,7 @@ def stamped(name: str, frame_id: str, child_frame_id: str = "") -> Layout:
     return layout(name, texts, {"transforms": 1})
 
 
-def columns(count: int) -> Layout:
+def columns(count: int) -> CdrLayout:
     """The layout of one row of `count` float64 numbers as a Float64MultiArray with one dimension."""
     made = layout(COLUMNS, {"layout.dim[0].label": b"columns"}, {"layout.dim": 1, "data": count})
     made.template["layout.dim[0].size"] = count

@@ -35,7 +35,7 @@ _WINDOW = 1 << 22
 
 
 @dataclass(frozen=True)
-class Damage:
+class DamagedSpan:
     """A stretch of the file that could not be used. start_ns, end_ns: of the messages lost, where known."""
 
     offset: int
@@ -58,7 +58,7 @@ class Scan:
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
     chunks: list[ChunkPlace] = field(default_factory=list)
-    damage: list[Damage] = field(default_factory=list)
+    damage: list[DamagedSpan] = field(default_factory=list)
     cut: ChunkPlace | None = None
     complete: bool = False
 
@@ -74,7 +74,7 @@ class Scan:
     def note(self, place: ChunkPlace, reason: str) -> None:
         """Keep account of a chunk that cannot be used, once."""
         if all(known.offset != place.offset for known in self.damage):
-            self.damage.append(Damage(place.offset, place.length, reason, place.start_ns, place.end_ns))
+            self.damage.append(DamagedSpan(place.offset, place.length, reason, place.start_ns, place.end_ns))
 
 
 def scan(path: Path, *, lenient: bool = False) -> Scan:
@@ -104,7 +104,7 @@ class _Scanner:
                     f"{found.path}: is not an MCAP file (begins with {magic!r}); "
                     "give a log made by hubodo or ROS 2"
                 )
-            found.damage.append(Damage(0, resumed, "the beginning is damaged"))
+            found.damage.append(DamagedSpan(0, resumed, "the beginning is damaged"))
             position = resumed
         suspect = position
         while position < size and not found.complete:
@@ -114,7 +114,7 @@ class _Scanner:
                 if resumed is None:
                     self._tail(position)
                     break
-                lost = Damage(position, resumed - position, "unreadable record")
+                lost = DamagedSpan(position, resumed - position, "unreadable record")
                 found.damage.append(lost)
                 after, trusted = resumed, True
                 suspect = resumed
@@ -215,7 +215,7 @@ class _Scanner:
             found.cut = place
             start_ns, end_ns = place.start_ns, place.end_ns
         found.damage.append(
-            Damage(position, found.size - position, "the file ends within a record", start_ns, end_ns)
+            DamagedSpan(position, found.size - position, "the file ends within a record", start_ns, end_ns)
         )
 
     def _next_chunk(self, start: int) -> int | None:

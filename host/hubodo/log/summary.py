@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.decode import message_type
-from hubodo.log.logfile import Log, open_log
+from hubodo.log.decode import Decoder, column_names, message_type
+from hubodo.log.logfile import Log, Stream, open_log
 from hubodo.log.mcap import events_of
-from hubodo.recording import Event
+from hubodo.recording import BIAS_FILTER_COLUMNS, Event
 
 Progress = Callable[[str, float], None]
 
@@ -23,7 +23,7 @@ GAP_FACTOR = 1.5
 
 
 @dataclass(frozen=True)
-class Gap:
+class SampleGap:
     """An interval without samples. t: s since t = 0; missing: samples that fit into it; cause: in words."""
 
     topic: str
@@ -34,7 +34,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Loss:
+class LossTotal:
     """The recorded `gap` events of one node, stream and cause, added up; unknown: those without a count."""
 
     node: str
@@ -59,7 +59,7 @@ class StreamSummary:
     period: float | None
     jitter: float | None
     longest: float | None
-    gaps: tuple[Gap, ...]
+    gaps: tuple[SampleGap, ...]
 
     @property
     def rate(self) -> float | None:
@@ -74,7 +74,10 @@ class StreamSummary:
 
 @dataclass(frozen=True)
 class Summary:
-    """All of `hubodo info`. start_ns: host time of t = 0; duration: s between first and last message."""
+    """All of `hubodo info`. start_ns: host time of t = 0; duration: s between first and last message.
+
+    bias_filters: the last row of what each node's own filter said, columns `BIAS_FILTER_COLUMNS`.
+    """
 
     path: Path
     size: int
@@ -85,13 +88,14 @@ class Summary:
     duration: float
     streams: tuple[StreamSummary, ...]
     events: tuple[Event, ...]
-    losses: tuple[Loss, ...]
+    losses: tuple[LossTotal, ...]
     health: Mapping[str, Mapping[str, Any]]
+    bias_filters: Mapping[str, Mapping[str, float]]
     metadata: Mapping[str, str]
     warnings: tuple[str, ...]
 
     @property
-    def gaps(self) -> tuple[Gap, ...]:
+    def gaps(self) -> tuple[SampleGap, ...]:
         """The gaps of all streams in order of time."""
         return tuple(sorted((gap for s in self.streams for gap in s.gaps), key=lambda gap: gap.t))
 
@@ -103,7 +107,7 @@ class Summary:
 def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
     """Read a log once and describe it. Raises LogError when it is missing, empty or no MCAP."""
     with open_log(path) as log:
-        times, event_payloads = _collect(log, progress)
+        times, event_payloads, filters = _collect(log, progress)
         events, notes = events_of(event_payloads)
         starts = [int(log_ns.min()) for log_ns, _ in times.values()]
         ends = [int(log_ns.max()) for log_ns, _ in times.values()]
@@ -129,6 +133,7 @@ def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
             events=events,
             losses=_losses(events),
             health=_health(events),
+            bias_filters=_bias_filters(log, filters, start),
             metadata=log.metadata,
             warnings=(*log.warnings(), *(f"{log.path}: {note}" for note in notes)),
         )
@@ -137,10 +142,11 @@ def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
 Times = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
-def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes]]:
-    """Log and publish times of each channel, and the payloads of the events."""
+def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes], dict[int, Decoder]]:
+    """Log and publish times of each channel, the payloads of the events, what nodes' filters said."""
     parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
     payloads: list[bytes] = []
+    filters: dict[int, Decoder] = {}
     for messages in log.chunks():
         if progress:
             progress(f"reading {log.path.name}", log.progress)
@@ -154,11 +160,33 @@ def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes]]:
             parts.setdefault(id, []).append((heads["log_time"].copy(), heads["publish_time"].copy()))
             if streams[id].topic == topics.EVENTS:
                 payloads += [messages.payload(i) for i in chosen.tolist()]
+            elif _of_filter(streams[id]):
+                filters.setdefault(id, Decoder(ros2.COLUMNS)).feed(messages, chosen)
     times = {
         id: (np.concatenate([p[0] for p in found]), np.concatenate([p[1] for p in found]))
         for id, found in parts.items()
     }
-    return times, payloads
+    return times, payloads, filters
+
+
+def _of_filter(stream: Stream) -> bool:
+    return message_type(stream.schema) == ros2.COLUMNS and stream.topic.endswith("/bias_filter")
+
+
+def _bias_filters(log: Log, filters: Mapping[int, Decoder], start: int) -> dict[str, Mapping[str, float]]:
+    found: dict[str, Mapping[str, float]] = {}
+    for id, decoder in filters.items():
+        rows, stream = decoder.rows(), log.streams[id]
+        names = column_names(stream.metadata.get("columns", ""))
+        if not len(rows) or names != list(BIAS_FILTER_COLUMNS[1:]):
+            continue
+        newest = int(np.argmax(rows.publish_ns))
+        row = [(int(rows.publish_ns[newest]) - start) / 1e9, *rows.values["data"][newest].tolist()]
+        if len(row) == len(BIAS_FILTER_COLUMNS) and np.isfinite(row[:4]).all():
+            found[stream.topic[1:].removesuffix("/bias_filter")] = dict(
+                zip(BIAS_FILTER_COLUMNS, row, strict=True)
+            )
+    return found
 
 
 _SAMPLED = (ros2.IMU, ros2.MAGNETIC_FIELD, ros2.NAV_SAT_FIX, ros2.ODOMETRY, ros2.COLUMNS)
@@ -173,11 +201,11 @@ def _stream(
     sampled = message_type(schema) in _SAMPLED or message_type(schema) == ros2.TEMPERATURE
     usual = float(np.median(periods)) if len(periods) and sampled else None
     regular = periods[periods <= GAP_FACTOR * usual] if usual is not None else periods
-    gaps: tuple[Gap, ...] = ()
+    gaps: tuple[SampleGap, ...] = ()
     if usual and message_type(schema) in _SAMPLED:
         found = np.flatnonzero(periods > GAP_FACTOR * usual)
         gaps = tuple(
-            Gap(
+            SampleGap(
                 topic,
                 (int(t_ns[i]) - start) / 1e9,
                 float(periods[i]),
@@ -199,7 +227,7 @@ def _stream(
     )
 
 
-_WIRE_STREAMS: Mapping[str, str] = {"imu": "ImuBatch", "mag": "Mag"}
+_WIRE_STREAMS: Mapping[str, str] = {"imu": "ImuBatch", "mag": "Mag", "bias_filter": "Filter"}
 """The wire message behind a node's topic, as `gap` events name it."""
 
 
@@ -229,7 +257,7 @@ def _health(events: Iterable[Event]) -> dict[str, Mapping[str, Any]]:
     }
 
 
-def _losses(events: Iterable[Event]) -> tuple[Loss, ...]:
+def _losses(events: Iterable[Event]) -> tuple[LossTotal, ...]:
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for event in events:
         if event.kind == "gap":
@@ -240,7 +268,7 @@ def _losses(events: Iterable[Event]) -> tuple[Loss, ...]:
             )
             groups.setdefault(key, []).append(event.data)
     return tuple(
-        Loss(
+        LossTotal(
             *key,
             gaps=len(found),
             samples=sum(data.get("samples_lost") or 0 for data in found),

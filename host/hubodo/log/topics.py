@@ -48,6 +48,11 @@ def temperature(node: str) -> str:
     return f"/{node}/temperature"
 
 
+def bias_filter(node: str) -> str:
+    """Topic of what a node's own filter says of its gyro."""
+    return f"/{node}/bias_filter"
+
+
 def magnetic_field(node: str) -> str:
     """Topic of a node's magnetometer."""
     return f"/{node}/mag"

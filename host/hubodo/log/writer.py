@@ -132,12 +132,22 @@ class McapLog(ChunkLog):
         self, name: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
         """Float64 columns without a ROS type, kept to the last bit. table: column -> (n,)."""
-        key = topics.COLUMNS + name
-        stream = self._streams.get(key)
+        self._columns(topics.COLUMNS + name, t_pub_ns, t_log_ns, table)
+
+    def bias_filter(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
+    ) -> None:
+        """What a node's own filter says of its gyro. table: `BIAS_FILTER_COLUMNS` but t -> (n,), rad/s."""
+        self._columns(topics.bias_filter(node), t_pub_ns, t_log_ns, table)
+
+    def _columns(
+        self, topic: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
+    ) -> None:
+        stream = self._streams.get(topic)
         if stream is None:
             metadata = {"columns": json.dumps(list(table))}
-            channel = self.add_ros2_channel(key, ros2.COLUMNS, metadata)
-            stream = self._streams[key] = BatchStream(channel, ros2.columns(len(table)), "")
+            channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
+            stream = self._streams[topic] = BatchStream(channel, ros2.columns(len(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 

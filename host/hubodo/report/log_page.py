@@ -19,6 +19,7 @@ from hubodo.fuse.track import score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.summary import Summary
 from hubodo.recording import Recording
+from hubodo.report.bias_filter import bias_filter_section
 from hubodo.report.log_sensors import sensor_report
 from hubodo.report.page import COLOURS, Grid, Section, figure, page
 from hubodo.vehicle import Vehicle
@@ -62,6 +63,12 @@ def log_page(
         sections += found.sections
         facts += found.facts
         missing += found.missing
+        if node not in recording.bias_filters:
+            missing.append(f"{node}: bias by its own filter: the log has none")
+            continue
+        drawn, line = bias_filter_section(node, recording.bias_filters[node])
+        (missing if drawn is None else facts).append(line)
+        sections += [] if drawn is None else [drawn]
     sections += _drive(name, recording, vehicle, calibration, applied, facts, missing)
     missing.append(
         "north: a turntable record is there, hubodo north evaluates it"
@@ -288,9 +295,11 @@ def _with_nodes(recording: Recording, applied: Applied) -> Recording:
 def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     groups = {"vehicle": learnt.get("vehicle", {}), **learnt.get("nodes", {})}
-    for name, quantities in groups.items():
-        for quantity, entry in quantities.items():
-            rows.append((name, quantity, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
+    for name, effects in groups.items():
+        for effect, parameters in effects.items():
+            for parameter, entry in parameters.items():
+                label = f"{effect}.{parameter}"
+                rows.append((name, label, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
     return rows
 
 

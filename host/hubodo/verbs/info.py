@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,7 +15,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hubodo.log.summary import Gap, StreamSummary, Summary, summarise
+from hubodo.ingest.node.bias_filter import filter_words
+from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
 from hubodo.progress import progress_line
 
 HELP = "show streams, rates, gaps, losses, versions and health of a log"
@@ -56,6 +59,7 @@ class Info:
             ],
             "losses": [asdict(loss) for loss in s.losses],
             "health": {node: dict(values) for node, values in s.health.items()},
+            "bias_filter": {node: _filter_json(row) for node, row in s.bias_filters.items()},
             "metadata": dict(s.metadata),
             "warnings": list(s.warnings),
         }
@@ -74,6 +78,8 @@ class Info:
         _events(s, say)
         for node, values in s.health.items():
             say(f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node"))
+        for node, row in s.bias_filters.items():
+            say(f"bias filter of {node} at t = {row['t']:.3f} s: {filter_words(row)}")
         for key, text in s.metadata.items():
             shown = text if len(text) <= _LONG_VALUE else f"{text[:_LONG_VALUE]}... (--json shows all)"
             say(f"{key}: {shown}")
@@ -145,6 +151,14 @@ def _events(s: Summary, say: Any) -> None:
         say(f"  and {len(told) - _SHOWN} later ones (--json shows all)")
 
 
+def _filter_json(row: Mapping[str, float]) -> dict[str, Any]:
+    whole = ("state", "samples", "saturations")
+    return {
+        name: None if math.isnan(value) else int(value) if name in whole else value
+        for name, value in row.items()
+    }
+
+
 def _stream_json(stream: StreamSummary) -> dict[str, Any]:
     return {
         "topic": stream.topic,
@@ -161,7 +175,7 @@ def _stream_json(stream: StreamSummary) -> dict[str, Any]:
     }
 
 
-def _gap_json(gap: Gap) -> dict[str, Any]:
+def _gap_json(gap: SampleGap) -> dict[str, Any]:
     return {
         "topic": gap.topic,
         "t": gap.t,

@@ -111,12 +111,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--settle", type=float, metavar="S", help="with two temperatures: the time constant of a warm-up"
     )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
-    parser.add_argument("--latitude_deg", type=float, metavar="L", help="let the Earth turn under the bench")
+    parser.add_argument("--latitude-deg", type=float, metavar="L", help="let the Earth turn under the bench")
     parser.add_argument(
-        "--azimuth_deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
+        "--azimuth-deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
     )
     parser.add_argument(
-        "--angles_deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
+        "--angles-deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
     )
     parser.add_argument("--stop", type=float, default=20.0, help="s that the table stands (default: 20)")
     parser.add_argument("--turn", type=float, default=2.0, help="s that it turns (default: 2)")
@@ -180,8 +180,8 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         ("--stop", args.stop, (1.0, _LONGEST)),
         ("--turn", args.turn, (0.1, _LONGEST)),
         ("--settle", args.settle or 1.0, (1e-3, math.inf)),
-        ("--latitude_deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
-        ("--azimuth_deg", args.azimuth_deg, (-360.0, 360.0)),
+        ("--latitude-deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
+        ("--azimuth-deg", args.azimuth_deg, (-360.0, 360.0)),
     ):
         if not low <= value <= high:
             raise InputError(f"{name} {value:g}: use {low:g} to {high:g}")
@@ -202,7 +202,7 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         )
     if args.latitude_deg is not None and args.drive not in ("turntable", "poses"):
         raise InputError(
-            "--latitude_deg goes with --drive turntable or poses; a drive hides the Earth's rate"
+            "--latitude-deg goes with --drive turntable or poses; a drive hides the Earth's rate"
         )
     if args.virtual_node:
         if args.drive in ("turntable", "poses"):

@@ -135,6 +135,7 @@ def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
     assert abs(error_ns(sync, stepped, stepped.us(at))) < 1e6
     sync.reset()
     assert sync.source == "none"
+    assert sync.estimate().resets == 2
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,18 @@ from hypothesis import strategies as st
 
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import DAMAGE, DROPPED, LINK_DOWN, ON_THE_WAY, OVERRUN, RESTART, LinkCounts
-from hubodo.ingest.node.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
+from hubodo.ingest.node.samples import (
+    FilterSeen,
+    HealthSeen,
+    HelloSeen,
+    ImuBlock,
+    MagSample,
+    Refused,
+    TimeReplySeen,
+)
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, encode
-from hubowire.messages import BatchFlag, Health, Hello, ImuBatch, Mag, TimeReply
+from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -286,3 +294,22 @@ def test_no_payload_makes_it_raise(type_id, payload, seq):
     _, decoder = started()
     list(decoder.frame(Frame(type_id, 1, seq, payload), T0, QUIET))
     list(decoder.close())
+
+
+def test_the_nodes_own_bias_is_given_in_si_units_at_its_device_time():
+    talker, decoder = started()
+    step = 0.07 * math.pi / 180
+    sent = Filter(5_000, 2, 3, 2000, (512, -256, 0), (4096, -2048, 1), (256, 1024, 0), (41, 0, 4096))
+    (seen,) = decoder.frame(talker.frame(sent), T0 + 7_000_000, QUIET)
+    assert isinstance(seen, FilterSeen)
+    assert (seen.state, seen.samples, seen.saturations, seen.device_ns) == (2, 2000, 3, 5_000_000)
+    np.testing.assert_allclose(seen.rate, (2 * step, -step, 0), rtol=1e-12)
+    np.testing.assert_allclose(seen.bias, (step, -step / 2, step / 4096), rtol=1e-12)
+    np.testing.assert_allclose(seen.noise, (step, 2 * step, 0), rtol=1e-12)
+    np.testing.assert_allclose(seen.bias_sigma, (step * 41 / 4096, math.nan, step), rtol=1e-12)
+
+
+def test_a_filter_of_a_node_without_an_imu_says_nothing():
+    talker, decoder = started(hello=replace(HELLO, gyro_lsb_ndps=0))
+    sent = Filter(5_000, 0, 0, 0, (0, 0, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0))
+    assert list(decoder.frame(talker.frame(sent), T0 + 7_000_000, QUIET)) == []

@@ -32,7 +32,7 @@ def test_definitions_have_the_type_hash_of_ros2_humble(name: str) -> None:
     assert own.hash_rihs01(name) == STORE.hash_rihs01(name)
 
 
-def fill(layout: ros2.Layout, seed: int) -> np.ndarray:
+def fill(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
     """A record with every number different from its neighbours, so that a swapped field shows."""
     rng = np.random.default_rng(seed)
     record = np.zeros(1, layout.dtype)  # numpy's copy() leaves padding bytes undefined

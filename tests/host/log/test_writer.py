@@ -320,22 +320,6 @@ def test_batches_of_any_size_keep_order_and_numbering(n: int, tmp_path: Path) ->
     assert left.gyro.tolist() == np.vstack([gyro, gyro]).tolist()
 
 
-def test_write_many_and_write_give_the_same_messages(tmp_path: Path) -> None:
-    payload = np.random.default_rng(3).integers(0, 256, (5000, 48), np.uint8)
-    times = np.arange(5000) * 1000
-    for name in ("one", "many"):
-        with McapLog(tmp_path / name, chunk_bytes=30_000, clock=None) as log:
-            channel = log.add_channel("/x", "", "", b"", "json")
-            if name == "many":
-                log.write_many(channel, times, times + 1, payload)
-            else:
-                for i in range(5000):
-                    log.write(channel, int(times[i]), int(times[i]) + 1, payload[i].tobytes())
-    with open_log(tmp_path / "one") as one, open_log(tmp_path / "many") as many:
-        assert list(one.messages()) == list(many.messages())
-        assert len(many.found.chunks) > 5
-
-
 def test_wrong_shapes_and_negative_times_are_refused_before_anything_is_written(tmp_path: Path) -> None:
     with McapLog(tmp_path / "log.mcap") as log:
         with pytest.raises(ValueError, match="angular_velocity has shape"):

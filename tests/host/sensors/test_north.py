@@ -10,9 +10,10 @@ from generators.north_table import Sensor, carousel, earth_in_sensor, maytag
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.north.circle import fuse, summarise, wrap
 from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.east import seek_east
 from hubodo.sensors.north.find import find_north, horizontal_rate
-from hubodo.sensors.north.stops import Table
-from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
+from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
+from hubodo.sensors.north.stops import TableMotion
 
 LATITUDE = np.radians(32.7574)
 TACTICAL = Sensor(0.05, 0.2, 0.3)
@@ -21,7 +22,7 @@ POINTS = {"maytag": [0.0, np.pi], "maytag4": [0.0, np.pi, np.pi / 2, 1.5 * np.pi
 
 
 def table_of(run):
-    return Table(run.table_t, run.table_angle, run.table_moving)
+    return TableMotion(run.table_t, run.table_angle, run.table_moving)
 
 
 def made(seed, method, azimuth, *, sensor=TACTICAL, stops=20, stop=20.0, latitude=LATITUDE, transient=0.0):
@@ -109,7 +110,7 @@ def test_turning_table_zero_turns_the_answer(azimuth, latitude, shift):
     t, rate, table = simulate_stops(quiet, angles, 20.0)
     found = find_north(t, rate, table, latitude, "maytag4")
     assert abs(wrap(found.azimuth - azimuth)) < 1e-2
-    turned = Table(table.t, table.angle + shift, table.moving)
+    turned = TableMotion(table.t, table.angle + shift, table.moving)
     again = find_north(t, rate, turned, latitude, "maytag4")
     assert abs(wrap(again.azimuth - azimuth - shift)) < 1e-2
     mounted = find_north(t, rate, table, latitude, "maytag4", mounting=shift)

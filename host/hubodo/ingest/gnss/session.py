@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from hubodo.ingest.gnss.nmea import Fix, NmeaDecoder
 from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
-from hubodo.ingest.node.session import ArrivalOrder
+from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 

@@ -54,7 +54,7 @@ class Inbox(Protocol):
     def put(self, item: LinkNews, /) -> None: ...
 
 
-class Link:
+class PortLink:
     """Reads one port into a queue from a thread of its own, until `stop`.
 
     A thread, because opening a device that is being enumerated, or connecting a socket, can block for

@@ -1,4 +1,4 @@
-"""One link as the station knows it: bytes logged raw, frames split by node, damage and strangers noticed."""
+"""One link as the recorder knows it: bytes logged raw, frames split by node, damage and strangers noticed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The recording loop: threads read the links, one place hands their news to the station and the log."""
+"""The recording loop: threads read the links, one place hands their news to the recorder and the log."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from rich.console import Console
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
-from hubodo.ingest.link.link import Link, LinkNews
+from hubodo.ingest.link.link import LinkNews, PortLink
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
-from hubodo.ingest.live.localizer_process import Answer, LocalizerProcess
+from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.station import Station
+from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import RecordResult, View, make_result
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.writer import McapLog
@@ -78,9 +78,9 @@ def record(
             log.attach(name, "application/toml", data)
         localizer = None
         if vehicle is not None and gnss:
-            localizer = LocalizerProcess(log.t_zero_ns, news.put)
+            localizer = LocalizerThread(log.t_zero_ns, news.put)
             stack.callback(localizer.stop)
-        station = Station(
+        recorder = Recorder(
             names,
             log,
             lambda label, data, to: links[label].send(data, to),
@@ -99,23 +99,23 @@ def record(
         for link in links.values():
             link.start()
         start_ns = now_ns()
-        verdict = _loop(config, news, station, log, view, now_ns, stopping)
+        verdict = _loop(config, news, recorder, log, view, now_ns, stopping)
         for link in links.values():
             link.stop()
         while not news.empty():
-            station.handle(news.get_nowait())
+            recorder.handle(news.get_nowait())
         duration = (now_ns() - start_ns) / S
-        station.close()
+        recorder.close()
         if localizer is not None and not localizer.close():
             view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
         while not news.empty():
-            station.handle(news.get_nowait())
+            recorder.handle(news.get_nowait())
         log.close()
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:
         raise verdict
-    return make_result(station, file=str(out), duration=duration, messages=log.message_count, size=log.size)
+    return make_result(recorder, file=str(out), duration=duration, messages=log.message_count, size=log.size)
 
 
 @contextmanager
@@ -132,7 +132,7 @@ def _short_collections() -> Iterator[None]:
 def _loop(
     config: RecordConfig,
     news: queue.SimpleQueue[LinkNews | Answer],
-    station: Station,
+    recorder: Recorder,
     log: McapLog,
     view: View,
     now_ns: Callable[[], int],
@@ -142,22 +142,22 @@ def _loop(
     next_tick = 0
     while not stopping.is_set():
         try:
-            station.handle(news.get(timeout=_TICK_NS / S))
+            recorder.handle(news.get(timeout=_TICK_NS / S))
             for _ in range(_BATCH):
-                station.handle(news.get_nowait())
+                recorder.handle(news.get_nowait())
         except queue.Empty:
             pass  # all that came has been handled
         now = now_ns()
         if now < next_tick:
             continue
         next_tick = now + _TICK_NS
-        station.tick(now)
+        recorder.tick(now)
         log.tick()
-        for notice in station.notices:
+        for notice in recorder.notices:
             view.say(notice)
-        station.notices.clear()
-        view.update(station, log.size, now)
-        verdict = None if config.wait else station.verdict()
+        recorder.notices.clear()
+        view.update(recorder, log.size, now)
+        verdict = None if config.wait else recorder.verdict()
         if verdict is not None or (end_ns is not None and now >= end_ns):
             return verdict
     return None
@@ -168,8 +168,8 @@ def _links(
     news: queue.SimpleQueue[LinkNews | Answer],
     now_ns: Callable[[], int],
     lister: Lister,
-) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
-    links: dict[str, Link] = {}
+) -> tuple[dict[str, PortLink], dict[str, str | None], list[str]]:
+    links: dict[str, PortLink] = {}
     names: dict[str, str | None] = {}
     gnss = ["gnss"] if config.gnss is not None else []
     wanted = [(text, config.baud, False) for text in config.ports]
@@ -183,13 +183,13 @@ def _links(
         label = "gnss" if is_gnss else port.label
         if label in links or (label == "gnss" and not is_gnss):
             label = next(f"{label}_{n}" for n in range(2, 300) if f"{label}_{n}" not in links)
-        links[label] = Link(port, label, news, now_ns, baud=baud, lister=lister)
+        links[label] = PortLink(port, label, news, now_ns, baud=baud, lister=lister)
         if not is_gnss:
             names[label] = port.name
     return links, names, gnss
 
 
-def _open_all(links: Mapping[str, Link]) -> None:
+def _open_all(links: Mapping[str, PortLink]) -> None:
     for link in links.values():
         try:
             link.open_now()

@@ -1,7 +1,7 @@
 """Odometry and GNSS fixes to where the vehicle is on the map, live and in playback: ROS REP 105, map → odom.
 
 What comes out depends on the poses and fixes and their order alone. A log, in which both stand in the order
-in which the station took them, gives the same bits again.
+in which the recorder took them, gives the same bits again.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
-from hubodo.fuse.projection import LocalFrame, local_frame
+from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.wheel.step import Pose
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
@@ -46,9 +46,9 @@ def horizontal_sigma(east: float, north: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as `Motion`'s, and where /odom's own
-    frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of origin_deg
-    (latitude, longitude)."""
+    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where
+    /odom's own frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of
+    origin_deg (latitude, longitude)."""
 
     t_ns: NDArray[np.int64]
     position: Array
@@ -79,16 +79,12 @@ class Located:
 
 
 class Localizer:
-    """The factor graph over a window of the last seconds, with a map frame that stays: that of its start.
-
-    Raises ConfigError when GTSAM or pyproj is missing.
-    """
+    """The factor graph over a window of the last minute, with a map frame that stays: that of its start."""
 
     def __init__(self, t_zero_ns: int, config: GraphConfig | None = None) -> None:
         """t_zero_ns: host time of t = 0 of the poses."""
         self._t_zero_ns = t_zero_ns
         self._graph = LiveGraph(config)
-        local_frame(0.0, 0.0)  # a missing pyproj is to be known now, not at the first fix
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0

@@ -1,7 +1,7 @@
 """The wheel filter between samples as they come and the messages on /odom and /tf, live and in playback.
 
 What is published depends on the blocks of samples and their order alone: a log, whose blocks stand in the
-order in which the station took them, gives the same bits again.
+order in which the recorder took them, gives the same bits again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.apply import Correction, left_over
+from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
@@ -52,7 +52,7 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class OdometryRows:
     """Rows of /odom, each (N, ...): t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s;
     pose_covariance (N, 3, 3) of x, y, heading; twist_covariance (N, 2, 2) of speed, yaw rate."""
 
@@ -104,7 +104,7 @@ class Odometer:
         self._t_zero_ns = t_zero_ns
         self._left = None if calibration is None else left_over(calibration)
         known = {} if calibration is None else calibration.nodes
-        self._corrections = {name: Correction.from_calibration(node) for name, node in known.items()}
+        self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(S / rate_hz)
@@ -136,7 +136,7 @@ class Odometer:
         """The nodes that the filter listens to; empty before it has begun."""
         return () if self._filter is None else tuple(self._filter.config.nodes)
 
-    def handle(self, block: Block) -> list[Motion]:
+    def handle(self, block: Block) -> list[OdometryRows]:
         """What a block of samples makes known, oldest first; blocks of nodes on no wheel are passed over."""
         if block.node not in self.wheels or not len(block.t_ns):
             return []
@@ -148,7 +148,7 @@ class Odometer:
             return []
         return self._begin()
 
-    def finish(self) -> list[Motion]:
+    def finish(self) -> list[OdometryRows]:
         """No more samples come: what waited for the other wheel."""
         made = self._begin() if self._filter is None and self._waiting else []
         if self._filter is not None:
@@ -192,14 +192,14 @@ class Odometer:
                 f"odometry: {error}; give each wheel's node in the vehicle file a side and a facing"
             ) from None
 
-    def _begin(self) -> list[Motion]:
+    def _begin(self) -> list[OdometryRows]:
         waiting, self._waiting = self._waiting, deque()
         config = self._config(sorted({block.node for block in waiting}))
         self._filter = WheelFilter(replace(config, start_heading=0.0))
         made = [self._feed(self._filter, block) for block in waiting]
         return [motion for motion in made if motion is not None]
 
-    def _feed(self, wheels: WheelFilter, block: Block) -> Motion | None:
+    def _feed(self, wheels: WheelFilter, block: Block) -> OdometryRows | None:
         if block.node not in wheels.config.nodes:
             self._late.add(block.node)
             return None
@@ -246,12 +246,12 @@ class Odometer:
             self.distance += abs(pose.speed) * WINDOW
             self._end = pose.t
 
-    def _motion(self, rows: list[tuple[int, WheelState]]) -> Motion:
+    def _motion(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
         states = [state for _, state in rows]
         self._state = states[-1]
         self.poses += len(rows)
         covariance = np.array([state.covariance for state in states])
-        return Motion(
+        return OdometryRows(
             np.array([t_ns for t_ns, _ in rows], np.int64),
             np.array([(state.x, state.y) for state in states]),
             np.array([state.heading for state in states]),

@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from hubodo.ingest.live.station import Station
+from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.node.bias_filter import bias_words, filter_json
 
 S = 1_000_000_000
 _LIVE_NS = S // 2
@@ -76,7 +77,8 @@ class RecordResult:
             )
         for label, gnss in self.gnss.items():
             console.print(
-                f"gnss {label}: {gnss['fixes']} fixes, {gnss['checksum_errors']} bad checksums",
+                f"gnss {label}: {gnss['fixes']} fixes, {gnss['checksum_errors']} bad checksums, "
+                f"{gnss['unread']} sentences not understood",
                 highlight=False,
             )
         if self.odometry is not None:
@@ -110,10 +112,10 @@ def _latency_words(found: dict[str, Any]) -> str:
     return f"latency {median:.2f} ms median, {p99:.2f} ms p99, {worst:.2f} ms worst"
 
 
-def make_result(station: Station, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
-    """Sums up a station."""
+def make_result(recorder: Recorder, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
+    """Sums up a recorder."""
     nodes = {}
-    for node in station.nodes.values():
+    for node in recorder.nodes.values():
         counts, health = node.decoder.counts, node.health
         nodes[node.name] = {
             "link": node.link,
@@ -129,6 +131,7 @@ def make_result(station: Station, *, file: str, duration: float, messages: int, 
             "gaps": dict(node.gaps),
             "restarts": counts.restarts,
             "refused": node.decoder.refusal,
+            "bias_filter": filter_json(node.filter),
             "battery_mv": health.battery_mv if health is not None else None,
             "clock": node.clock.estimate().as_json(),
         }
@@ -142,21 +145,24 @@ def make_result(station: Station, *, file: str, duration: float, messages: int, 
             "frames_cut": link.cut,
             "disconnections": link.downs,
         }
-        for label, link in station.links.items()
+        for label, link in recorder.links.items()
     }
     gnss = {
         label: {
             "fixes": session.decoder.counts.fixes,
             "sentences": session.decoder.counts.sentences,
             "checksum_errors": session.decoder.counts.checksum_errors,
+            "unread": session.decoder.counts.unread,
         }
-        for label, session in station.gnss.items()
+        for label, session in recorder.gnss.items()
     }
-    return RecordResult(file, duration, messages, size, nodes, links, gnss, _odometry(station), _map(station))
+    return RecordResult(
+        file, duration, messages, size, nodes, links, gnss, _odometry(recorder), _map(recorder)
+    )
 
 
-def _odometry(station: Station) -> dict[str, Any] | None:
-    odometer = station.odometer
+def _odometry(recorder: Recorder) -> dict[str, Any] | None:
+    odometer = recorder.odometer
     if odometer is None:
         return None
     state = odometer.state
@@ -168,14 +174,14 @@ def _odometry(station: Station) -> dict[str, Any] | None:
         "x": state.x if state else 0.0,
         "y": state.y if state else 0.0,
         "heading": state.heading if state else 0.0,
-        **station.latency.as_json(),
+        **recorder.latency.as_json(),
     }
 
 
-def _map(station: Station) -> dict[str, Any] | None:
-    if not station.locating:
+def _map(recorder: Recorder) -> dict[str, Any] | None:
+    if not recorder.locating:
         return None
-    located, found = station.located, {"poses": station.located_poses, **station.located_latency.as_json()}
+    located, found = recorder.located, {"poses": recorder.located_poses, **recorder.located_latency.as_json()}
     if located is not None:
         latitude, longitude = located.origin_deg
         x, y = located.position[0].tolist()
@@ -191,7 +197,7 @@ def _map(station: Station) -> dict[str, Any] | None:
 
 
 class View:
-    """Shows a station: a live table on a terminal, else a line every ten seconds."""
+    """Shows a recorder: a live table on a terminal, else a line every ten seconds."""
 
     def __init__(self, console: Console, start_ns: int) -> None:
         self._console = console
@@ -214,25 +220,25 @@ class View:
         """One line that stays."""
         self._console.print(f"hubodo record: {text}", highlight=False, soft_wrap=True, markup=False)
 
-    def update(self, station: Station, size: int, now_ns: int) -> None:
+    def update(self, recorder: Recorder, size: int, now_ns: int) -> None:
         """Shows the state, when it is time to."""
         if now_ns < self._next_ns:
             return
         seconds = (now_ns - self._start_ns) / S
         if self._live is not None:
             self._next_ns = now_ns + _LIVE_NS
-            self._live.update(_table(station, seconds, size, now_ns))
+            self._live.update(_table(recorder, seconds, size, now_ns))
             return
         self._next_ns = now_ns + _LINE_NS
         parts = [
             f"{node.name} {node.rate(now_ns):.1f} Hz, {node.decoder.counts.samples_lost} samples lost"
-            for node in station.nodes.values()
+            for node in recorder.nodes.values()
         ]
-        parts += [f"{label} down" for label, link in station.links.items() if link.where is None]
+        parts += [f"{label} down" for label, link in recorder.links.items() if link.where is None]
         self.say(f"{seconds:.0f} s, {size / 1e6:.1f} MB: {'; '.join(parts) or 'no node yet'}")
 
 
-def _table(station: Station, seconds: float, size: int, now_ns: int) -> Table:
+def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
     table = Table(title=f"recording {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
     for column in (
         "link",
@@ -244,15 +250,16 @@ def _table(station: Station, seconds: float, size: int, now_ns: int) -> Table:
         "damaged",
         "clock ± ms",
         "ppm",
+        "bias °/s",
         "last",
     ):
         table.add_column(column, justify="left" if column in ("link", "node") else "right")
-    for label, link in station.links.items():
-        nodes = [node for node in station.nodes.values() if node.link == label]
+    for label, link in recorder.links.items():
+        nodes = [node for node in recorder.nodes.values() if node.link == label]
         damaged = str(sum(link.damage.values()))
         if not nodes:
             what = "waiting" if link.where is None else link.foreign or "no node yet"
-            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "")
+            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "", "")
         for node in nodes:
             counts, clock = node.decoder.counts, node.clock.estimate()
             whole = counts.samples + counts.samples_lost
@@ -266,12 +273,13 @@ def _table(station: Station, seconds: float, size: int, now_ns: int) -> Table:
                 damaged,
                 f"{clock.sigma_ns * 1e-6:.2f}" if clock.source != "none" else "",
                 f"{clock.drift * 1e6:+.1f}" if clock.drift_used else "",
+                bias_words(node.filter),
                 f"{(now_ns - node.last_frame_ns) / S:.1f} s",
             )
-    state = station.odometer.state if station.odometer is not None else None
-    if station.odometer is not None and state is not None:
+    state = recorder.odometer.state if recorder.odometer is not None else None
+    if recorder.odometer is not None and state is not None:
         table.caption = (
             f"x {state.x:.2f} m  y {state.y:.2f} m  heading {state.heading:+.3f} rad  "
-            f"speed {state.speed:.2f} m/s  {station.odometer.distance:.1f} m"
+            f"speed {state.speed:.2f} m/s  {recorder.odometer.distance:.1f} m"
         )
     return table

@@ -238,7 +238,6 @@ class StrictlyIncreasing:
 
     def __init__(self) -> None:
         self._last: int | None = None
-        self.pushed = 0
 
     def apply(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
         """Times (N,) ns, moved forward where they do not exceed the one before."""
@@ -249,6 +248,5 @@ class StrictlyIncreasing:
         if self._last is not None:
             level[0] = max(int(level[0]), self._last + 1)
         out: NDArray[np.int64] = np.maximum.accumulate(level) + steps
-        self.pushed += int(np.count_nonzero(out != t_ns))
         self._last = int(out[-1])
         return out

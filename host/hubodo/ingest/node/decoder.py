@@ -6,15 +6,16 @@ import math
 import struct
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import assert_never
 
 import numpy as np
 
-from hubodo.ingest.node.clock import TickUnwrapper
-from hubodo.ingest.node.gaps import Gap, GapLedger, LinkCounts
+from hubodo.ingest.node.bias_filter import filter_seen
+from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace, samples_lost
+from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
-    FilterSeen,
     HealthSeen,
     HelloSeen,
     ImuBlock,
@@ -24,8 +25,28 @@ from hubodo.ingest.node.samples import (
     TimeReplySeen,
 )
 from hubodo.recording import Event
-from hubowire import FINGERPRINT, Frame, Message, PayloadError, decode
-from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, ResetCause, TimeReply
+from hubowire import FINGERPRINT, Frame, PayloadError, decode
+from hubowire.messages import (
+    Ack,
+    AnyMessage,
+    BatchFlag,
+    BiasInit,
+    Filter,
+    GetHello,
+    Health,
+    Hello,
+    ImuBatch,
+    Mag,
+    Nack,
+    Ping,
+    Reboot,
+    ResetCause,
+    SetConfig,
+    Start,
+    Stop,
+    TimeReply,
+    TimeRequest,
+)
 
 G = 9.80665
 RAD_PER_NANO_DEG = math.pi / 180 * 1e-9
@@ -55,36 +76,6 @@ class NodeCounts:
     restarts: int = 0
 
 
-@dataclass(slots=True)
-class _Stream:
-    """Where one message type stood at its newest frame."""
-
-    seq: int
-    t_ns: int
-    link: LinkCounts
-
-
-@dataclass(slots=True)
-class _Tail:
-    """Where the samples stood after the newest batch."""
-
-    next_index: int
-    next_device_ns: int
-    period_ns: int
-    t_ns: int
-
-
-@dataclass(slots=True)
-class _Boot:
-    """What is true from one start of the node to its next."""
-
-    hello: Hello
-    ticks: TickUnwrapper = field(default_factory=TickUnwrapper)
-    streams: dict[int, _Stream] = field(default_factory=dict)
-    tail: _Tail | None = None
-    health: Health | None = None
-
-
 class NodeDecoder:
     """Decodes the frames of one node on one link, across unplugs and restarts.
 
@@ -99,7 +90,7 @@ class NodeDecoder:
         self.hello: Hello | None = None
         self.refusal: str | None = None
         self._datagrams = datagrams
-        self._boot: _Boot | None = None
+        self._boot: Boot | None = None
         self._doubt = True  # no Hello yet that settles which start these frames belong to
         self._pending: deque[tuple[Frame, int, LinkCounts]] = deque()
         self._gaps = GapLedger(name)
@@ -161,7 +152,7 @@ class NodeDecoder:
         before = self._boot
         restarted = before is not None and before.hello.boot_id != hello.boot_id
         if before is None or restarted:
-            self._boot = _Boot(hello)
+            self._boot = Boot(hello)
         elif before.hello != hello:
             before.hello = hello
         changed = self.hello != hello
@@ -175,7 +166,7 @@ class NodeDecoder:
         for kept in pending:
             yield from self._known(*kept, sure=True)
 
-    def _restart(self, before: _Boot, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
+    def _restart(self, before: Boot, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
         self.counts.restarts += 1
         self._gaps.restarted()
         cause = (
@@ -190,7 +181,7 @@ class NodeDecoder:
         )
         if before.tail is not None:
             self.counts.gaps += 1
-            gap = Gap("ImuBatch", before.tail.t_ns, t_ns, 0, None)
+            gap = WireGap("ImuBatch", before.tail.t_ns, t_ns, 0, None)
             yield from self._gaps.add(gap, link, link, restart=True)
 
     def _known(self, frame: Frame, t_ns: int, link: LinkCounts, *, sure: bool = False) -> Iterator[Output]:
@@ -219,13 +210,13 @@ class NodeDecoder:
             if not boot.hello.gyro_lsb_ndps:
                 self.counts.frames_unread += 1  # a Hello from before the IMU was found
                 return
-        boot.streams[frame.type_id] = _Stream(frame.seq, t_ns, link)
+        boot.streams[frame.type_id] = StreamPlace(frame.seq, t_ns, link)
         self.counts.frames_lost += lost
         if isinstance(message, ImuBatch):
             yield from self._batch(boot, message, t_ns, stream, lost, link)
             return
         if lost and stream is not None:
-            gap = Gap(_NAMES.get(frame.type_id, f"type {frame.type_id}"), stream.t_ns, t_ns, lost, 0)
+            gap = WireGap(_NAMES.get(frame.type_id, f"type {frame.type_id}"), stream.t_ns, t_ns, lost, 0)
             yield from self._gaps.add(gap, stream.link, link)
         yield from self._small(boot, message, t_ns)
 
@@ -233,7 +224,7 @@ class NodeDecoder:
         self._doubt = True
         self._keep(frame, t_ns, link)
 
-    def _jumped(self, boot: _Boot, batch: ImuBatch, t_ns: int) -> bool:
+    def _jumped(self, boot: Boot, batch: ImuBatch, t_ns: int) -> bool:
         """Whether the node's clock is not where the host's says it must be."""
         if boot.tail is None:
             return False
@@ -241,10 +232,10 @@ class NodeDecoder:
 
     def _batch(
         self,
-        boot: _Boot,
+        boot: Boot,
         batch: ImuBatch,
         t_ns: int,
-        stream: _Stream | None,
+        stream: StreamPlace | None,
         frames_lost: int,
         link: LinkCounts,
     ) -> Iterator[Output]:
@@ -256,14 +247,14 @@ class NodeDecoder:
         tail = boot.tail
         if tail is not None and stream is not None:
             overrun = bool(batch.flags & _OVERRUN_FLAGS)
-            samples_lost = _samples_lost(tail, batch.index, first_ns, period, overrun)
-            if samples_lost or overrun or frames_lost:
-                self.counts.samples_lost += samples_lost or 0
+            missing = samples_lost(tail, batch.index, first_ns, period, overrun)
+            if missing or overrun or frames_lost:
+                self.counts.samples_lost += missing or 0
                 self.counts.gaps += 1
                 between = (tail.next_device_ns - tail.period_ns, first_ns)
-                gap = Gap("ImuBatch", stream.t_ns, t_ns, frames_lost, samples_lost, between)
+                gap = WireGap("ImuBatch", stream.t_ns, t_ns, frames_lost, missing, between)
                 yield from self._gaps.add(gap, stream.link, link, overrun=overrun)
-        boot.tail = _Tail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
+        boot.tail = BatchTail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
         self.counts.samples += count
         self.counts.saturated_batches += bool(batch.flags & BatchFlag.SATURATED)
         raw = np.array(batch.samples, np.int16)
@@ -278,7 +269,7 @@ class NodeDecoder:
             received_ns=t_ns,
         )
 
-    def _small(self, boot: _Boot, message: Message, t_ns: int) -> Iterator[Output]:
+    def _small(self, boot: Boot, message: AnyMessage, t_ns: int) -> Iterator[Output]:
         match message:
             case Mag():
                 x, y, z = (value * boot.hello.mag_lsb_ft * 1e-15 for value in message.field_raw)
@@ -293,27 +284,22 @@ class NodeDecoder:
                 boot.health = message
                 yield HealthSeen(message, t_ns)
             case Filter():
-                yield FilterSeen(message, t_ns)
+                step = boot.hello.gyro_lsb_ndps * RAD_PER_NANO_DEG
+                if step:  # without an IMU there is nothing to filter
+                    device_ns = boot.ticks.unwrap(message.t_us, t_ns) * 1000
+                    yield filter_seen(message, device_ns, step, t_ns)
+            case Ack() | Nack():
+                return  # answers to what this host or another has asked; a recording only asks to start
+            case Hello() | ImuBatch():
+                return  # taken before
+            case TimeRequest() | Ping() | SetConfig() | Start() | Stop() | BiasInit() | Reboot() | GetHello():
+                return  # another host on a shared line
             case _:
-                return
+                assert_never(message)
 
 
-def _decoded(frame: Frame) -> Message | None:
+def _decoded(frame: Frame) -> AnyMessage | None:
     try:
         return decode(frame.type_id, frame.payload)
     except PayloadError:
         return None
-
-
-def _samples_lost(tail: _Tail, index: int, first_ns: int, period_ns: int, overrun: bool) -> int | None:
-    """Samples between two batches: exact by number, with the device time telling whole turns of 2^16.
-
-    None where the chip itself lost them for so long that the node began to count anew: then numbers and
-    time disagree.
-    """
-    by_index = (index - tail.next_index) & 0xFFFF
-    by_time = (first_ns - tail.next_device_ns) / period_ns
-    lost = by_index + 0x10000 * round((by_time - by_index) / 0x10000)
-    if overrun and abs(by_time - lost) > 16 + 0.05 * abs(by_time):
-        return None
-    return max(lost, 0)

@@ -28,7 +28,7 @@ class LinkCounts:
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class WireGap:
     """Missing data of one stream.
 
     stream: message name; start_ns, end_ns: host times of the frames on both sides; frames_lost by
@@ -46,7 +46,7 @@ class Gap:
 
 @dataclass(slots=True)
 class _Waiting:
-    gap: Gap
+    gap: WireGap
     healths: int = 0
 
 
@@ -63,7 +63,13 @@ class GapLedger:
         self._dropped: int | None = None
 
     def add(
-        self, gap: Gap, before: LinkCounts, now: LinkCounts, *, overrun: bool = False, restart: bool = False
+        self,
+        gap: WireGap,
+        before: LinkCounts,
+        now: LinkCounts,
+        *,
+        overrun: bool = False,
+        restart: bool = False,
     ) -> Iterator[Event]:
         """A gap has been seen; yields its event once the cause is plain."""
         if restart:
@@ -107,7 +113,7 @@ class GapLedger:
         self._waiting.remove(waiting)
         return self._event(waiting.gap, cause)
 
-    def _event(self, gap: Gap, cause: str) -> Event:
+    def _event(self, gap: WireGap, cause: str) -> Event:
         first, last = gap.device_ns or (gap.start_ns, gap.end_ns)
         seconds = (last - first) * 1e-9
         if gap.stream == "ImuBatch":

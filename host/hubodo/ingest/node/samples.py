@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubowire.messages import Filter, Health, Hello
+from hubowire.messages import Health, Hello
+
+Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +33,7 @@ class MagSample:
     """One magnetic field, tesla, node axes."""
 
     device_ns: int
-    field: tuple[float, float, float]
+    field: Vector
     received_ns: int
 
 
@@ -64,9 +66,21 @@ class HealthSeen:
 
 @dataclass(frozen=True, slots=True)
 class FilterSeen:
-    """State of the node's bias filter, in its own integers."""
+    """What the node's own filter makes of its gyro: angular rate and bias, rad/s, node axes.
 
-    filter: Filter
+    state: FilterState. samples: behind the initial bias, 0 when it comes from the settings. noise: 1 sigma of
+    a sample at rest; bias_sigma: 1 sigma of the initial bias, NaN where it is not known. saturations: times
+    an intermediate was clipped, modulo 2^16.
+    """
+
+    device_ns: int
+    state: int
+    samples: int
+    rate: Vector
+    bias: Vector
+    noise: Vector
+    bias_sigma: Vector
+    saturations: int
     received_ns: int
 
 

@@ -1,23 +1,35 @@
-"""One node as the station knows it: its decoder, its clock, what to ask it, and its place in the log."""
+"""One node as the recorder knows it: its decoder, its clock, what to ask it, and its place in the log."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import assert_never
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.ingest.node.bias_filter import filter_columns
 from hubodo.ingest.node.clock import PERIOD_US, ClockSync, StrictlyIncreasing
 from hubodo.ingest.node.decoder import NodeDecoder, Output
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.health import health_data
-from hubodo.ingest.node.samples import HealthSeen, HelloSeen, ImuBlock, MagSample, Refused, TimeReplySeen
+from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.questions import Questions
+from hubodo.ingest.node.samples import (
+    FilterSeen,
+    HealthSeen,
+    HelloSeen,
+    ImuBlock,
+    MagSample,
+    Refused,
+    TimeReplySeen,
+)
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
-from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
-from hubowire.messages import GetHello, Health, Hello, Part, ResetCause, Start, TimeRequest
+from hubowire import FINGERPRINT, Frame, Message
+from hubowire.messages import GetHello, Health, Hello, ResetCause, Start, TimeRequest
 
 S = 1_000_000_000
 _BURST, _BURST_NS = 8, S // 50
@@ -25,40 +37,12 @@ _CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answer o
 _HELLO_EVERY_NS = S // 2
 _START_AFTER_NS = 2 * S
 _OUTSTANDING = 32
-_CTRL_C = 0x03
-_ANY_NODE = 0
-_TRIES = 600
 _RATE_WINDOW_NS = 2 * S
 _TICKS_PERIOD = PERIOD_US * 1e-6
 
 Send = Callable[[bytes], bool]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Published:
-    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement; power_on_ns: host
-    time at which the node was switched on."""
-
-    node: str
-    t_ns: NDArray[np.int64]
-    block: ImuBlock
-    power_on_ns: int | None
-
-
-class ArrivalOrder:
-    """Log times of blocks of samples: strictly increasing over all nodes of a station.
-
-    A log read by log time then gives the blocks in the order in which the station took them, which is that
-    of arrival but for what was held back and for links that were read at the same moment.
-    """
-
-    def __init__(self) -> None:
-        self._last_ns = 0
-
-    def stamp(self, received_ns: int) -> int:
-        """The log time of a block received at that time."""
-        self._last_ns = max(received_ns, self._last_ns + 1)
-        return self._last_ns
+Timed = ImuBlock | MagSample | FilterSeen
+"""What goes into the log at the time of its measurement."""
 
 
 class NodeSession:
@@ -87,6 +71,7 @@ class NodeSession:
         self.decoder = NodeDecoder(name, datagrams=datagrams)
         self.clock = ClockSync()
         self.health: Health | None = None
+        self.filter: FilterSeen | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
@@ -100,16 +85,17 @@ class NodeSession:
         self._clock_period_ns = int(clock_period * S)
         self._times = StrictlyIncreasing()
         self._mag_times = StrictlyIncreasing()
-        self._held: list[ImuBlock | MagSample] = []
+        self._filter_times = StrictlyIncreasing()
+        self._held: list[Timed] = []
         self._held_since = 0
         self._asked: dict[bytes, int] = {}
-        self._questions = node_id << 24  # tokens differ between nodes that hear each other's questions
+        self._questions = Questions(node_id)
+        self._token = node_id << 24  # tokens differ between nodes that hear each other's questions
         self._burst_left = 0
         self._next_request = 0
         self._next_hello = 0
         self._start_at: int | None = None
         self._muted = False
-        self._seq = 0
         self._recent: deque[tuple[int, int]] = deque()
 
     def frame(self, frame: Frame, t_ns: int, link: LinkCounts) -> Iterator[Published]:
@@ -144,8 +130,8 @@ class NodeSession:
 
     def ask_time(self) -> None:
         """One question of the clock exchange; its token names the time at which it was sent."""
-        self._questions += 1
-        token = bytes(0x20 + (self._questions >> shift & 0x0F) for shift in range(0, 32, 4))
+        self._token += 1
+        token = bytes(0x20 + (self._token >> shift & 0x0F) for shift in range(0, 32, 4))
         while len(self._asked) >= _OUTSTANDING:
             self._asked.pop(next(iter(self._asked)))
         self._asked[token] = self._now_ns()
@@ -189,19 +175,7 @@ class NodeSession:
         return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / S)
 
     def _ask(self, message: Message) -> None:
-        """Sends a question that holds no ctrl-C.
-
-        A MicroPython board takes that byte for "stop the program" while it boots. Sequence numbers of
-        questions carry no meaning, so they are counted on until none is in the frame.
-        """
-        payload = encode(message)
-        to = self.node_id if self.node_id != _CTRL_C else _ANY_NODE
-        for _ in range(_TRIES):
-            self._seq = (self._seq + 1) & 0xFFFF
-            data = encode_frame(Frame(message.type_id, to, self._seq, payload))
-            if _CTRL_C not in data:
-                break
-        self._send(b"\0" + data)
+        self._send(self._questions.wire(message)[1])
 
     def _take(self, outputs: Iterable[Output]) -> Iterator[Published]:
         for output in outputs:
@@ -218,12 +192,15 @@ class NodeSession:
                         self._held_since = 0
                     self._burst_left, self._next_request = _BURST, 0
                     self._start_at = output.received_ns + _START_AFTER_NS
-                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output))
+                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
                 case ImuBlock():
                     self._start_at = None
                     self.clock.arrival(int(output.device_ns[-1]) // 1000, output.received_ns)
                     yield from self._hold(output)
                 case MagSample():
+                    yield from self._hold(output)
+                case FilterSeen():
+                    self.filter = output
                     yield from self._hold(output)
                 case TimeReplySeen():
                     yield from self._answered(output)
@@ -233,7 +210,7 @@ class NodeSession:
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
                 case _:
-                    pass
+                    assert_never(output)
 
     def _gap(self, event: Event) -> Event:
         """Counts a gap, and puts its start on the time of measurement, where the samples stand."""
@@ -257,7 +234,7 @@ class NodeSession:
         if self.clock.source == "two way" and self._held:
             yield from self._release()
 
-    def _hold(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+    def _hold(self, item: Timed) -> Iterator[Published]:
         if self.clock.source == "two way" or (
             self._held_since and item.received_ns - self._held_since > _CLOCK_WAIT_NS
         ):
@@ -273,10 +250,14 @@ class NodeSession:
         for item in held:
             yield from self._publish(item)
 
-    def _publish(self, item: ImuBlock | MagSample) -> Iterator[Published]:
+    def _publish(self, item: Timed) -> Iterator[Published]:
         if isinstance(item, MagSample):
             t_ns = self._mag_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
             self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
+            return
+        if isinstance(item, FilterSeen):
+            t_ns = self._filter_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
+            self._sink.bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
             return
         t_ns = self._times.apply(self.clock.host_ns(item.device_ns))
         if self._boot is not None:
@@ -303,28 +284,3 @@ class NodeSession:
         }
         text = f"{self.name}: switched on {age:.1f} s before this sample, or a multiple of 18 min earlier"
         self._sink.event(Event(t_ns, "started", self.name, text, data))
-
-
-def hello_metadata(seen: HelloSeen) -> dict[str, str]:
-    """What a node said about itself, as text for the log."""
-    hello = seen.hello
-    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part(part)}" for at, who, part in hello.parts]
-    return {
-        "fingerprint": f"{hello.fingerprint:08x}",
-        "firmware": ".".join(map(str, hello.firmware)),
-        "serial": hello.serial.hex(),
-        "boot_id": str(hello.boot_id),
-        "rate_hz": f"{hello.rate_mhz / 1000:g}",
-        "gyro_range_dps": str(hello.gyro_range_dps),
-        "accel_range_g": str(hello.accel_range_g),
-        "gyro_lsb_ndps": str(hello.gyro_lsb_ndps),
-        "accel_lsb_ng": str(hello.accel_lsb_ng),
-        "temperature_lsb_udegc": str(hello.temperature_lsb_udegc),
-        "temperature_offset_udegc": str(hello.temperature_offset_udegc),
-        "mag_lsb_ft": str(hello.mag_lsb_ft),
-        "parts": "; ".join(parts),
-    }
-
-
-def _part(number: int) -> str:
-    return Part(number).name if number in set(Part) else "unknown"

@@ -17,7 +17,7 @@ from hubodo.calibration.apply import check_serial, power_on_times
 from hubodo.calibration.file import Calibration, node_serial, parse_calibration
 from hubodo.errors import ConfigError
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
-from hubodo.ingest.live.odometer import Block, Motion, Odometer
+from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.log import ros2, topics
 from hubodo.log.decode import Decoder, Rows, message_type
 from hubodo.log.logfile import Log, open_log
@@ -97,20 +97,17 @@ class Playback:
         """Whether there is anything to make a map → odom from."""
         return self.odometer is not None and len(self._blocks.fixes) > 0
 
-    def motions(self) -> Iterator[Motion]:
+    def motions(self) -> Iterator[OdometryRows]:
         """Rows of /odom, block by block; nothing without a vehicle. Can be gone through once."""
         for made in self._made(None):
-            if isinstance(made, Motion):
+            if isinstance(made, OdometryRows):
                 yield made
 
-    def publications(self) -> Iterator[Motion | Located]:
-        """`motions` and, where the log has fixes, what the localizer makes of both.
-
-        Raises ConfigError when GTSAM or pyproj is missing.
-        """
+    def publications(self) -> Iterator[OdometryRows | Located]:
+        """`motions` and, where the log has fixes, what the localizer makes of both."""
         return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
 
-    def _made(self, localizer: Localizer | None) -> Iterator[Motion | Located]:
+    def _made(self, localizer: Localizer | None) -> Iterator[OdometryRows | Located]:
         odometer = self.odometer
         if odometer is None:
             return
@@ -142,7 +139,7 @@ def recorded_messages(path: Path, *, on_map: bool = True) -> dict[str, list[tupl
 
 
 def as_messages(
-    publications: Iterable[Motion | Located], t_zero_ns: int
+    publications: Iterable[OdometryRows | Located], t_zero_ns: int
 ) -> dict[str, list[tuple[int, bytes]]]:
     """What was made as the messages that a recording would hold, in the form of `recorded_messages`."""
     with tempfile.TemporaryDirectory() as folder:

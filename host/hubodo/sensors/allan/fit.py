@@ -44,7 +44,7 @@ _REASONS = (
 
 
 @dataclass(frozen=True)
-class Term:
+class NoiseTerm:
     """One of Q, N, B, K, R in SI; value None with the reason when the record cannot show it.
 
     limit: the term is smaller than this with 95 % confidence (None when shown). needed: record length in s
@@ -69,7 +69,7 @@ class NoiseFit:
     widen all sigmas.
     """
 
-    terms: dict[str, Term]
+    terms: dict[str, NoiseTerm]
     theta: FloatArray
     covariance: FloatArray
     factors: NDArray[np.int64]
@@ -134,7 +134,7 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
     for term, name in enumerate(TERMS):
         if term in active:
             value = float(np.sqrt(fit.theta[term]))
-            terms[name] = Term(value, float(np.sqrt(covariance[term, term])) / (2 * value))
+            terms[name] = NoiseTerm(value, float(np.sqrt(covariance[term, term])) / (2 * value))
         else:
             terms[name] = _not_shown(term, fit, active, slope, points)
     dof = len(tau) - start - len(active)
@@ -191,17 +191,17 @@ def slope_sigma(theta: FloatArray, duration: float) -> float:
     )
 
 
-def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: AllanPoints) -> Term:
+def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: AllanPoints) -> NoiseTerm:
     duration = points.samples * points.dt
     if term == Q and fit.starts_late:
-        return Term(None, None, _NO_SHORTEST)
+        return NoiseTerm(None, None, _NO_SHORTEST)
     if term == R:
         limit = abs(slope) + _LIMIT * slope_sigma(fit.theta, duration)
     else:
         square, spread = fit.estimate_with(term, active)
         limit = float(np.sqrt(square + _LIMIT * spread))
     needed = _needed(term, limit, fit.theta, points)
-    return Term(None, None, _REASONS[term], limit, needed)
+    return NoiseTerm(None, None, _REASONS[term], limit, needed)
 
 
 def _needed(term: int, size: float, theta: FloatArray, points: AllanPoints) -> float | None:

@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
-from hubodo.calibration.file import XYZ, Quantity
+from hubodo.calibration.file import Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
+from hubodo.earth import EARTH_RATE
+from hubodo.effects.gyro import GyroGSensitivity
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.rests import Rests, find_rests, find_steady_rates
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, scalar_calibration
 from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_by_turns, collect_turns, turn_errors
-from hubodo.sensors.misalignment import EARTH_RATE, align_by_earth_rate, turned
+from hubodo.sensors.misalignment import align_by_earth_rate, turned
 
 Array = NDArray[np.float64]
 
@@ -92,8 +94,8 @@ class ImuCalibration:
         found.update(gyro)
         g, s = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
         if g is not None and s is not None:
-            names = [[f"{row}{column}" for column in XYZ] for row in "xy"] + [list(XYZ)]
-            found["gyro_g_sensitivity"] = {
+            names = GyroGSensitivity.rows
+            found[GyroGSensitivity.name] = {
                 names[i][j]: Quantity(float(g[i, j]), float(s[i, j])) for i in (2, 0, 1) for j in range(3)
             }
         return found

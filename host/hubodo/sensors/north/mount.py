@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError
-from hubodo.sensors.misalignment import EARTH_RATE
-from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.stops import TableMotion
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def mount_of(gyro: Array, accel: Array, axis: str) -> Mount:
     return Mount(axis, float(mounting), np.asarray(gyro @ up), lean, tuple(warnings))
 
 
-def check_direction(mount: Mount, t: Array, table: Table) -> None:
+def check_direction(mount: Mount, t: Array, table: TableMotion) -> None:
     """Raises InputError when the gyro felt other turns than the table's file says: the other way, or in
     degrees."""
     angle = table.angle_at(t)
@@ -89,7 +89,7 @@ def check_direction(mount: Mount, t: Array, table: Table) -> None:
         )
 
 
-def tilt_warning(mount: Mount, t: Array, table: Table, latitude: float) -> list[str]:
+def tilt_warning(mount: Mount, t: Array, table: TableMotion, latitude: float) -> list[str]:
     """A line when the table's axis is so far from the vertical that Earth rate leaks in, else nothing."""
     inside = (t >= table.t[0]) & (t <= table.t[-1])
     angle = (table.angle_at(t) + mount.mounting)[inside]

@@ -23,7 +23,7 @@ MOVED_ANGLE = np.radians(0.5)
 
 
 @dataclass(frozen=True)
-class Table:
+class TableMotion:
     """What the turntable did: t (K,) s, angle (K,) rad anticlockwise seen from above, moving (K,) bool.
 
     A row holds until the next; while the table moves, the angle runs evenly from row to row.
@@ -66,7 +66,7 @@ class Stops:
 
 
 def split_stops(
-    t: Array, rate: Array, table: Table, *, vertical: Array | None = None, settle: float | None = None
+    t: Array, rate: Array, table: TableMotion, *, vertical: Array | None = None, settle: float | None = None
 ) -> Stops:
     """Cut the recording by the table's file.
 
@@ -106,7 +106,7 @@ def split_stops(
     )
 
 
-def _still_spans(table: Table) -> list[tuple[float, float, float]]:
+def _still_spans(table: TableMotion) -> list[tuple[float, float, float]]:
     """(from, to, angle) of each run of rows that are not moving."""
     spans = []
     edges = np.flatnonzero(np.diff(table.moving.astype(int))) + 1

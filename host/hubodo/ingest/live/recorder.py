@@ -1,0 +1,254 @@
+"""All links and nodes of a recording, without I/O: news in, log records and questions to nodes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from hubodo.calibration.apply import check_serial
+from hubodo.calibration.file import Calibration
+from hubodo.errors import CalibrationError, InputError, WireMismatch
+from hubodo.fuse.wheel.step import Pose
+from hubodo.ingest.gnss.session import GnssSession
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkNews, LinkUp
+from hubodo.ingest.link.session import LinkSession
+from hubodo.ingest.live.latency import Latency
+from hubodo.ingest.live.localizer import FixSample, Located
+from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
+from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.session import NodeSession
+from hubodo.ingest.sink import Sink
+from hubodo.recording import Event
+from hubodo.vehicle import Vehicle
+from hubowire import Frame, node_name
+
+Send = Callable[[str, bytes, str], bool]
+
+
+class Recorder:
+    """Routes what links report to nodes, odometry and log.
+
+    links: label -> name for the node behind it, or None to take it from the node id. gnss: labels of
+    links that carry NMEA. send(link, bytes, to) writes to a link. Every node name occurs once. vehicle
+    switches odometry on; calibration is applied to what goes into it; t_zero_ns: host time of t = 0;
+    odometry_rate_hz: poses a second at most. localizer: gets odometry and fixes; what it answers is to come
+    back through `handle`.
+    """
+
+    def __init__(
+        self,
+        links: Mapping[str, str | None],
+        sink: Sink,
+        send: Send,
+        now_ns: Callable[[], int],
+        *,
+        gnss: Iterable[str] = (),
+        vehicle: Vehicle | None = None,
+        calibration: Calibration | None = None,
+        t_zero_ns: int = 0,
+        odometry_rate_hz: float | None = None,
+        clock_period: float = 1.0,
+        localizer: LocalizerThread | None = None,
+    ) -> None:
+        self.links = {label: LinkSession(label, sink) for label in links}
+        self._order = ArrivalOrder()
+        self.gnss = {label: GnssSession(label, sink, self._order) for label in gnss}
+        self.nodes: dict[tuple[str, int], NodeSession] = {}
+        self.odometer: Odometer | None = None
+        if vehicle is not None:
+            self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
+        self.latency = Latency()
+        self.located: Located | None = None
+        self.located_poses = 0
+        self.located_latency = Latency()
+        self.locating = localizer is not None
+        """Whether odometry and fixes go to a localizer."""
+        self._localizer = localizer
+        self.notices: list[str] = []
+        self._calibration = calibration or Calibration()
+        self._fitting: dict[tuple[str, str], bool] = {}
+        self._misfit: CalibrationError | None = None
+        self._names = dict(links)
+        self._sink = sink
+        self._send = send
+        self._now_ns = now_ns
+        self._clock_period = clock_period
+        self._senders: dict[tuple[str, int], str] = {}
+
+    def handle(self, news: LinkNews | Answer) -> None:
+        """One thing that a link reported, or the localizer answered."""
+        if isinstance(news, Answer):
+            self._located(news)
+            return
+        if news.link in self.gnss:
+            if isinstance(news, Chunk):
+                self._locate(self.gnss[news.link].chunk(news.data, news.t_ns), news.t_ns)
+            return
+        link = self.links[news.link]
+        match news:
+            case LinkUp():
+                if link.missed:
+                    self.notices.append(f"{news.link}: connected at {news.where}")
+                link.up(news)
+                for node in self._on(news.link):
+                    node.mute()
+            case LinkLost():
+                self.notices.append(f"{news.link}: {news.text} (waiting for it)")
+                link.lost(news)
+            case Chunk():
+                for frame in link.chunk(news):
+                    self._senders[news.link, frame.node] = news.sender
+                    node = self._node(link, frame)
+                    self._fuse(node.frame(frame, news.t_ns, link.counts), news.t_ns)
+
+    def tick(self, now_ns: int) -> None:
+        """Call every 0.1 s or so."""
+        for link in self.links.values():
+            self.notices += link.tick(now_ns)
+        for node in list(self.nodes.values()):
+            self._fuse(node.tick(now_ns), now_ns)
+        self._warn(now_ns)
+
+    def close(self) -> None:
+        """The end of the recording: writes what waited."""
+        now_ns = self._now_ns()
+        for node in self.nodes.values():
+            self._fuse(node.close(now_ns), now_ns)
+        for gnss in self.gnss.values():
+            self._locate(gnss.close(), now_ns)
+        if self.odometer is not None:
+            self._publish(self.odometer.finish(), now_ns)
+        self._warn(now_ns, end=True)
+        for link in self.links.values():
+            link.close(now_ns)
+
+    def verdict(self) -> WireMismatch | InputError | CalibrationError | None:
+        """Why it makes no sense to go on, None while it does.
+
+        WireMismatch: the nodes of every link speak another version. InputError: no link has ever carried
+        a frame, and all of them speak something else. CalibrationError: the calibration is of other nodes.
+        """
+        if self._misfit is not None:
+            return self._misfit
+        nodes = list(self.nodes.values())
+        refusals = [node.decoder.refusal for node in nodes if node.decoder.refusal is not None]
+        if refusals and len(refusals) == len(nodes) and {node.link for node in nodes} == set(self.links):
+            return WireMismatch("; ".join(refusals))
+        strangers = [link for link in self.links.values() if link.foreign is not None and not link.frames]
+        if strangers and len(strangers) == len(self.links):
+            return InputError("; ".join(f"{link.label} ({link.where}): {link.foreign}" for link in strangers))
+        return None
+
+    def _on(self, label: str) -> list[NodeSession]:
+        return [node for (link, _), node in self.nodes.items() if link == label]
+
+    def _node(self, link: LinkSession, frame: Frame) -> NodeSession:
+        key = (link.label, frame.node)
+        node = self.nodes.get(key)
+        if node is None:
+
+            def send(question: bytes) -> bool:
+                return self._send(link.label, question, self._senders.get(key, ""))
+
+            node = self.nodes[key] = NodeSession(
+                self._name(link.label, frame.node),
+                link.label,
+                frame.node,
+                send,
+                self._sink,
+                self._now_ns,
+                datagrams=link.datagrams,
+                clock_period=self._clock_period,
+                order=self._order,
+            )
+        return node
+
+    def _name(self, label: str, node_id: int) -> str:
+        wanted = self._names[label]
+        taken = {node.name for node in self.nodes.values()}
+        if wanted is not None and wanted not in taken:
+            return wanted
+        name = node_name(node_id)
+        if name not in taken:
+            return name
+        unique = next(f"{name}_{n}" for n in range(2, 300) if f"{name}_{n}" not in taken)
+        self.notices.append(
+            f"{label}: another node called {name!r} is there already; this one is recorded as {unique!r}: "
+            f"give ports names (left=/dev/...) or change the node id"
+        )
+        return unique
+
+    def _fuse(self, published: Iterable[Published], arrived_ns: int) -> None:
+        for item in published:
+            if self.odometer is None or not self._fits(item, arrived_ns):
+                continue
+            block = item.block
+            self._publish(
+                self.odometer.handle(
+                    Block(item.node, item.t_ns, block.gyro, block.accel, block.temperature, item.power_on_ns)
+                ),
+                arrived_ns,
+            )
+
+    def _publish(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
+        for motion in motions:
+            motion.write(self._sink, self._now_ns())
+            self.latency.add(self._now_ns() - arrived_ns)
+        if self.odometer is not None:
+            self._locate(self.odometer.fresh(), arrived_ns)
+
+    def _locate(self, items: Iterable[Pose | FixSample], arrived_ns: int) -> None:
+        """Hands poses and fixes on, in the order in which a log gives them again."""
+        if self._localizer is not None and self.odometer is not None:
+            for item in items:
+                self._localizer.put(item, arrived_ns)
+
+    def _located(self, answer: Answer) -> None:
+        now_ns = self._now_ns()
+        for line in answer.warnings:
+            self.notices.append(f"map: {line}")
+            self._sink.event(Event(now_ns, "warning", "map", line))
+        located = answer.located
+        if located is None:
+            return
+        if self.located is None:
+            latitude, longitude = located.origin_deg
+            text = (
+                f"map: origin at latitude {latitude:.7f}, longitude {longitude:.7f} degrees; x east, y north"
+            )
+            data = {"latitude_deg": latitude, "longitude_deg": longitude}
+            self._sink.event(Event(int(located.t_ns[0]), "started", "map", text, data))
+        self.located = located
+        self.located_poses += 1
+        located.write(self._sink, now_ns)
+        self.located_latency.add(self._now_ns() - answer.arrived_ns)
+
+    def _warn(self, now_ns: int, *, end: bool = False) -> None:
+        """What the odometer has to say, to the user and into the log."""
+        if self.odometer is None:
+            return
+        for line in self.odometer.warnings(end=end):
+            self.notices.append(f"odometry: {line}")
+            self._sink.event(Event(now_ns, "warning", "odometry", line))
+
+    def _fits(self, item: Published, now_ns: int) -> bool:
+        """Whether the calibration is that of the node; one that is of another keeps it from the odometry."""
+        calibrated = self._calibration.nodes.get(item.node)
+        node = next((node for node in self.nodes.values() if node.name == item.node), None)
+        if calibrated is None or node is None or node.decoder.hello is None:
+            return True
+        serial = node.decoder.hello.serial.hex()
+        known = self._fitting.get((item.node, serial))
+        if known is None:
+            try:
+                check_serial(item.node, calibrated, serial)
+                known = True
+            except CalibrationError as error:
+                known = False
+                if self.odometer is not None and not self.odometer.poses:
+                    self._misfit = error
+                self.notices.append(f"{error}; its samples are recorded, the odometry goes without them")
+                data = {"node": item.node, "serial": serial, "calibrated": calibrated.serial}
+                self._sink.event(Event(now_ns, "mismatch", item.node, str(error), data))
+            self._fitting[item.node, serial] = known
+        return known

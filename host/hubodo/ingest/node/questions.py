@@ -1,0 +1,30 @@
+"""Requests to a node as bytes: numbered, and without the byte that stops a MicroPython board that boots."""
+
+from __future__ import annotations
+
+from hubowire import ANY_NODE, Frame, Message, encode, encode_frame
+
+_CTRL_C = 0x03
+_TRIES = 600
+
+
+class Questions:
+    """Numbers the requests to one node.
+
+    A MicroPython board takes ctrl-C for "stop the program" while it boots. Sequence numbers of requests
+    carry no meaning but to tell them apart, so they are counted on until no such byte is in the frame.
+    """
+
+    def __init__(self, node_id: int) -> None:
+        self._to = node_id if node_id != _CTRL_C else ANY_NODE
+        self._seq = 0
+
+    def wire(self, message: Message) -> tuple[int, bytes]:
+        """The sequence number and the bytes of a request, a delimiter before them."""
+        payload = encode(message)
+        for _ in range(_TRIES):
+            self._seq = (self._seq + 1) & 0xFFFF
+            data = encode_frame(Frame(message.type_id, self._to, self._seq, payload))
+            if _CTRL_C not in data:
+                break
+        return self._seq, b"\0" + data
