@@ -1,5 +1,4 @@
-"""The graph's factors handed to GTSAM one by one: its elimination, relinearisation and robust losses as a
-foreign solver of the same problem."""
+"""GTSAM as a foreign solver of the graph's problem: its elimination, relinearisation and robust losses."""
 
 import math
 
@@ -13,8 +12,10 @@ CONSTANTS_KEY = 1 << 60
 
 
 def solve_with_gtsam(graph, poses, constants):
-    """Poses, constants and cost by Levenberg-Marquardt; sequential elimination, for the default recursion
-    overflows the stack on long chains."""
+    """Poses, constants and cost by Levenberg-Marquardt.
+
+    Sequential elimination, for the default recursion overflows the stack on long chains.
+    """
     gtsam = wanted.module("gtsam")
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setLinearSolverType("SEQUENTIAL_QR")
@@ -69,8 +70,11 @@ def _turn(heading):
 
 
 def _factor(gtsam, row, state):
-    """One factor on a pose, the one after it where it has one, and the constants. GTSAM's increments of a
-    pose are along the pose's own axes, ours along the world's, so the derivatives by x and y are turned."""
+    """One factor on a pose, the one after it where it has one, and the constants.
+
+    GTSAM's increments of a pose are along the pose's own axes, ours along the world's, so the derivatives by
+    x and y are turned.
+    """
     probe = row.linear(np.zeros((2, 3)), np.zeros(COUNT))
     keys = [state] if probe.by_next is None else [state, state + 1]
 
