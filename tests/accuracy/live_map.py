@@ -2,7 +2,7 @@
 
     python tests/accuracy/live_map.py [DRIVES [FIRST_SEED]]
 
-Fixes come 0.15 s late. Half of the drives, made again, have fixes 100 m off for 8 s and none for 20 s later on.
+Fixes come 0.15 s late. Half of the drives, made again, have fixes 100 m off for 8 s, later none for 20 s.
 NEES: the squared error of x, y and heading in units of its covariance; its mean is 3 for true sigmas.
 """
 
