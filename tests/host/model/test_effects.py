@@ -70,8 +70,11 @@ def test_each_sign_is_needed(kind):
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.level != "node"], ids=lambda kind: kind.name)
 def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
-    """The mirror image of the vehicle turns the other way, its left wheel is the right one and its node faces
-    the other way; forces mirror as vectors, rates as axial vectors."""
+    """The mirror image of the vehicle turns the other way.
+
+    Its left wheel is the right one and its node faces the other way; forces mirror as vectors, rates as axial
+    vectors.
+    """
     effect = [sized(kind)]
     gyro, accel = reads(effect, "left")
     mirrored_gyro, mirrored_accel = reads(effect, "right", side="right", yaw=-1.0)
