@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides setup clean
+.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides mutants setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -47,6 +47,9 @@ gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the t
 gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some four minutes
 	$(BIN)/python tests/signal_path/hidden.py
 	$(BIN)/python tests/replay/wheelchair_gap.py
+
+mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; about an hour
+	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

@@ -19,6 +19,7 @@ REAL_TIME = (
     "host/emulator/test_emulated_pico_link.py",
     "host/emulator/test_virtual_board.py",
     "host/emulator/test_virtual_board_link.py",
+    "host/sensors/test_north_live.py",
     "host/test_live_map.py",
     "host/test_live_odometry.py",
     "host/test_verb_play.py",

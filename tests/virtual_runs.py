@@ -1,26 +1,30 @@
 """The real firmware on the virtual board, run to its end; what it sent beside what its chip made."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import hubowire
-from hubodo.emulator.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
-from hubodo.emulator.board.rp2040.image import ImageMissing, find_image
+from hubodo.emulator.board.settings import Clock, Flash, Host
+from hubodo.emulator.interpreters.find import InterpreterMissing
+from hubodo.emulator.interpreters.interpreter import require
+from hubodo.emulator.interpreters.rp2040.image import ImageMissing
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 PERIOD = 1 << 30
+_CLOCK = Clock()
 
 
 def micropython_or_skip():
     """Without node or its MicroPython the test skips, or fails where CI is set."""
     try:
-        find_node(), find_micropython()
+        require("micropython")
     except InterpreterMissing as missing:
         if os.environ.get("CI"):
             pytest.fail(str(missing))
@@ -35,19 +39,22 @@ def unique_motion(seconds):
     return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
 
 
-def run(seconds, *, motion=None, **settings):
-    """([(frame, message)] the node sent, truth of its chip, the board's statistics)."""
-    micropython_or_skip()
-    node = VirtualNode(
-        motion or unique_motion(seconds),
-        firmware=FIRMWARE,
-        run_for=seconds,
-        clock="stepped",
-        link="memory",
+def stepped(seconds, motion, flash, *, script=(), clock=_CLOCK, **settings):
+    """A node whose virtual time runs as fast as it can, without a host; script: (s, bytes) that reach it."""
+    return VirtualNode(
+        motion,
+        flash,
+        clock=replace(clock, kind="stepped", run_for=seconds),
+        host=Host("memory", script=tuple(script)),
         own_process=False,
         **settings,
     )
-    with node:
+
+
+def run(seconds, *, motion=None, config=None, **settings):
+    """([(frame, message)] that it sent, its chip's truth, the board's statistics); settings: of `stepped`."""
+    micropython_or_skip()
+    with stepped(seconds, motion or unique_motion(seconds), Flash(FIRMWARE, config), **settings) as node:
         node.wait(100)
         sent = hubowire.FrameDecoder().feed(node.output)
         return [(f, hubowire.decode(f.type_id, f.payload)) for f in sent], node.chip.truth(), node.stats
@@ -93,7 +100,7 @@ def request(seq, message, node=1):
 def pico_or_skip():
     """Without node, its emulator or an image of MicroPython the test skips, or fails where CI is set."""
     try:
-        find_node(), find_rp2040js(), find_image()
+        require("rp2040")
     except (InterpreterMissing, ImageMissing) as missing:
         if os.environ.get("CI"):
             pytest.fail(str(missing))

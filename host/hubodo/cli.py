@@ -40,6 +40,12 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(EXIT_REFUSED)
 
 
+def _spelled(word: str) -> str:
+    """An option as the parsers know it: `--latitude_deg` is `--latitude-deg`. Other words stay."""
+    option, equals, value = word.partition("=")
+    return option.replace("_", "-") + equals + value if word.startswith("--") else word
+
+
 def build_parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
     """The parser for the command line `words`: for its verb alone where it begins with one, else for all.
 
@@ -72,7 +78,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        words = sys.argv[1:] if argv is None else argv
+        words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
         args = build_parser(words).parse_args(words)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED

@@ -23,7 +23,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import numpy as np
 
 from generators import wheel_drives
+from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import TRACK_WIDTH
 from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Table
@@ -96,8 +98,10 @@ def _tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
 
 
 def _differential(drive: wheel_drives.WheelDrive, told: bool = False) -> tuple[float, ...]:
-    """Both spin gyros less their mean at rest; heading from the difference of the wheels. told: divided by
-    their true scale, as if gravity had counted the turns."""
+    """Both spin gyros less their mean at rest; heading from the difference of the wheels.
+
+    told: divided by their true scale, as if gravity had counted the turns.
+    """
     t = np.arange(0.2, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
@@ -109,8 +113,10 @@ def _differential(drive: wheel_drives.WheelDrive, told: bool = False) -> tuple[f
 
 
 def _raw_gyro(drive: wheel_drives.WheelDrive) -> tuple[float, ...]:
-    """One node: all gyros less their mean at rest; wheel angle summed from the spin, yaw turned back by
-    it."""
+    """One node: all gyros less their mean at rest.
+
+    The wheel angle is summed from the spin, and the yaw turned back by it.
+    """
     node = drive.nodes["left"]
     rest = node.t < REST
     gyro = node.gyro - node.gyro[rest].mean(axis=0)
@@ -158,7 +164,9 @@ def wheelchair() -> None:
     for name, names in NAMES.items():
         nodes = {node: WheelNode(node, "left") for node in names}  # type: ignore[arg-type]
         # The track was not measured; 0.92 m is a guess of 5 %.
-        track = run(WheelConfig(0.31, 0.92, nodes, track_sigma=0.05), recording.nodes).track
+        track = run(
+            WheelConfig(0.31, 0.92, nodes, known={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes
+        ).track
         error = np.degrees(track.heading - np.interp(track.t, frame.t, summed))
         error -= error[0]
         numbers = (np.sqrt(np.mean(error**2)), abs(error[-1]), np.abs(error).max())

@@ -9,7 +9,6 @@ import os
 import sys
 import tempfile
 import time
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,13 +17,12 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
-from gap_matrix import cases, recording, sensor
+from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
 from hubodo.effects import BY_NAME
-from hubodo.gap.problem import build
-from hubodo.gap.search import initial_state
-from hubodo.gap.state import predict
-from hubodo.gap.terms import ALL, Term
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.problem.build import build
+from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -36,11 +34,7 @@ EVALUATIONS = 50
 
 def make(folder):
     """The log: 240 s, both nodes at 100 Hz."""
-    setup = cases.setup(SEED, duration=SECONDS)
-    noise = {node: replace(one, rate_hz=100.0) for node, one in setup.noise.items()}
-    rng = np.random.default_rng(SEED)
-    taken = {node: sensor.sample_times(SECONDS, one, rng) for node, one in noise.items()}
-    setup = replace(setup, noise=noise, taken=taken)
+    setup = cases.sampled_at(cases.setup(SEED, duration=SECONDS), 100.0, np.random.default_rng(SEED))
     effect, _ = Meter(setup).dose(cases.hidden_effect(setup, HIDDEN, "left"), MEDIUM)
     recording.write(setup, [effect], folder, {})
 
@@ -69,9 +63,9 @@ def forward(folder):
             BY_NAME["lever_arm"](x=1e-4 * k, z=1e-3),
             BY_NAME["time_offset"](delay=1e-5 * k),
         ]
-        state = initial_state(problem).with_terms([Term(effect, ALL) for effect in effects])
+        state = initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
         begin = time.perf_counter()
-        predict(problem, state)
+        _ = state.readings
         taken.append(time.perf_counter() - begin)
     return min(taken), sum(len(node.t) for node in problem.nodes)
 

@@ -23,7 +23,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.cli import main as hubodo
-from hubodo.emulator.board.rp2040.image import ImageMissing, find_image, usual_folder
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash
+from hubodo.emulator.interpreters.rp2040.image import ImageMissing, find_image, usual_folder
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
@@ -54,7 +56,10 @@ def flashed(folder, pico):
     """The files that `hubodo flash` put onto an empty board, in `folder`; s that it took."""
     began = time.monotonic()
     with VirtualNode(
-        StillMotion(), firmware=None, flash=folder, interpreter="rp2040", clock="paced", **pico
+        StillMotion(),
+        Flash(folder=folder),
+        board=BoardSettings(interpreter="rp2040", pico=pico),
+        clock=Clock("paced"),
     ) as board:
         with redirect_stdout(StringIO()):
             code = hubodo(["flash", board.port, "--json"])
@@ -102,7 +107,7 @@ def main(argv=None):
     except ImageMissing as missing:
         print(missing, file=sys.stderr)
         return 1 if os.environ.get("CI") or args.image is not None or args.vm_in_sram else 0
-    pico = {"image": image.firmware, "bootrom": image.bootrom, "miss_cycles": args.miss}
+    pico = PicoSettings(image.firmware, image.bootrom, args.miss, profile=args.profile)
     note = Console(stderr=True)
     with tempfile.TemporaryDirectory() as scratch, note.status("flashing an empty board") as status:
         firmware = Path(scratch) / "flash"
@@ -110,7 +115,7 @@ def main(argv=None):
 
         def one(name):
             config = (SETTINGS | LARGE)[name]
-            run = run_chip(name, config, firmware, args.seconds, seed=args.seed, profile=args.profile, **pico)
+            run = run_chip(name, config, firmware, args.seconds, seed=args.seed, pico=pico)
             status.update(f"{name} is done, at {run.speed:.2f} of real time")
             return run
 

@@ -1,13 +1,17 @@
 """The firmware on an emulated Pico for some seconds: what came beside what the chip made."""
 
+import dataclasses
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from hubodo.emulator.board.rp2040.image import find_image
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import FIFO_DATA_L, FIFO_WORDS
+from hubodo.emulator.interpreters.rp2040.image import find_image
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
@@ -18,6 +22,7 @@ STARTED = 1.5
 """s after power-on: what the processor does is counted from here on."""
 SETTLED = 1.0
 """s after the first sample."""
+USUAL = PicoSettings()
 
 
 @dataclass(frozen=True)
@@ -57,33 +62,26 @@ def run_chip(
     seconds: float,
     *,
     seed: int = 1,
-    image: Path | None = None,
-    bootrom: Path | None = None,
-    miss_cycles: int = 50,
-    profile: bool = False,
+    pico: PicoSettings = USUAL,
 ) -> ChipRun:
     """Power-on with `config`, `seconds` of emulated time. The chip is up to 2 % too fast, by the seed.
 
     Raises ImageMissing and what a virtual node raises.
     """
-    symbols = find_image(image, bootrom).symbols
+    symbols = find_image(pico.image, pico.bootrom).symbols
+    odr_error = float(np.random.default_rng(seed).uniform(0.0, 0.02))
     began = time.monotonic()
     node = VirtualNode(
         unique_motion(seconds),
-        firmware=firmware,
-        config=config,
-        odr_error=float(np.random.default_rng(seed).uniform(0.0, 0.02)),
+        Flash(firmware, config),
+        sensors=SensorBoard(specimen=Specimen(odr_error), log=True),
+        board=BoardSettings(
+            interpreter="rp2040",
+            pico=dataclasses.replace(pico, meter_from=STARTED if symbols is not None else None),
+        ),
+        clock=Clock("stepped", run_for=seconds),
+        host=Host("memory"),
         seed=seed,
-        interpreter="rp2040",
-        clock="stepped",
-        link="memory",
-        run_for=seconds,
-        keep_bus_log=True,
-        image=image,
-        bootrom=bootrom,
-        miss_cycles=miss_cycles,
-        meter_from=STARTED if symbols is not None else None,
-        profile=profile,
     )
     with node:
         node.wait(60 + 30 * seconds)

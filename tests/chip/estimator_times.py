@@ -7,6 +7,8 @@ from shutil import copytree
 
 from rich.table import Table
 
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
@@ -68,19 +70,17 @@ class EstimatorTime:
     us: float
 
 
-def estimator_times(firmware: Path, scratch: Path, pico: dict[str, object]) -> list[EstimatorTime]:
+def estimator_times(firmware: Path, scratch: Path, pico: PicoSettings) -> list[EstimatorTime]:
     """Measured by the board's own clock. firmware: as it is flashed. Raises RuntimeError: it failed."""
     folder = scratch / "estimators"
     copytree(firmware, folder)
     (folder / "main.py").write_text(_place(folder) + PROGRAM)
     with VirtualNode(
         StillMotion(),
-        firmware=folder,
-        interpreter="rp2040",
-        clock="stepped",
-        link="memory",
-        run_for=SECONDS,
-        **pico,
+        Flash(folder),
+        clock=Clock("stepped", run_for=SECONDS),
+        host=Host("memory"),
+        board=BoardSettings(interpreter="rp2040", pico=pico),
     ) as node:
         node.wait(120)
         said = node.output.decode(errors="replace")

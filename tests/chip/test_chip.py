@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from chip_run import FIFO_SAMPLES, run_chip
 
-from hubodo.emulator.chips.faults import BrownOut, Nack, Stall, StuckBus
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.chips.faults import BrownOut, BusNack, Stall, StuckBus
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for
@@ -78,16 +79,14 @@ def test_hello_comes_soon_after_power_on(run):
 def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
     """Every sample is the chip's own, in order, to the end; what is missing is announced."""
     pico_or_skip()
-    faults = [Nack(1.5, 3), StuckBus(2.0), BrownOut(2.5, of="chips"), Stall(3.3, 0.05)]
+    faults = [BusNack(1.5, 3), StuckBus(2.0), BrownOut(2.5, of="chips"), Stall(3.3, 0.05)]
     node = VirtualNode(
         unique_motion(5),
-        firmware=armv6m(tmp_path),
-        config={"rate_hz": 416},
+        Flash(armv6m(tmp_path), {"rate_hz": 416}),
+        board=BoardSettings(interpreter="rp2040"),
+        clock=Clock("stepped", run_for=4.2),
+        host=Host("memory"),
         faults=faults,
-        interpreter="rp2040",
-        clock="stepped",
-        link="memory",
-        run_for=4.2,
     )
     with node:
         node.wait(120)

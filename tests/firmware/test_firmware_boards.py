@@ -7,11 +7,11 @@ import pytest
 
 import hubowire
 from hubodo.emulator.board.models import MODELS
+from hubodo.emulator.board.settings import BoardSettings, Flash, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, Reset
 from hubodo.emulator.motion import StillMotion
-from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, request, run
+from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, request, run, stepped
 
 BOARDS = {
     "pico": m.Board.PICO,
@@ -26,22 +26,13 @@ PICOS = ["pico", "pico_w", "pico_2", "pico_2_w"]
 UARTS = {"esp32": 2, "esp32_s3": 1, "esp32_c3": 1, **dict.fromkeys(PICOS, 0)}
 
 
-def output(tmp_path, seconds, *, health, **settings):
+def output(tmp_path, seconds, *, health, config=None, **settings):
     """(bytes on the console, resets) of a node whose `reports.health` is the text given."""
     micropython_or_skip()
     shutil.copytree(FIRMWARE, tmp_path / "firmware")
     reports = tmp_path / "firmware" / "reports.py"
     reports.write_text(f"{reports.read_text()}\n\n{health}")
-    node = VirtualNode(
-        StillMotion(),
-        firmware=tmp_path / "firmware",
-        run_for=seconds,
-        clock="stepped",
-        link="memory",
-        own_process=False,
-        **settings,
-    )
-    with node:
+    with stepped(seconds, StillMotion(), Flash(tmp_path / "firmware", config), **settings) as node:
         node.wait(100)
         return node.output, node.stats["resets"]
 
@@ -51,7 +42,7 @@ def output(tmp_path, seconds, *, health, **settings):
 def test_every_board_finds_its_sensor_on_its_own_pins(model, link):
     """Wired as the README says; the emulated port refuses pins and units that the board has not."""
     uart = UARTS[model] if link == "uart" else None
-    sent, truth, stats = run(2, model=model, uart_link=uart, config={"link": link})
+    sent, truth, stats = run(2, board=BoardSettings(model=model, uart_link=uart), config={"link": link})
     hello, health = of(sent, m.Hello)[-1], of(sent, m.Health)[-1]
     assert m.Board(hello.board) == BOARDS[model]
     assert health.faults == 0 and health.i2c_errors == 0
@@ -62,7 +53,7 @@ def test_every_board_finds_its_sensor_on_its_own_pins(model, link):
 @pytest.mark.parametrize("model", PICOS)
 def test_a_full_battery_on_vsys_is_measured_and_is_no_fault(model):
     """On a Pico W the divider reads 0.03 V unless the radio is out of the way."""
-    sent, _, _ = run(2, model=model, battery_mv=4800)
+    sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=4800))
     reports = of(sent, m.Health)
     assert reports and {report.faults & m.Fault.LOW_BATTERY for report in reports} == {0}
     assert all(abs(report.battery_mv - 4800) < 15 for report in reports)
@@ -70,16 +61,16 @@ def test_a_full_battery_on_vsys_is_measured_and_is_no_fault(model):
 
 @pytest.mark.parametrize("model", ["pico", "pico_w"])
 def test_a_flat_battery_is_a_fault(model):
-    sent, _, _ = run(2, model=model, battery_mv=3100)
+    sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=3100))
     assert of(sent, m.Health)[-1].faults == m.Fault.LOW_BATTERY
 
 
 @pytest.mark.parametrize("model", ["esp32", "esp32_s3", "esp32_c3"])
 def test_a_board_without_a_divider_measures_no_battery_until_it_is_told_where(model):
-    sent, _, _ = run(2, model=model)
+    sent, _, _ = run(2, board=BoardSettings(model=model))
     assert {(h.battery_mv, h.faults) for h in of(sent, m.Health)} == {(0, 0)}
     pins = {"battery": MODELS[model].battery}
-    sent, _, _ = run(2, model=model, battery_mv=4100, config={"pins": pins})
+    sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=4100), config={"pins": pins})
     assert all(abs(h.battery_mv - 4100) < 15 for h in of(sent, m.Health))
 
 
@@ -87,7 +78,7 @@ def test_a_board_without_a_divider_measures_no_battery_until_it_is_told_where(mo
 def test_the_battery_is_not_measured_where_wi_fi_has_its_pin(tmp_path, model, measured):
     config = {"link": "udp", "ssid": "x", "password": "y", "host": "127.0.0.1"}
     probe = "def health(node):\n    print('battery', node.board.battery_mv())\n"
-    said, _ = output(tmp_path, 3.0, health=probe, model=model, config=config)
+    said, _ = output(tmp_path, 3.0, health=probe, board=BoardSettings(model=model), config=config)
     found = {int(line.split()[1]) for line in said.decode().splitlines() if line.startswith("battery")}
     assert found and (min(found) > 3600 if measured else found == {0})
 
@@ -98,7 +89,9 @@ def test_each_kind_of_restart_is_told_as_what_it_was(model, chip):
     """Power-on, a reboot that was asked for, the reset pin, a dip of the supply."""
     script = [(1.0, request(1, m.Reboot(m.RebootMode.RUN)))]
     faults = [Reset(2.5), BrownOut(4.0)]
-    sent, _, stats = run(5.5, model=model, chip=chip, scripted_input=script, faults=faults)
+    sent, _, stats = run(
+        5.5, sensors=SensorBoard(chip), board=BoardSettings(model=model), script=script, faults=faults
+    )
     assert [why for _, why in stats["resets"]] == ["machine.reset", "reset pin", "brown-out"]
     boots = {hello.boot_id: m.ResetCause(hello.reset_cause) for hello in of(sent, m.Hello)}
     dip = m.ResetCause.BROWN_OUT if model == "pico_2_w" else m.ResetCause.POWER_ON
@@ -108,7 +101,7 @@ def test_each_kind_of_restart_is_told_as_what_it_was(model, chip):
 @pytest.mark.parametrize("model", ["pico", "pico_2", "esp32"])
 def test_a_watchdog_that_ran_out_is_told_from_a_reboot(tmp_path, model):
     stall = "from time import sleep_ms\n\ndef health(node):\n    sleep_ms(9000)\n"
-    said, resets = output(tmp_path, 11.0, health=stall, model=model)
+    said, resets = output(tmp_path, 11.0, health=stall, board=BoardSettings(model=model))
     assert resets[0][1] == "watchdog"
     sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in hubowire.FrameDecoder().feed(said)]
     causes = [hello.reset_cause for hello in of(sent, m.Hello)]
@@ -134,7 +127,14 @@ def told_bias(sent):
 def test_a_chip_that_kept_its_power_is_warm_and_one_that_lost_it_is_cold(model, chip):
     """1.4 deg/s of warm-up within 10 s: all of it is there at once after a reset, none after a dip."""
     faults = [Reset(2.0), BrownOut(4.0)]
-    sent, _, _ = run(6, motion=StillMotion(), model=model, chip=chip, faults=faults, config=WARM_UP)
+    sent, _, _ = run(
+        6,
+        sensors=SensorBoard(chip),
+        board=BoardSettings(model=model),
+        motion=StillMotion(),
+        faults=faults,
+        config=WARM_UP,
+    )
     rows = np.array(told_bias(sent))
     full = 1.4 / (0.07 if chip == "lsm6ds33" else 2000 / 32768)
     first, warm, cold = (rows[rows[:, 1] == boot, 0] for boot in (0, 1, 2))
@@ -150,7 +150,7 @@ def test_a_change_of_range_does_not_make_a_cold_chip_warm():
         (1.1, request(2, m.SetConfig(m.ConfigKey.GYRO_RANGE_DPS, 1000))),
         (1.2, request(3, m.Start())),
     ]
-    sent, _, _ = run(3, motion=StillMotion(), scripted_input=script, config=WARM_UP)
+    sent, _, _ = run(3, motion=StillMotion(), script=script, config=WARM_UP)
     steps = np.array([row[0] for row in told_bias(sent)])
     assert of(sent, m.Hello)[-1].gyro_range_dps == 1000
     assert steps[-1] < 0.4 * 1.4 / 0.035

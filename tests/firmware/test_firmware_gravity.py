@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from small_int import SmallInt
 
 from generators import spin_drives
-from hubodo.fuse.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from_gravity
+from papers.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from_gravity
 
 LSB_NDPS, ACCEL_LSB_NG = 70_000_000, 488_000
 STEP = math.radians(LSB_NDPS * 1e-9)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.calibration.apply import Correction
-from hubodo.calibration.file import Effect, NodeCalibration, Quantity
-from hubodo.emulator.chips.faults import BrownOut, MissedSamples, Nack, OdrStep, StuckBus
+from hubodo.calibration.apply import SampleCorrection
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
+from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples, OdrStep, StuckBus
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import RecordedMotion, StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.node_settings import merged
@@ -29,7 +31,9 @@ RATES = [
 
 @pytest.mark.parametrize(("chip", "rate", "odr_error"), RATES)
 def test_every_sample_arrives_in_order_and_its_time_is_known(chip, rate, odr_error):
-    sent, truth, _ = run(5, chip=chip, odr_error=odr_error, config={"rate_hz": rate})
+    sent, truth, _ = run(
+        5, sensors=SensorBoard(chip, specimen=Specimen(odr_error=odr_error)), config={"rate_hz": rate}
+    )
     found = matched(sent, truth)
     # Between waking and its configuration an MPU runs at its own rate: those samples are not asked for.
     assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
@@ -47,7 +51,7 @@ def test_every_sample_arrives_in_order_and_its_time_is_known(chip, rate, odr_err
 
 def test_times_run_on_when_the_ticks_begin_anew():
     start = PERIOD - 2_000_000
-    sent, truth, _ = run(4, ticks_start_us=start)
+    sent, truth, _ = run(4, clock=Clock(ticks_start_us=start))
     found = matched(sent, truth, start)
     assert np.array_equal(found[:, 0], np.arange(len(found)))
     assert np.abs(found[len(found) // 2 :, 1]).max() < 200
@@ -55,7 +59,7 @@ def test_times_run_on_when_the_ticks_begin_anew():
 
 
 FAULTS = [
-    ("lsm6ds33", 208, Nack(t=2.0, count=3)),
+    ("lsm6ds33", 208, BusNack(t=2.0, count=3)),
     ("lsm6ds33", 208, StuckBus(t=2.0)),
     ("lsm6ds33", 208, MissedSamples(t=2.0, n=5)),
     ("lsm6ds33", 208, BrownOut(t=2.0, of="chips")),
@@ -70,7 +74,7 @@ FAULTS = [
     ("chip", "rate", "fault"), FAULTS, ids=lambda value: getattr(value, "__class__", value)
 )
 def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fault):
-    sent, truth, _ = run(5, chip=chip, config={"rate_hz": rate}, faults=[fault])
+    sent, truth, _ = run(5, sensors=SensorBoard(chip), config={"rate_hz": rate}, faults=[fault])
     found = matched(sent, truth)
     k = found[:, 0]
     assert np.all(np.diff(k) > 0), "no sample twice, none out of order"
@@ -90,13 +94,13 @@ def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fau
     assert health.faults == 0
     if isinstance(fault, StuckBus):
         assert health.bus_recoveries >= 1 and health.i2c_errors >= 1
-    if isinstance(fault, Nack):
+    if isinstance(fault, BusNack):
         assert health.i2c_errors == 3
 
 
 @pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050"])
 def test_the_fifo_serves_low_rates_when_asked_to(chip):
-    sent, truth, stats = run(4, chip=chip, config={"rate_hz": 208, "fifo": True})
+    sent, truth, stats = run(4, sensors=SensorBoard(chip), config={"rate_hz": 208, "fifo": True})
     found = matched(sent, truth)
     assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
     # One look at the chip in eight samples: the estimate needs longer to find the edge.
@@ -115,7 +119,7 @@ def test_a_chip_that_becomes_faster_is_followed_without_losing_a_sample():
 @pytest.mark.parametrize("rate", [208, 416])
 def test_a_chip_that_answers_only_later_is_found_and_read_in_whole_batches(rate):
     """Nobody answers when the node starts; the FIFO needs slots that the later search has shaped."""
-    sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[Nack(t=0.0, count=1)])
+    sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[BusNack(t=0.0, count=1)])
     assert any(hello.rate_mhz == 0 for hello in of(sent, m.Hello)), "it began without a chip"
     found = matched(sent, truth)
     assert len(found) > 3 * rate
@@ -123,14 +127,14 @@ def test_a_chip_that_answers_only_later_is_found_and_read_in_whole_batches(rate)
 
 
 def test_another_chip_at_the_address_is_refused_and_named():
-    sent, _, _ = run(3, who_am_i=0x6A)
+    sent, _, _ = run(3, sensors=SensorBoard(specimen=Specimen(who_am_i=0x6A)))
     assert not of(sent, m.ImuBatch)
     assert of(sent, m.Health)[-1].faults == m.Fault.WRONG_WHO_AM_I
     assert (0x6B, 0x6A, 0) in of(sent, m.Hello)[-1].parts
 
 
 def test_an_unknown_mpu_is_used_and_its_id_told():
-    sent, truth, _ = run(3, chip="mpu6050", who_am_i=0x34)
+    sent, truth, _ = run(3, sensors=SensorBoard("mpu6050", specimen=Specimen(who_am_i=0x34)))
     assert len(matched(sent, truth)) > 500
     assert (0x68, 0x34, 0) in of(sent, m.Hello)[-1].parts
 
@@ -154,7 +158,7 @@ def test_every_request_is_answered():
     script.append((2.5, hubowire.encode_frame(hubowire.Frame(0x7F, 1, 200, b""))))
     script.append((2.6, request(201, m.Ping(), node=2)))
     script.append((2.7, b"\x05noise\x00"))
-    sent, _, _ = run(4, scripted_input=script)
+    sent, _, _ = run(4, script=script)
     acks = {(a.request, a.request_seq) for a in of(sent, m.Ack)}
     assert acks == {
         (m.Ping.type_id, 101),
@@ -184,7 +188,7 @@ def test_every_request_is_answered():
 def test_the_bias_of_a_wheel_at_rest_is_found_and_of_a_turning_one_refused():
     rate = (0.02, -0.05, 0.1)
     init = [(0.5, request(7, m.BiasInit(2000)))]
-    sent, _, _ = run(12, motion=StillMotion(rate=rate), scripted_input=init, config={"rate_hz": 416})
+    sent, _, _ = run(12, motion=StillMotion(rate=rate), script=init, config={"rate_hz": 416})
     assert [a.request_seq for a in of(sent, m.Ack)] == [7]
     last = of(sent, m.Filter)[-1]
     assert last.state == m.FilterState.TRACKING and last.samples == 2000
@@ -192,7 +196,7 @@ def test_the_bias_of_a_wheel_at_rest_is_found_and_of_a_turning_one_refused():
     np.testing.assert_allclose(np.array(last.bias_q12) / 4096, steps, atol=0.01)
     np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=0.05)
 
-    sent, _, _ = run(12, motion=StillMotion(rate=(0, 0, 2.0)), scripted_input=init, config={"rate_hz": 416})
+    sent, _, _ = run(12, motion=StillMotion(rate=(0, 0, 2.0)), script=init, config={"rate_hz": 416})
     assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_TURNS)]
     assert of(sent, m.Filter)[-1].state == m.FilterState.WAITING
 
@@ -202,13 +206,10 @@ def test_reboot_to_the_repl_ends_at_a_prompt_that_listens_to_ctrl_c(watchdog):
     script = [(1.0, request(1, m.Reboot(m.RebootMode.REPL))), (3.0, b"\x03print(6 * 7)\r")]
     node = VirtualNode(
         unique_motion(12),
-        firmware=FIRMWARE,
-        run_for=12.0,
-        clock="stepped",
-        link="memory",
+        Flash(FIRMWARE, {"watchdog": watchdog}),
+        clock=Clock("stepped", run_for=12.0),
+        host=Host("memory", script=script),
         own_process=False,
-        config={"watchdog": watchdog},
-        scripted_input=script,
     )
     with node:
         node.wait(100)
@@ -228,7 +229,7 @@ def test_a_settings_file_that_makes_no_sense_gives_the_defaults():
 def test_a_ctrl_c_while_the_node_boots_does_not_strand_it_at_the_prompt(at):
     """Hosts may send any byte; two, as some do to be sure."""
     script = [(at, b"\x03"), (at + 0.001, b"\x03"), (0.5, b"\0" + request(1, m.Ping()))]
-    sent, truth, stats = run(1, scripted_input=script)
+    sent, truth, stats = run(1, script=script)
     assert stats["counts"].get("at_prompt", 0) == 0 and stats["resets"] == []
     assert [ack.request_seq for ack in of(sent, m.Ack)] == [1]
     assert truth.t[int(matched(sent, truth)[-1, 0])] > 0.9
@@ -244,14 +245,10 @@ def test_a_firmware_that_fails_leaves_ctrl_c_for_the_prompt(tmp_path, link):
     micropython_or_skip()
     node = VirtualNode(
         unique_motion(4),
-        firmware=firmware,
-        run_for=4.0,
-        clock="stepped",
-        link="memory",
+        Flash(firmware, {"link": link}, folder=tmp_path / "flash"),
+        clock=Clock("stepped", run_for=4.0),
+        host=Host("memory", script=[(2.0, b"\x03")]),
         own_process=False,
-        config={"link": link},
-        scripted_input=[(2.0, b"\x03")],
-        flash=tmp_path / "flash",
     )
     with node:
         node.wait(100)
@@ -261,13 +258,10 @@ def test_a_firmware_that_fails_leaves_ctrl_c_for_the_prompt(tmp_path, link):
 def test_on_the_console_of_a_node_that_sends_by_uart_ctrl_c_is_ctrl_c():
     node = VirtualNode(
         unique_motion(3),
-        firmware=FIRMWARE,
-        run_for=3.0,
-        clock="stepped",
-        link="memory",
+        Flash(FIRMWARE, {"link": "uart", "watchdog": False}),
+        clock=Clock("stepped", run_for=3.0),
+        host=Host("memory", script=[(1.5, b"\x03")]),
         own_process=False,
-        config={"link": "uart", "watchdog": False},
-        scripted_input=[(1.5, b"\x03")],
     )
     with node:
         node.wait(100)
@@ -284,7 +278,7 @@ def test_recursive_least_squares_is_chosen_by_configuration(forgetting, deviatio
         (0.6, request(4, m.GetHello())),
     ]
     motion = StillMotion(rate=(0.02, -0.05, 0.1))
-    sent, _, _ = run(7, motion=motion, scripted_input=script, config={"rate_hz": 416})
+    sent, _, _ = run(7, motion=motion, script=script, config={"rate_hz": 416})
     assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
     assert of(sent, m.Hello)[-1].filter_kind == m.FilterKind.RLS
     last = of(sent, m.Filter)[-1]
@@ -320,7 +314,7 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     }
     calibration = NodeCalibration(
         {
-            name: Effect({key: Quantity(float(value), 0.0) for key, value in values.items()})
+            name: CalibratedEffect({key: Quantity(float(value), 0.0) for key, value in values.items()})
             for name, values in effects.items()
         }
     )
@@ -333,7 +327,7 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     age = np.concatenate([b.t_us + b.period_ns / 1000 * np.arange(len(b.samples)) for b in batches]) * 1e-6
     raw = np.concatenate([b.samples for b in batches])
     shown = raw[:, :3] * np.radians(0.07)
-    true, _ = Correction.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
+    true, _ = SampleCorrection.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
     assert np.abs(shown[-100:].mean(axis=0) - gyro[-200]).max() < 1e-3, "sent as the chip gave it"
     # Steps of 1.2e-3 rad/s, a bias that moves by ten of them: rounding stays, the warm-up does not.
     assert np.abs(true).max() < 0.52 * np.radians(0.07) and np.abs(true.mean(axis=0)).max() < 1e-4
@@ -351,7 +345,7 @@ def test_the_bias_is_found_while_the_wheel_turns():
     config = {"bias_kind": m.BiasKind.GRAVITY, "bias_sigma_udps": 2_000_000, "phase_mrad": 5}
     init = [(1.0, request(7, m.BiasInit(5000)))]
     sent, _, _ = run(
-        27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, scripted_input=init
+        27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, script=init
     )
     assert [a.request_seq for a in of(sent, m.Ack)] == [7]
     last = of(sent, m.Filter)[-1]
@@ -360,7 +354,7 @@ def test_the_bias_is_found_while_the_wheel_turns():
     assert last.bias_q12[2] / 4096 == pytest.approx(1 / 0.07, abs=4 * sigma[2]) and sigma[2] < 1
     assert sigma[0] > 25, "across the axle nothing is seen"
 
-    sent, _, _ = run(27, motion=StillMotion(), config=config, scripted_input=init)
+    sent, _, _ = run(27, motion=StillMotion(), config=config, script=init)
     assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_RESTS)]
 
 
@@ -374,7 +368,7 @@ def test_the_kind_of_initialisation_is_chosen_while_running(kind):
         (0.4, request(2, m.SetConfig(m.ConfigKey.TABLE_RATE_UDPS, 45_000_000))),
         (0.5, request(3, m.BiasInit(2000))),
     ]
-    sent, _, _ = run(7, motion=StillMotion(rate=rate), scripted_input=script, config={"rate_hz": 416})
+    sent, _, _ = run(7, motion=StillMotion(rate=rate), script=script, config={"rate_hz": 416})
     assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
     last = of(sent, m.Filter)[-1]
     steps, sigma = np.degrees(rest) / 0.07, np.array(last.bias_sigma_q12) / 4096

@@ -21,7 +21,7 @@ from small_int import SmallInt
 import hubowire
 from fakes import fake_port
 from fakes.fake_port import PORT_TICKS
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.mpu6050 import Mpu6050
 from hubowire import messages as m
@@ -35,7 +35,7 @@ class Rig:
 
     def __init__(self, monkeypatch, chip, rate, seconds, *, turn_us=200, fifo=False, odr_error=0.02, **bus):
         silicon, driver = CHIPS[chip]
-        self.chip = silicon(unique_motion(seconds + 1), Part(odr_error=odr_error))
+        self.chip = silicon(unique_motion(seconds + 1), Specimen(odr_error=odr_error))
         self.bus = EmulatedBus(self.chip, **bus)
         self.seconds, self.turn_us = seconds, turn_us
         for module in (sampler, fifo_samples, polled_samples):

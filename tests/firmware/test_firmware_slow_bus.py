@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from hubodo.emulator.board.settings import Clock
 from hubowire import messages as m
 from virtual_runs import matched, of, run
 
 
 @pytest.mark.parametrize("rate", [104, 208, 416])
 def test_on_a_slow_bus_every_sample_arrives_through_the_fifo(rate):
-    sent, truth, stats = run(10, config={"rate_hz": rate, "fifo": True}, call_cost_us=900)
+    sent, truth, stats = run(10, clock=Clock(call_cost_us=900), config={"rate_hz": rate, "fifo": True})
     found = matched(sent, truth)
     assert (np.diff(found[:, 0]) == 1).all() and (np.diff(found[:, 2]) == 1).all()
     assert truth.t[int(found[-1, 0])] > 9.5
@@ -21,7 +22,7 @@ def test_on_a_slow_bus_every_sample_arrives_through_the_fifo(rate):
 @pytest.mark.parametrize("rate", [104, 208])
 def test_polled_on_a_slow_bus_hardly_a_sample_is_lost_and_those_are_counted(rate):
     """Two looks and a read take most of a period."""
-    sent, truth, _ = run(10, config={"rate_hz": rate, "fifo": False}, call_cost_us=900)
+    sent, truth, _ = run(10, clock=Clock(call_cost_us=900), config={"rate_hz": rate, "fifo": False})
     found = matched(sent, truth)
     missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
     assert np.array_equal(missing, jump) and missing.sum() <= 0.01 * len(truth.t)
@@ -32,7 +33,7 @@ def test_polled_on_a_slow_bus_hardly_a_sample_is_lost_and_those_are_counted(rate
 
 @pytest.mark.parametrize(("rate", "cost_us"), [(208, 2000), (104, 4000)])
 def test_polling_that_a_bus_cannot_hold_is_given_up_for_the_fifo_and_told(rate, cost_us):
-    sent, truth, _ = run(10, config={"rate_hz": rate, "fifo": False}, call_cost_us=cost_us)
+    sent, truth, _ = run(10, clock=Clock(call_cost_us=cost_us), config={"rate_hz": rate, "fifo": False})
     found = matched(sent, truth)
     assert of(sent, m.Health)[-1].faults == m.Fault.POLLED_TOO_FAST
     late = found[truth.t[found[:, 0].astype(int)] > 5.0]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hubodo.emulator.board.settings import BoardSettings
 from hubowire import messages as m
 from virtual_runs import all_lost, matched, of, run
 
@@ -23,9 +24,9 @@ SLOW = [
 
 @pytest.mark.parametrize(("port", "link", "rate", "config"), SLOW)
 def test_a_slow_link_costs_the_oldest_frames_and_neither_samples_nor_time(port, link, rate, config):
-    uart = {"uart_link": 2 if port == "esp32" else 0} if link == "uart" else {}
+    uart = {"rp2": 0, "esp32": 2}[port] if link == "uart" else None
     config = {"link": link, "rate_hz": rate, **config}
-    sent, truth, stats = run(10, config=config, model=MODEL[port], **uart)
+    sent, truth, stats = run(10, board=BoardSettings(model=MODEL[port], uart_link=uart), config=config)
     found = matched(sent, truth)
     missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"

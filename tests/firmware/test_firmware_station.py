@@ -6,8 +6,7 @@ import types
 import pytest
 
 from fakes.fake_port import PORT_TICKS
-from hubodo.emulator.board.network import REFUSED, Air
-from hubodo.emulator.board.network import Station as PortStation
+from hubodo.emulator.board.network import REFUSED, Air, WlanStation
 
 CONNECTING = {"rp2": 1, "esp32": 1001}
 JOIN_S = 2.5
@@ -17,7 +16,7 @@ class FakeWlan:
     """network.WLAN over the virtual board's station, on the ticks of the fake port."""
 
     def __init__(self, port, air):
-        self.port = PortStation(port, air)
+        self.port = WlanStation(port, air)
         self.zero_us = PORT_TICKS.now_us
         self.asked = []
         self.refused = 0

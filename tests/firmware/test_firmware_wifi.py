@@ -8,6 +8,7 @@ import pytest
 
 import hubowire
 from hubodo.emulator.board.network import Air
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
@@ -51,15 +52,11 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
     config = {"link": "udp", "ssid": "net", "host": host, "port": heard[0].port, "mag_rate_hz": 0}
     node = VirtualNode(
         unique_motion(seconds),
-        firmware=FIRMWARE,
-        run_for=seconds,
-        clock="stepped",
-        link="memory",
+        Flash(FIRMWARE, config),
+        board=BoardSettings(model="pico_w" if port == "rp2" else "esp32", air=air, interpreter=interpreter),
+        clock=Clock("stepped", run_for=seconds),
+        host=Host("memory"),
         own_process=False,
-        config=config,
-        model="pico_w" if port == "rp2" else "esp32",
-        air=air,
-        interpreter=interpreter,
     )
     with node:
         node.wait(100)

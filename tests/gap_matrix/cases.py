@@ -81,6 +81,16 @@ def setup(
     )
 
 
+def sampled_at(setup: Setup, rate_hz: float, rng: np.random.Generator, jitter: float | None = None) -> Setup:
+    """The same drive with both nodes sampled at another rate. jitter: as in `Noise`, else as it is."""
+    noise = {
+        side: replace(one, rate_hz=rate_hz, jitter=one.jitter if jitter is None else jitter)
+        for side, one in setup.noise.items()
+    }
+    taken = {side: sensor.sample_times(setup.drive.duration, one, rng) for side, one in noise.items()}
+    return replace(setup, noise=noise, taken=taken)
+
+
 def hidden_effect(setup: Setup, name: str, scope: str | None = None) -> Effect:
     """The effect as this seed draws it, at its typical size. ValueError when the model file declares it."""
     if name in [effect.name for effect in setup.known]:

@@ -15,8 +15,8 @@ from fakes.fake_node import FakeNode
 from generators.fake_drive import RADIUS, TRACK, VEHICLE_TOML, raw_rows, short_drive
 from generators.wheel_drives import GYRO_STEP
 from hubodo.calibration.file import (
+    CalibratedEffect,
     Calibration,
-    Effect,
     NodeCalibration,
     Quantity,
     calibration_toml,
@@ -38,9 +38,11 @@ CALIBRATION = Calibration(
     {
         "left": NodeCalibration(
             {
-                "gyro_bias": Effect({"x": Quantity(0.02, 0.05), "z": Quantity(0.01, 0.05)}),
-                "gyro_warmup": Effect({"z": Quantity(0.001, 1e-3), "time_constant": Quantity(60.0, 6.0)}),
-                "gyro_temperature": Effect({"z": Quantity(1e-4, 1e-5)}),
+                "gyro_bias": CalibratedEffect({"x": Quantity(0.02, 0.05), "z": Quantity(0.01, 0.05)}),
+                "gyro_warmup": CalibratedEffect(
+                    {"z": Quantity(0.001, 1e-3), "time_constant": Quantity(60.0, 6.0)}
+                ),
+                "gyro_temperature": CalibratedEffect({"z": Quantity(1e-4, 1e-5)}),
             },
             b"FAKE0001".hex(),
         )
@@ -56,8 +58,10 @@ def hubodo(*args):
 
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
-    """Eleven seconds recorded by the command, calibrated; one node unplugged on the way, the other restarted
-    at the end: (log, JSON result, drive)."""
+    """Eleven seconds recorded by the command, calibrated: (log, JSON result, drive).
+
+    One node is unplugged on the way, the other restarted at the end.
+    """
     folder = tmp_path_factory.mktemp("ride")
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
     (folder / "calibration.toml").write_text(calibration_toml(CALIBRATION))
@@ -134,7 +138,7 @@ def test_raw_samples_and_the_calibration_are_both_in_the_log(ride):
 
 def test_another_calibration_in_playback_gives_another_track(ride):
     out, _, _ = ride
-    scale = Effect({"z": Quantity(0.05, 1e-4)})
+    scale = CalibratedEffect({"z": Quantity(0.05, 1e-4)})
     other = Calibration({"left": NodeCalibration({"gyro_scale_factor": scale})})
     playback = Playback(out, calibration=other)
     assert as_messages(playback.motions(), playback.t_zero_ns) != recorded_messages(out)

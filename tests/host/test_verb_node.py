@@ -8,6 +8,7 @@ import pytest
 
 from fakes.fake_node import FakeNode
 from hubodo.cli import main
+from hubodo.emulator.board.settings import Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import firmware_folder
@@ -130,9 +131,8 @@ def test_the_real_firmware_is_told_a_rate_finds_its_bias_and_starts_anew(tmp_pat
     bias = (0.02, -0.01, 0.03)
     node = VirtualNode(
         StillMotion(rate=bias),  # to a gyro at rest the same
-        firmware=firmware_folder(),
-        config={"node_id": 1, "rate_hz": 208},
-        link_path=tmp_path / "ttyLEFT",
+        Flash(firmware_folder(), {"node_id": 1, "rate_hz": 208}),
+        host=Host(path=tmp_path / "ttyLEFT"),
     )
     with node:
         code, told, lines = asked(capsys, node.port, "set", "rate_hz=833", "node_id=2")

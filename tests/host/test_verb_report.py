@@ -9,7 +9,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from generators.fake_drive import VEHICLE_TOML, short_drive
-from hubodo.calibration.file import Calibration, Effect, NodeCalibration, Quantity, calibration_toml
+from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity, calibration_toml
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
@@ -102,7 +102,7 @@ def test_gaps_and_the_calibration_in_use_are_in_the_page(tmp_path):
         {"node": "left", "cause": "link down", "samples_lost": 50, "frames_lost": 6, "duration_s": 1.0},
     )
     write_recording(Recording({"left": table}, events=(gap,), t_zero_ns=zero), tmp_path / "log.mcap")
-    bias = Effect({"z": Quantity(0.01, 0.001)}, "rests", "", "2026-01-02", (20.0, 30.0))
+    bias = CalibratedEffect({"z": Quantity(0.01, 0.001)}, "rests", "", "2026-01-02", (20.0, 30.0))
     calibration = Calibration({"left": NodeCalibration({"gyro_bias": bias}, "aa01")})
     (tmp_path / "c.toml").write_text(calibration_toml(calibration))
     report(tmp_path / "log.mcap", "--calibration", tmp_path / "c.toml", "-o", tmp_path / "r.html")
@@ -117,7 +117,7 @@ def test_the_calibration_of_another_node_is_refused(tmp_path):
         {"left": still_node(np.random.default_rng(1), 20.0)}, metadata={"serial.left": "bb02"}
     )
     write_recording(recording, tmp_path / "log.mcap")
-    effects = {"gyro_bias": Effect({"z": Quantity(0.01, 0.001)})}
+    effects = {"gyro_bias": CalibratedEffect({"z": Quantity(0.01, 0.001)})}
     calibration = Calibration({"left": NodeCalibration(effects, "aa01")})
     (tmp_path / "c.toml").write_text(calibration_toml(calibration))
     with pytest.raises(CalibrationError, match=r"aa01.*bb02"):

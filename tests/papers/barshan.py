@@ -14,11 +14,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import start_gyro as start
-from hubodo.effects.warmup_models import WarmupModel
-from hubodo.fuse.six_state import SixState
-from hubodo.fuse.warm_heading import WarmHeading
+from hubodo.effects.warmup import WarmupModel
+from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import fit_warmup
+from papers.filters.six_state import SixState
 
 DEG = math.pi / 180.0
 MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
@@ -29,8 +29,7 @@ PAPER = {"cold start": (70.8, 8.6, 12.0), "warmed up": (27.4, 0.6, 5.1), "random
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Orientation errors in degrees of all seeds: (M, 6000) each; sigma: of ours at the end, as it says "
-    "itself."""
+    """Orientation errors in degrees of all seeds, (M, 6000) each; sigma: what ours says of its end."""
 
     raw: np.ndarray
     six_state: np.ndarray
@@ -55,15 +54,16 @@ def slow_mean_sigma() -> float:
 
 
 def ours(output: np.ndarray, age: float) -> tuple[np.ndarray, float]:
-    """(6000,) orientation in degrees by the filter that the rate drives, and its own 1 sigma at the end."""
-    heading = WarmHeading(MODEL, start.NOISE * DEG, start.DT, age=age)
-    for value in output[: start.AVERAGED].tolist():
-        heading.handle(value * DEG, at_rest=True)
+    """(M, 6000) orientation in degrees by the filter that the rate drives, and its own 1 sigma at the end."""
+    noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
+    heading = WarmHeading(MODEL, noise, age=age, shape=output.shape[:1])
+    for values in output[:, : start.AVERAGED].T:
+        heading.handle(values * DEG, start.DT, at_rest=True)
     made = []
-    for value in output[start.AVERAGED :].tolist():
-        heading.handle(value * DEG)
+    for values in output[:, start.AVERAGED :].T:
+        heading.handle(values * DEG, start.DT)
         made.append(heading.state().heading)
-    return np.array(made) / DEG, heading.state().sigma_heading / DEG
+    return np.array(made).T / DEG, heading.state().sigma_heading / DEG
 
 
 def ensemble(case: str, seeds: range, offset: float | None = None) -> Ensemble:
@@ -77,16 +77,12 @@ def ensemble(case: str, seeds: range, offset: float | None = None) -> Ensemble:
     at_start = start.bias(runs[0][2] + start.AVERAGED * start.DT)
     level = at_start + (mean - start.bias(runs[0][2] + np.arange(start.AVERAGED) * start.DT).mean()).mean()
     hasty = level + slow_mean_sigma() * np.random.default_rng([seeds.start, 2]).normal(size=len(runs))
-    sigma = 0.0
-    own = []
-    for rate_output, (_, _, age) in zip(output, runs, strict=True):
-        heading, sigma = ours(rate_output, age)
-        own.append(heading)
+    own, sigma = ours(output, start.AGES[case])
     return Ensemble(
         np.cumsum(moving, axis=1) * start.DT - truth,
         paper.run(moving * DEG, mean * DEG, start.AVERAGED)[0] / DEG - truth,
         paper.run(moving * DEG, hasty * DEG, start.AVERAGED)[0] / DEG - truth,
-        np.array(own) - truth,
+        own - truth,
         sigma,
     )
 

@@ -21,7 +21,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.fake_drive import RADIUS, TRACK, short_drive
-from hubodo.calibration.file import Calibration, Effect, NodeCalibration, Quantity
+from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.ingest.replay.playback import Playback, as_messages
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
@@ -34,8 +34,11 @@ UPDATE = "python tests/replay/update.py"
 TOLERANCE = 0.0
 """On the arithmetic that the references were made with: same rounding, Python and numpy."""
 ELSEWHERE = 1e-6
-"""m, rad: another processor's fused operations and LAPACK kernels round each of some hundred filter steps
-anew, 1e-16 each, and gains of a badly known state magnify that by up to 1e8."""
+"""m, rad: by how much a recording may differ on another processor.
+
+Its fused operations and LAPACK kernels round each of some hundred filter steps anew, 1e-16 each, and gains of
+a badly known state magnify that by up to 1e8.
+"""
 IGNORED = ("log time", "sequence number")
 """Of a message: they say when it was written, not what was found."""
 
@@ -77,10 +80,14 @@ _CALIBRATION = Calibration(
     {
         "left": NodeCalibration(
             {
-                "gyro_bias": Effect({"x": Quantity(0.01, 1e-3), "z": Quantity(-0.005, 1e-3)}),
-                "gyro_warmup": Effect({"z": Quantity(0.002, 1e-3), "time_constant": Quantity(90.0, 9.0)}),
-                "gyro_scale_factor": Effect({"z": Quantity(0.004, 1e-3)}),
-                "node_misalignment": Effect({"x": Quantity(0.01, 1e-3), "y": Quantity(-0.02, 1e-3)}),
+                "gyro_bias": CalibratedEffect({"x": Quantity(0.01, 1e-3), "z": Quantity(-0.005, 1e-3)}),
+                "gyro_warmup": CalibratedEffect(
+                    {"z": Quantity(0.002, 1e-3), "time_constant": Quantity(90.0, 9.0)}
+                ),
+                "gyro_scale_factor": CalibratedEffect({"z": Quantity(0.004, 1e-3)}),
+                "node_misalignment": CalibratedEffect(
+                    {"x": Quantity(0.01, 1e-3), "y": Quantity(-0.02, 1e-3)}
+                ),
             }
         )
     }

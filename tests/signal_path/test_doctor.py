@@ -12,7 +12,9 @@ import pytest
 import serial
 
 from hubodo.cli import main
-from hubodo.emulator.chips.faults import BrownOut, MissedSamples, Nack
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, SensorBoard
+from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.finding import CHECKS
@@ -53,14 +55,14 @@ def board(flashed, tmp_path, **settings):
     """A virtual board; a paced clock is late at first, for as long as the interpreter took to load."""
     if flashed is not None:
         shutil.copytree(flashed, tmp_path / "flash", dirs_exist_ok=True)
-    settings = {"motion": StillMotion(), "clock": "paced", **settings}
-    with VirtualNode(settings.pop("motion"), firmware=None, flash=tmp_path / "flash", **settings) as node:
+    settings = {"motion": StillMotion(), "clock": Clock("paced"), **settings}
+    with VirtualNode(settings.pop("motion"), Flash(folder=tmp_path / "flash"), **settings) as node:
         time.sleep(1.5)
         yield node
 
 
 def test_a_sound_board_is_ok_in_every_check_and_runs_on(flashed, tmp_path, capfd):
-    with board(flashed, tmp_path, model="pico_w") as node:
+    with board(flashed, tmp_path, board=BoardSettings(model="pico_w")) as node:
         code, found = doctor(capfd, node.port, "--repl")
         assert {verdict for verdict, _, _ in found.values()} == {"ok"} and code == 0, list(found.values())
         assert "Raspberry Pi Pico W" in found["MicroPython"][1]
@@ -89,7 +91,7 @@ WIRES = {
 
 @pytest.mark.parametrize("wiring", WIRES)
 def test_a_board_at_its_prompt_shows_what_is_wrong_with_its_wires(tmp_path, capfd, wiring):
-    with board(None, tmp_path, wiring=wiring) as node:
+    with board(None, tmp_path, sensors=SensorBoard(wiring=wiring)) as node:
         code, found = doctor(capfd, node.port)
     verdict, seen, remedy = WIRES[wiring]
     assert found["wires"][0] == verdict and seen in found["wires"][1] and remedy in found["wires"][2]
@@ -101,21 +103,35 @@ def test_a_board_at_its_prompt_shows_what_is_wrong_with_its_wires(tmp_path, capf
 
 @pytest.mark.parametrize("model", ["esp32", "esp32_c3"])
 def test_the_wires_are_looked_at_where_this_board_has_them(tmp_path, capfd, model):
-    with board(None, tmp_path, wiring="swapped", model=model) as node:
+    with board(
+        None, tmp_path, sensors=SensorBoard(wiring="swapped"), board=BoardSettings(model=model)
+    ) as node:
         _, found = doctor(capfd, node.port)
     assert {"esp32": "its SCL to GPIO22", "esp32_c3": "its SCL to GPIO7"}[model] in found["wires"][2]
 
 
 NODES = {
     "missing chip": (
-        {"faults": [Nack(0.0, count=10**9)]},
+        {"faults": [BusNack(0.0, count=10**9)]},
         "sensor",
         "no IMU answers; only LIS3MDL at 0x1E is on the bus",
     ),
-    "nothing on the bus": ({"wiring": "no_pull_ups"}, "sensor", "no IMU answers; nothing is on the bus"),
-    "another chip": ({"who_am_i": 0x6C}, "sensor", "0x6B answers 0x6C: LSM6DSO or LSM6DSOX"),
-    "flat battery": ({"battery_mv": 3000}, "power", "3.00 V: low"),
-    "brown-out": ({"faults": [BrownOut(0.2)], "model": "pico_2"}, "power", "last start: brown out"),
+    "nothing on the bus": (
+        {"sensors": SensorBoard(wiring="no_pull_ups")},
+        "sensor",
+        "no IMU answers; nothing is on the bus",
+    ),
+    "another chip": (
+        {"sensors": SensorBoard(specimen=Specimen(who_am_i=0x6C))},
+        "sensor",
+        "0x6B answers 0x6C: LSM6DSO or LSM6DSOX",
+    ),
+    "flat battery": ({"board": BoardSettings(battery_mv=3000)}, "power", "3.00 V: low"),
+    "brown-out": (
+        {"faults": [BrownOut(0.2)], "board": BoardSettings(model="pico_2")},
+        "power",
+        "last start: brown out",
+    ),
     "lost samples": (
         {"faults": [MissedSamples(t, 9) for t in (2.5, 3.0, 3.5, 4.0)]},
         "samples",
@@ -158,7 +174,7 @@ def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):
 def test_files_that_differ_from_this_host_are_named(flashed, tmp_path, capfd):
     shutil.copytree(flashed, tmp_path / "flash")
     (tmp_path / "flash" / "fw_a" / "static_init.mpy").write_bytes(b"M\x06\x00\x1f" + bytes(20))
-    with board(None, tmp_path, wiring="good") as node:
+    with board(None, tmp_path, sensors=SensorBoard(wiring="good")) as node:
         code, found = doctor(capfd, node.port)
     assert code == 1
     assert "1 of" in found["files"][1] and "static_init.mpy" in found["files"][1]

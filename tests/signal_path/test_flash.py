@@ -7,6 +7,7 @@ import termios
 import pytest
 
 from hubodo.cli import main
+from hubodo.emulator.board.settings import Flash
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
@@ -16,7 +17,7 @@ from hubodo.flash.slots import main_for
 @pytest.fixture(scope="module")
 def board():
     """A board with nothing but MicroPython on it."""
-    with VirtualNode(StillMotion(), firmware=None, seed=1) as node:
+    with VirtualNode(StillMotion(), seed=1) as node:
         yield node
 
 
@@ -94,7 +95,7 @@ def test_a_node_with_its_firmware_at_the_root_is_taken_over(image, tmp_path, cap
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     (tmp_path / "notes.txt").write_text("mine")
-    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path, seed=2) as node:
+    with VirtualNode(StillMotion(), Flash(folder=tmp_path), seed=2) as node:
         code, found, err = flash(capfd, node.port)
     assert code == 0, err
     assert found["copied"] == ["main.py", "wire.mpy"]

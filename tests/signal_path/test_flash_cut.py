@@ -16,6 +16,7 @@ import pytest
 
 import hubowire
 from hubodo.cli import main
+from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
@@ -81,11 +82,9 @@ def comes_up_as(flash):
     """Whose firmware a board with this file system runs after power-on; it must be whole, and say Hello."""
     node = VirtualNode(
         StillMotion(),
-        firmware=None,
-        flash=flash,
-        run_for=0.6,
-        clock="stepped",
-        link="memory",
+        Flash(folder=flash),
+        clock=Clock("stepped", run_for=0.6),
+        host=Host("memory"),
         own_process=False,
     )
     with node:
@@ -117,7 +116,7 @@ def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     lay(image, before, slot)
     (before / "config.json").write_text('{"node_id": 1}')
     shutil.copytree(before, tmp_path / "flash")
-    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "flash", flash_journal=journal) as node:
+    with VirtualNode(StillMotion(), Flash(folder=tmp_path / "flash", journal=journal)) as node:
         found = flash(node.port, new, monkeypatch, capfd, "--node", "right")
     assert found["node"] == 2
     changes = [json.loads(line) for line in journal.read_text().splitlines()]
@@ -133,7 +132,7 @@ def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     assert [builds for k, builds in ran] == [["old"] if k < switch else ["new"] for k, _ in ran]
 
     half = tmp_path / f"cut{tried[len(tried) // 2]}"
-    with VirtualNode(StillMotion(), firmware=None, flash=half) as node:
+    with VirtualNode(StillMotion(), Flash(folder=half)) as node:
         flash(node.port, new, monkeypatch, capfd)
     assert comes_up_as(half) == ["new"]
 
@@ -146,7 +145,7 @@ def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp
         "from hubodo.cli import main\n"
         f"verb.firmware_folder = lambda: Path({str(new)!r})\nsys.exit(main(['flash', sys.argv[1]]))"
     )
-    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "flash") as node:
+    with VirtualNode(StillMotion(), Flash(folder=tmp_path / "flash")) as node:
         host = subprocess.Popen([sys.executable, "-c", code, str(node.port)], start_new_session=True)
         end = time.monotonic() + 60
         while len(list((tmp_path / "flash").glob("fw_b/*.mpy"))) < 8 and time.monotonic() < end:
@@ -158,7 +157,7 @@ def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp
     copied = len(list((tmp_path / "cut").glob("fw_b/*.mpy")))
     assert 8 <= copied < len(image) - 5
     assert comes_up_as(tmp_path / "cut") == ["old"]
-    with VirtualNode(StillMotion(), firmware=None, flash=tmp_path / "cut") as node:
+    with VirtualNode(StillMotion(), Flash(folder=tmp_path / "cut")) as node:
         found = flash(node.port, new, monkeypatch, capfd)
     assert len(found["copied"]) <= len(image) - copied + 1, "what was there already is not sent again"
     assert comes_up_as(tmp_path / "cut") == ["new"]

@@ -4,6 +4,7 @@ import socket
 
 from recorded import judge, logged, recorder
 
+from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.mcap import open_log
 from hubowire import messages as m
@@ -14,10 +15,8 @@ def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
     micropython_or_skip()
     port, log = tmp_path / "ttyS0", tmp_path / "uart.mcap"
     config = {"link": "uart", "rate_hz": 416}
-    node = VirtualNode(
-        unique_motion(30), firmware=FIRMWARE, config=config, clock="paced", link="uart", link_path=port,
-        wait_for_host=True,
-    )  # fmt: skip
+    host = Host("uart", path=port, wait=True)
+    node = VirtualNode(unique_motion(30), Flash(FIRMWARE, config), clock=Clock("paced"), host=host)
     with node:
         done = recorder(port, log).communicate(timeout=60)
         truth = node.chip.truth()
@@ -33,7 +32,9 @@ def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tm
     log = tmp_path / "udp.mcap"
     config = {"link": "udp", "rate_hz": 416, "ssid": "net", "host": "127.0.0.1", "port": number}
     daemon = recorder(f"udp://127.0.0.1:{number}", log)
-    with VirtualNode(unique_motion(30), firmware=FIRMWARE, config=config, clock="paced", link="udp") as node:
+    with VirtualNode(
+        unique_motion(30), Flash(FIRMWARE, config), clock=Clock("paced"), host=Host("udp")
+    ) as node:
         done = daemon.communicate(timeout=60)
         truth, stats = node.chip.truth(), node.stats
     judge(done, log, truth)

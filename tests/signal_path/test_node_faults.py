@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from hubodo.emulator.chips.faults import BitFlip, BrownOut, MissedSamples, Nack, Stall, StuckBus, WrongWhoAmI
+from hubodo.emulator.board.settings import BoardSettings, SensorBoard
+from hubodo.emulator.chips.faults import (
+    BitFlip,
+    BrownOut,
+    BusNack,
+    MissedSamples,
+    Stall,
+    StuckBus,
+    WrongWhoAmI,
+)
+from hubodo.emulator.chips.imu import Specimen
 from hubowire import messages as m
 from virtual_runs import all_lost, matched, of, run
 
@@ -48,7 +58,12 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
     rng = np.random.default_rng(seed)
     stalls = [Stall(t=1.2 + 0.25 * i + 0.2 * rng.random(), seconds=0.03 * rng.random()) for i in range(10)]
     stalls += [Stall(t=4.0, seconds=0.7), Stall(t=5.0, seconds=0.12)]
-    sent, truth, stats = run(6, config=polled_below_250(rate), odr_error=0.02, faults=stalls)
+    sent, truth, stats = run(
+        6,
+        sensors=SensorBoard(specimen=Specimen(odr_error=0.02)),
+        config=polled_below_250(rate),
+        faults=stalls,
+    )
     assert stats["counts"]["stalls"] == len(stalls), f"seed {seed}"
     k, missing, jump = holes(sent, truth)
     health = last_health(sent)
@@ -68,7 +83,7 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
 def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample_of_the_chip():
     """115200 baud for 1660 Hz: half of the frames must go, and every one is counted."""
     config = {"rate_hz": 1660, "link": "uart", "baud": 115200}
-    sent, truth, _ = run(4, config=config, uart_link=0)
+    sent, truth, _ = run(4, board=BoardSettings(uart_link=0), config=config)
     found = matched(sent, truth)
     missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
     at = max(i for i, (_, message) in enumerate(sent) if isinstance(message, m.Health))
@@ -95,7 +110,9 @@ def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample
     ],
 )
 def test_a_burst_of_refused_transfers_is_counted_and_survived(chip, rate, count):
-    sent, truth, _ = run(4, chip=chip, config=polled_below_250(rate), faults=[Nack(t=2.0, count=count)])
+    sent, truth, _ = run(
+        4, sensors=SensorBoard(chip), config=polled_below_250(rate), faults=[BusNack(t=2.0, count=count)]
+    )
     k, missing, jump = holes(sent, truth)
     health = last_health(sent)
     assert health.i2c_errors == count
@@ -107,7 +124,7 @@ def test_a_burst_of_refused_transfers_is_counted_and_survived(chip, rate, count)
 
 
 def test_a_chip_that_never_answers_again_is_told_as_silent():
-    sent, truth, _ = run(4, faults=[Nack(t=2.0, count=1_000_000)])
+    sent, truth, _ = run(4, faults=[BusNack(t=2.0, count=1_000_000)])
     k, _, _ = holes(sent, truth)
     assert 1.9 < truth.t[k[-1]] <= 2.0
     assert last_health(sent).faults & m.Fault.IMU_SILENT
@@ -117,7 +134,7 @@ def test_a_chip_that_never_answers_again_is_told_as_silent():
 @pytest.mark.parametrize(("chip", "rate"), [("lsm6ds33", 416), ("mpu6500", 250)])
 def test_a_held_bus_is_freed_with_nine_clocks(chip, rate):
     sent, truth, stats = run(
-        4, chip=chip, config=polled_below_250(rate), faults=[StuckBus(t=1.5), StuckBus(t=2.5)]
+        4, sensors=SensorBoard(chip), config=polled_below_250(rate), faults=[StuckBus(t=1.5), StuckBus(t=2.5)]
     )
     k, missing, jump = holes(sent, truth)
     assert stats["bus"]["freed"] == 2

@@ -8,6 +8,7 @@ from recorded import judge, recorder
 
 from hubodo.cli import main
 from hubodo.demo.ride import write_image
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
@@ -28,13 +29,10 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
     port, log = tmp_path / "ttyACM0", tmp_path / "pico.mcap"
     node = VirtualNode(
         unique_motion(30),
-        firmware=write_image(tmp_path / "firmware", "rp2040"),
-        config={"rate_hz": 416},
-        interpreter="rp2040",
-        clock="paced",
-        pace=PACE,
-        link_path=port,
-        wait_for_host=True,
+        Flash(write_image(tmp_path / "firmware", "rp2040"), {"rate_hz": 416}),
+        board=BoardSettings(interpreter="rp2040"),
+        clock=Clock("paced", pace=PACE),
+        host=Host(path=port, wait=True),
     )
     with node:
         done = recorder(port, log, "--time-scale", str(PACE)).communicate(timeout=90)
@@ -47,7 +45,7 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
 
 def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
     image = build(firmware_folder(), "armv6m")
-    with VirtualNode(StillMotion(), firmware=None, interpreter="rp2040", clock="paced") as board:
+    with VirtualNode(StillMotion(), board=BoardSettings(interpreter="rp2040"), clock=Clock("paced")) as board:
         code = main(["flash", board.port, "--node", "right", "--rate-hz", "416", "--json"])
         out, err = capfd.readouterr()
         assert code == 0, err

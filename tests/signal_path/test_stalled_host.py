@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hubowire
+from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
@@ -31,7 +32,7 @@ def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_
     micropython_or_skip()
     # FIFO: above 250 Hz by itself, and 680 samples deep: the driver's wait is ridden out.
     node = VirtualNode(
-        unique_motion(60), firmware=FIRMWARE, config={"rate_hz": 416}, clock="paced", wait_for_host=True
+        unique_motion(60), Flash(FIRMWARE, {"rate_hz": 416}), clock=Clock("paced"), host=Host(wait=True)
     )
     port = None
     with node:

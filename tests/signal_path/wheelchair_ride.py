@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.sampling import Truth
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
@@ -70,12 +72,10 @@ def drive(data: Path, folder: Path) -> Ride:
     nodes = {
         name: VirtualNode(
             recorded_motion(data / f"{name}.csv.gz"),
-            firmware=image,
-            config={"node_id": number, "rate_hz": 416},
-            odr_error=ODR_ERROR[name],
-            clock="paced",
-            wait_for_host=True,
-            link_path=folder / f"tty-{name}",
+            Flash(image, {"node_id": number, "rate_hz": 416}),
+            sensors=SensorBoard(specimen=Specimen(odr_error=ODR_ERROR[name])),
+            clock=Clock("paced"),
+            host=Host(wait=True, path=folder / f"tty-{name}"),
             seed=number,
         )
         for name, number in WHEELS.items()

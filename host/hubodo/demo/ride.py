@@ -9,20 +9,22 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
-from hubodo.emulator.board.interpreter import InterpreterMissing, find_micropython, find_node, find_rp2040js
-from hubodo.emulator.board.rp2040.image import find_image
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.imu import Specimen
+from hubodo.emulator.interpreters.find import InterpreterMissing
+from hubodo.emulator.interpreters.interpreter import Kind, require
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
 from hubowire.messages import NODE_IDS
 
-Interpreter = Literal["micropython", "cpython", "rp2040"]
-INTERPRETERS: dict[Interpreter, str] = {
+INTERPRETERS: dict[Kind, str] = {
     "micropython": "MicroPython",
     "cpython": "CPython",
     "rp2040": "MicroPython on an emulated RP2040",
@@ -34,7 +36,8 @@ SETTLE = 4.0
 _TAIL = 1.0
 _PATIENCE = 60.0
 _POWER_ON, _BOOT, _HURRY, _LATE = 1.0, 0.8, 1.5, 0.05
-_PACE: dict[Interpreter, float] = {"micropython": 1.0, "cpython": 1.0, "rp2040": 2.0}
+_PICO = PicoSettings()
+_PACE: dict[Kind, float] = {"micropython": 1.0, "cpython": 1.0, "rp2040": 2.0}
 """Seconds of the wall clock for one of the nodes, where each has a core of its own."""
 
 
@@ -79,22 +82,19 @@ def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
     parser.add_argument("--bootrom", type=Path, help="with --on rp2040: of the chip (default: beside it)")
 
 
-def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | None = None) -> Interpreter:
+def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | None = None) -> Kind:
     """What runs the firmware: as wanted, or with `auto` `micropython` if it is installed, else `cpython`.
 
     image, bootrom: of an emulated Pico. Says so on stderr where `auto` has to do without. Raises
     InterpreterMissing or ImageMissing where what is wanted is not there.
     """
     if wanted == "rp2040":
-        find_node()
-        find_rp2040js()
-        find_image(image, bootrom)
+        require("rp2040", image, bootrom)
         return "rp2040"
     if wanted == "cpython":
         return "cpython"
     try:
-        find_node()
-        find_micropython()
+        require("micropython")
     except InterpreterMissing as error:
         if wanted == "micropython":
             raise
@@ -103,7 +103,7 @@ def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | N
     return "micropython"
 
 
-def write_image(folder: Path, interpreter: Interpreter) -> Path:
+def write_image(folder: Path, interpreter: Kind) -> Path:
     """The firmware as it is flashed; CPython, which cannot run MicroPython's bytecode, gets the sources."""
     if interpreter == "cpython":
         image = sources(firmware_folder())
@@ -119,17 +119,17 @@ def ride(
     riders: Mapping[str, Rider],
     vehicle_toml: str,
     out: Path,
-    interpreter: Interpreter,
+    interpreter: Kind,
     seed: int,
     tick: Callable[[float], None],
     rate_hz: int = RATE_HZ,
-    **board: Any,
+    pico: PicoSettings = _PICO,
 ) -> RideResult:
     """Runs the drive in real time; `tick` gets the share done, 0 to 1, some times a second.
 
     What cannot keep up with real time runs slower, and the daemon's clock with it. riders: by node name, one
-    of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on. board: further settings of
-    the boards, see VirtualNode. Raises HubodoError when the daemon or a node fails.
+    of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on. Raises HubodoError when the
+    daemon or a node fails.
     """
     pace = _pace(interpreter, len(riders))
     firmware = write_image(out / "firmware", interpreter)
@@ -143,24 +143,12 @@ def ride(
         daemon = stack.enter_context(_Daemon(links, log, vehicle, pace, zero_ns))
         # The boards need about as long as the daemon did.
         power_on_ns = time.monotonic_ns() + int(1e9 * (_POWER_ON + daemon.took))
+        clock = Clock("paced", pace=pace, power_on_ns=power_on_ns)
         nodes = {}
         for name, rider in riders.items():
-            node = VirtualNode(
-                rider.motion,
-                firmware=firmware,
-                config={"node_id": NODE_IDS[name], "rate_hz": rate_hz},
-                odr_error=rider.odr_error,
-                disturbance=rider.scatter,
-                seed=seed * 2 + NODE_IDS[name],
-                interpreter=interpreter,
-                link_path=out / f"board-{name}",
-                clock_ppm=rider.clock_ppm,
-                unique_id=f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}",
-                clock="paced",
-                pace=pace,
-                power_on_ns=power_on_ns,
-                **board,
-            )
+            flash = Flash(firmware, {"node_id": NODE_IDS[name], "rate_hz": rate_hz})
+            board = BoardSettings(interpreter=interpreter, pico=pico, unique_id=_serial(seed, name))
+            node = _node(rider, flash, board, clock, out / f"board-{name}", seed * 2 + NODE_IDS[name])
             nodes[name] = stack.enter_context(node)
         powered_ns = time.time_ns() + (power_on_ns - time.monotonic_ns())
         start_ns = zero_ns + int((powered_ns - zero_ns) / pace) + int(SETTLE * 1e9)
@@ -180,13 +168,32 @@ def ride(
     return RideResult(log, vehicle, start_ns, recorded, stats, pace)
 
 
-def speed_of(interpreter: Interpreter, nodes: int) -> str:
+def _node(
+    rider: Rider, flash: Flash, board: BoardSettings, clock: Clock, port: Path, seed: int
+) -> VirtualNode:
+    return VirtualNode(
+        rider.motion,
+        flash,
+        sensors=SensorBoard(specimen=Specimen(rider.odr_error, disturbance=rider.scatter)),
+        board=board,
+        clock=replace(clock, ppm=rider.clock_ppm),
+        host=Host(path=port),
+        seed=seed,
+    )
+
+
+def _serial(seed: int, name: str) -> str:
+    """Unique id of a board, in hexadecimal."""
+    return f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}"
+
+
+def speed_of(interpreter: Kind, nodes: int) -> str:
     """How fast a ride goes, in words."""
     pace = _pace(interpreter, nodes)
     return "in real time" if pace == 1.0 else f"at {1 / pace:.2f} of real time"
 
 
-def _pace(interpreter: Interpreter, nodes: int) -> float:
+def _pace(interpreter: Kind, nodes: int) -> float:
     """Emulated boards share the cores with the daemon and each other."""
     alone = _PACE[interpreter]
     return alone if alone == 1.0 else alone * max(1.0, (nodes + 1) / (os.cpu_count() or 1))

@@ -44,7 +44,7 @@ facing = "left"
 
 
 @dataclass(frozen=True)
-class Part:
+class WheelUnit:
     """One specimen of the chip on one wheel: how far both are from their data sheet."""
 
     odr_error: float
@@ -59,13 +59,13 @@ class Scenario:
 
     seed: int
     drive: Inputs
-    parts: dict[Side, Part]
+    parts: dict[Side, WheelUnit]
 
     def riders(self) -> dict[str, Rider]:
         """What goes on the ride, by node."""
         return {side: self._rider(side, part) for side, part in self.parts.items()}
 
-    def _rider(self, side: Side, part: Part) -> Rider:
+    def _rider(self, side: Side, part: WheelUnit) -> Rider:
         mount, start = NodeMount(side, "left"), Start(part.start_angle)
         motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, part.effects, start, SETTLE)
         return Rider(motion, Scatter(_NOISE), part.odr_error, part.clock_ppm)
@@ -90,9 +90,9 @@ def make_scenario(seed: int, moving: float) -> Scenario:
         WheelRadius(float(rng.normal(0.0, _RADIUS_ERROR))),
     )
 
-    def specimen() -> Part:
+    def specimen() -> WheelUnit:
         bias = GyroBias(*(float(value) for value in rng.normal(0.0, _ZERO_RATE, 3)))
-        return Part(
+        return WheelUnit(
             float(rng.uniform(-0.05, 0.05)),
             float(rng.uniform(-50.0, 50.0)),
             (*sizes, bias),

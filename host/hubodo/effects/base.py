@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.vehicle import Side
+from hubodo.vehicle import Facing, Side, facing_sign
 
 Level = Literal["vehicle", "wheel", "node"]
 Shows = Literal["mean", "scatter"]
+Follows = Literal["age", "temperature"]
+
+REFERENCE_CELSIUS = 25.0
+"""Temperature at which nothing that follows the temperature adds anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,40 +69,118 @@ class Noise:
     accel: float
 
 
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """How the odometry believes a parameter before it has seen data, and how the parameter moves.
+
+    prior: 1 sigma before the first sample, in the parameter's unit. walk: how far it wanders at random, per
+    square root of a second. origin: where the numbers come from. shown_by: what to do so that a drive shows
+    it. forgets: s, the time constant of a process that stays within `prior` (Gauss-Markov of first order);
+    its walk is prior sqrt(2 / forgets).
+    """
+
+    prior: float
+    walk: float
+    origin: str
+    shown_by: str = ""
+    forgets: float = math.inf
+
+
 def parameter(
-    unit: str, scale: float, *, positive: bool = False, default: float = 0.0, within: float = math.inf
+    unit: str,
+    scale: float,
+    *,
+    positive: bool = False,
+    default: float = 0.0,
+    within: float = math.inf,
+    turned: bool = False,
+    fitted: bool = True,
+    estimate: Estimate | None = None,
 ) -> Any:
-    """A field of an effect: its unit, the size that would not surprise anybody, whether it must be positive,
-    and the magnitude beyond which it means nothing."""
-    return field(
-        default=default, metadata={"unit": unit, "scale": scale, "positive": positive, "within": within}
-    )
+    """A field of an effect.
+
+    scale: the size that would not surprise anybody. positive: whether it must be. within: the magnitude
+    beyond which it means nothing. turned: whether its sign changes on a node that faces right, whose y and z
+    axes are those of a node facing left negated: so does what has an odd number of indices y and z. fitted:
+    whether a fit to a drive moves it. estimate: for what the odometry estimates while it drives.
+    """
+    about = {"unit": unit, "scale": scale, "positive": positive, "within": within}
+    about |= {"turned": turned, "fitted": fitted, "estimate": estimate}
+    return field(default=default, metadata=about)
 
 
 @dataclass(frozen=True)
 class Effect:
     """One way in which a measured wheel differs from an ideal one; its fields are its parameters.
 
-    name: as in the model file. level: what has one, the vehicle, each wheel or each node. shows: in the mean
-    of the channels, or only in how they scatter. scale of a parameter: its usual size, the width of what is
-    expected before data is seen.
+    name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
+    has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
+    scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
+    of samples; its stage is inverted then. alike: effect that a drive may not tell from this one -> the
+    manoeuvre that does; it stands in one of the two.
     """
 
     name: ClassVar[str]
+    meaning: ClassVar[str]
     level: ClassVar[Level] = "node"
     shows: ClassVar[Shows] = "mean"
+    follows: ClassVar[Follows | None] = None
+    undone: ClassVar[bool] = False
+    alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
         return tuple(item.name for item in fields(cls))
 
     @classmethod
+    def fitted(cls) -> tuple[str, ...]:
+        """The parameters that a fit to a drive moves."""
+        return tuple(item.name for item in fields(cls) if item.metadata["fitted"])
+
+    @classmethod
     def unit(cls, parameter: str) -> str:
-        return str(cls.__dataclass_fields__[parameter].metadata["unit"])
+        return str(cls._about(parameter)["unit"])
 
     @classmethod
     def scale(cls, parameter: str) -> float:
-        return float(cls.__dataclass_fields__[parameter].metadata["scale"])
+        return float(cls._about(parameter)["scale"])
+
+    @classmethod
+    def default(cls, parameter: str) -> float:
+        """What a parameter is where nothing says it: zero, or else what makes the effect absent."""
+        return float(cls.__dataclass_fields__[parameter].default)  # type: ignore[arg-type]
+
+    @classmethod
+    def sign(cls, parameter: str, facing: Facing) -> float:
+        """-1 where a node facing right has the negated value of one facing left, else +1.
+
+        The side of the vehicle changes no sign: what belongs to a node is in its own axes, what belongs to a
+        wheel is the same on either (camber is positive inwards).
+        """
+        return facing_sign(facing) if cls._about(parameter)["turned"] else 1.0
+
+    @classmethod
+    def estimate(cls, parameter: str) -> Estimate | None:
+        """What the odometry believes of a parameter beforehand; None where it does not estimate it."""
+        found: Estimate | None = cls._about(parameter)["estimate"]
+        return found
+
+    @classmethod
+    def problem(cls, parameter: str, value: float) -> str:
+        """What is wrong with a value of a parameter, in words; "" where nothing is."""
+        about = cls._about(parameter)
+        if not math.isfinite(value):
+            return "must be a finite number"
+        # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
+        if about["positive"] and (value < 0.0 or (value == 0.0 and cls.default(parameter) != 0.0)):
+            return "must be above 0"
+        if abs(value) > about["within"]:
+            return f"must lie within ±{about['within']:g}"
+        return ""
+
+    @classmethod
+    def _about(cls, parameter: str) -> Mapping[str, Any]:
+        return cls.__dataclass_fields__[parameter].metadata
 
     def values(self) -> dict[str, float]:
         return {name: getattr(self, name) for name in self.parameters()}
@@ -110,7 +193,7 @@ class Effect:
         """How fast each gyro axis wanders at random, (rad/s)² per second."""
         return 0.0
 
-    # How a fit moves it. The coordinates are the parameters, unless an effect has better ones.
+    # How a fit moves it. The coordinates are the fitted parameters, unless an effect has better ones.
 
     @classmethod
     def seeds(cls) -> tuple[Self, ...]:
@@ -120,15 +203,15 @@ class Effect:
     @classmethod
     def coordinate_scales(cls) -> Array:
         """(k,) usual size of each coordinate; steps of numerical derivatives are 1e-3 of them."""
-        return np.array([cls.scale(name) for name in cls.parameters()])
+        return np.array([cls.scale(name) for name in cls.fitted()])
 
     def coordinates(self) -> Array:
         """(k,) where it stands, in coordinates in which the channels are smooth."""
-        return np.array(list(self.values().values()))
+        return np.array([getattr(self, name) for name in self.fitted()])
 
     def at(self, coordinates: Array) -> Self:
         """The effect at other coordinates, (k,)."""
-        return replace(self, **dict(zip(self.parameters(), map(float, coordinates), strict=True)))
+        return replace(self, **dict(zip(self.fitted(), map(float, coordinates), strict=True)))
 
     def surprise(self) -> float:
         """-ln of how likely its parameters are beforehand, beside the usual, where sizes do not say it."""
@@ -136,8 +219,10 @@ class Effect:
 
     def is_possible(self) -> bool:
         """Whether every parameter is finite and within what means anything."""
-        bounds = {item.name: item.metadata.get("within", math.inf) for item in fields(self)}
-        return all(math.isfinite(v) and abs(v) <= bounds[name] for name, v in self.values().items())
+        return all(
+            math.isfinite(value) and abs(value) <= self._about(name)["within"]
+            for name, value in self.values().items()
+        )
 
     # The stages of the chain, in order. An effect overrides the one where it enters.
 
@@ -175,3 +260,20 @@ class Effect:
 
     def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
         """Replace samples by their predecessors."""
+
+    # The stages backwards, of effects that are `undone`. What `offset` adds is taken off; the matrices of
+    # a triad (`Linear`) are inverted together; the rest is here.
+
+    def irreversible(self) -> str:
+        """Why its numbers cannot be undone, in words; "" where they can."""
+        return ""
+
+    def straighten(self, rate: Array, inverse: Array) -> Array:
+        """Undo what `respond` adds to the gyro beyond proportion.
+
+        rate: (3, N) that the inverse of the gyro's matrix, (3, 3), makes of its reading.
+        """
+        return rate
+
+    def unmount(self, chain: Chain) -> None:
+        """Turn back what `mount` turned."""

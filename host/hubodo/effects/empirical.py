@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from dataclasses import field, make_dataclass
+from dataclasses import make_dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect
+from hubodo.effects.base import Chain, Effect, parameter
 from hubodo.smooth import smooth
 
 PREFIX = "empirical:"
@@ -142,13 +142,8 @@ def empirical(name: str) -> type[Effect]:
     items = []
     for row in rows:
         unit, scale = ("rad/s", _GYRO_SCALE) if row.startswith("g") else ("m/s²", _ACCEL_SCALE)
-        about = {
-            "unit": f"{unit} per unit of the term",
-            "scale": scale,
-            "positive": False,
-            "within": math.inf,
-        }
-        items += [(f"{row}{suffix}", float, field(default=0.0, metadata=about)) for suffix in suffixes]
+        per = f"{unit} per unit of the term"
+        items += [(f"{row}{suffix}", float, parameter(per, scale)) for suffix in suffixes]
     made = make_dataclass(
         "Empirical",
         items,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import json
 import os
@@ -12,28 +11,26 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any
 
 from hubodo.emulator.board.bus import Read
-from hubodo.emulator.board.interpreter import Kind, find_micropython, find_node, find_rp2040js
-from hubodo.emulator.board.process import IMUS, BoardService, ChipName, NodeSpec
-from hubodo.emulator.board.rp2040.image import find_image
-from hubodo.emulator.board.settings import BoardSettings
-from hubodo.emulator.chips.faults import Fault
-from hubodo.emulator.chips.imu import Disturbance, Part
-from hubodo.emulator.chips.registers import Write
+from hubodo.emulator.board.process import BoardService, NodeSpec
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.sampling import Truth
-from hubodo.emulator.motion import Motion, StillMotion
+from hubodo.emulator.interpreters.interpreter import require
+from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
 
 _PROCESS = (sys.executable, "-m", "hubodo.emulator.board.process")
 FIRMWARE_SUFFIXES = (".py", ".mpy", ".json")
+_EMPTY, _SENSORS, _BOARD, _CLOCK, _HOST = Flash(), SensorBoard(), BoardSettings(), Clock(), Host()
 
 
 class VirtualNodeError(HubodoError):
@@ -52,21 +49,27 @@ class ChipView:
         truth: Truth = self._node.command("truth", self._name)
         return truth
 
-    def writes(self) -> tuple[Write, ...]:
-        """Every register write the chip accepted."""
-        writes: tuple[Write, ...] = self._node.command("writes", self._name)
-        return writes
+
+def fill_flash(flash: Flash, folder: Path) -> None:
+    """Copy what belongs on a board from `flash.firmware` to `folder`, its config as config.json beside it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if flash.firmware is not None:
+        for source in sorted(flash.firmware.rglob("*")):
+            if source.is_file() and source.suffix in FIRMWARE_SUFFIXES and "__pycache__" not in source.parts:
+                target = folder / source.relative_to(flash.firmware)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(source, target)
+    if flash.config is not None:
+        (folder / "config.json").write_text(json.dumps(dict(flash.config)))
 
 
-def install_firmware(firmware: Path, flash: Path, config: Mapping[str, object] | None) -> None:
-    """Copy what belongs on a board from `firmware` to `flash`, and `config` as config.json beside it."""
-    for source in sorted(firmware.rglob("*")):
-        if source.is_file() and source.suffix in FIRMWARE_SUFFIXES and "__pycache__" not in source.parts:
-            target = flash / source.relative_to(firmware)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, target)
-    if config is not None:
-        (flash / "config.json").write_text(json.dumps(dict(config)))
+def _check(board: BoardSettings, clock: Clock, host: Host) -> None:
+    """Raises what `VirtualNode` raises where something is missing or does not go together."""
+    require(board.interpreter, board.pico.image, board.pico.bootrom)
+    if board.emulated and host.link in ("uart", "udp"):
+        raise ValueError(f"link {host.link}: an emulated Pico speaks over USB; want pty or memory")
+    if board.emulated and clock.kind == "real":
+        raise ValueError("an emulated Pico has a clock of its own: want clock stepped or paced")
 
 
 class VirtualNode:
@@ -74,115 +77,49 @@ class VirtualNode:
 
     Args:
         motion: what the chips are moved through; its t = 0 is the moment of power-on.
-        firmware: directory with main.py and what it imports; None leaves the board's flash as it is.
-        config: written to /config.json of the board; None writes none.
-        chip: which IMU sits on the bus. A LIS3MDL is beside it unless `magnetometer` is False.
-        odr_error: the IMU's true rate is nominal * (1 + odr_error), within +-0.1.
-        odr_per_degree: relative change of that rate per degC away from 25.
-        disturbance: noise or bias added before quantisation, see `chips.imu.Disturbance`.
-        seed: of that noise and of the line's.
-        clock: "real" is the wall clock; "paced" keeps up with it but waits, chips included, where the machine
-            is too busy, so that no load costs samples; "stepped" runs as fast as it can.
-        interpreter: "micropython" (node and npm package needed), "cpython", or "rp2040": an emulated Pico
-            that runs its own MicroPython (node, npm package and image needed, see `board.rp2040.image`).
+        flash: the firmware, its settings, and where the board's file system is.
+        sensors: the chips on its bus. board: which board, and what runs the firmware. clock: how its time
+            runs. host: what is at the other end of its link. See `board.settings`.
         faults: what goes wrong and when, see `chips.faults`.
-        link: "pty" USB CDC on a pseudo terminal; "uart" the same terminal on UART 0; "udp" the firmware
-            sends by itself, the terminal is its console; "memory" no host, output is kept.
-        link_path: where the symbolic link on the terminal of the moment shall be; made up when None.
-        flash: host directory that is the board's file system, kept afterwards; a temporary one when None.
-        corrupt, lose: probability per byte from the board that it is changed, or missing.
+        seed: of the chips' disturbance and of the line's noise.
         own_process: run the board in a process of its own (two nodes use two cores), else in a thread.
-        scripted_input: with link "memory", (s, bytes) that reach the board at these times.
-        board: further BoardSettings by name (port, air, clock_ppm, ticks_start_us, heap_bytes, ...).
 
     Raises:
         InterpreterMissing: node or the npm package is absent.
         ImageMissing: the image of MicroPython for the Pico, or the bootrom.
-        ValueError: an argument outside what is written above.
+        ValueError: settings that do not go together.
     """
 
     def __init__(
         self,
         motion: Motion,
+        flash: Flash = _EMPTY,
         *,
-        firmware: Path | None,
-        config: Mapping[str, object] | None = None,
-        chip: ChipName = "lsm6ds33",
-        magnetometer: bool = True,
-        odr_error: float = 0.0,
-        odr_per_degree: float = 0.0,
-        disturbance: Disturbance | None = None,
+        sensors: SensorBoard = _SENSORS,
+        board: BoardSettings = _BOARD,
+        clock: Clock = _CLOCK,
+        host: Host = _HOST,
+        faults: Sequence[ScriptedFault] = (),
         seed: int = 0,
-        clock: Literal["real", "paced", "stepped"] = "real",
-        interpreter: Kind = "micropython",
-        faults: Sequence[Fault] = (),
-        link: Literal["pty", "uart", "udp", "memory"] = "pty",
-        link_path: Path | None = None,
-        flash: Path | None = None,
-        who_am_i: int | None = None,
-        strict: bool = True,
-        corrupt: float = 0.0,
-        lose: float = 0.0,
-        keep_link_log: bool = False,
-        keep_bus_log: bool = False,
-        run_for: float | None = None,
-        wait_for_host: bool = False,
         own_process: bool = True,
-        scripted_input: Sequence[tuple[float, bytes]] = (),
-        **board: Any,
     ) -> None:
-        if interpreter == "micropython":
-            find_node()
-            find_micropython()
-        elif interpreter == "rp2040":
-            find_node()
-            find_rp2040js()
-            find_image(board.get("image"), board.get("bootrom"))
-            if link in ("uart", "udp"):
-                raise ValueError(f"link {link}: an emulated Pico speaks over USB; want pty or memory")
-        self._folder = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
-        self._flash = flash if flash is not None else self._folder / "flash"
-        self._flash.mkdir(parents=True, exist_ok=True)
-        if firmware is not None:
-            install_firmware(firmware, self._flash, config)
-        elif config is not None:
-            (self._flash / "config.json").write_text(json.dumps(dict(config)))
-        self.link_path = link_path if link_path is not None else self._folder / "tty"
-        if link == "uart":
-            board.setdefault("uart_link", 0)
-        settings = BoardSettings(
-            flash=self._flash,
-            interpreter=interpreter,
-            clock=clock,
-            run_for=run_for,
-            wait_for_host=wait_for_host,
-            **board,
-        )
-        part = Part(
-            odr_error=odr_error,
-            odr_per_degree=odr_per_degree,
-            disturbance=disturbance,
-            seed=seed,
-            who_am_i=who_am_i,
-            strict=strict,
-            faults=tuple(faults),
-        )
+        _check(board, clock, host)
+        self._scratch = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
+        self._flash = flash.folder if flash.folder is not None else self._scratch / "flash"
+        fill_flash(flash, self._flash)
+        self.link_path = host.path if host.path is not None else self._scratch / "tty"
+        if host.link == "uart" and board.uart_link is None:
+            board = replace(board, uart_link=0)
         self._spec = NodeSpec(
             motion=motion,
-            part=part,
-            chip=chip,
-            magnetometer=magnetometer,
-            settings=settings,
-            link="memory" if link == "memory" else "pty",
-            link_path=None if link == "memory" else self.link_path,
-            scratch=self._folder,
+            flash=replace(flash, folder=self._flash),
+            sensors=sensors,
+            board=board,
+            clock=clock,
+            host=replace(host, path=self.link_path),
             faults=tuple(faults),
-            corrupt=corrupt,
-            lose=lose,
-            noise_seed=seed,
-            keep_link_log=keep_link_log,
-            keep_bus_log=keep_bus_log,
-            scripted_input=tuple(scripted_input),
+            seed=seed,
+            scratch=self._scratch,
         )
         self._own_process = own_process
         self._connection: Connection | None = None
@@ -190,9 +127,6 @@ class VirtualNode:
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
         self.chip = ChipView(self, "imu")
-        self.mag = ChipView(self, "mag")
-
-    # ---- running ----
 
     def start(self) -> VirtualNode:
         """Switch the board on; returns once its port is there."""
@@ -201,43 +135,41 @@ class VirtualNode:
         ours, theirs = Pipe()
         self._connection = ours
         if self._own_process:
-            environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
-            environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
-            self._process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-m",
-                    "hubodo.emulator.board.process",
-                    str(theirs.fileno()),
-                    str(os.getpid()),
-                ],
-                pass_fds=(theirs.fileno(),),
-                env=environment,
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-            theirs.close()
-            ours.send(self._spec)
-            try:
-                failure = ours.recv()
-            except EOFError:
-                failure = VirtualNodeError(
-                    "the board's process ended before it began; its message is on stderr"
-                )
-            if failure is not None:
-                self._finish()
-                raise failure
+            self._start_process(ours, theirs)
         else:
-            service = BoardService(theirs, self._spec)
-            service.board.running = True
-
-            def run() -> None:
-                service.run()
-                theirs.close()
-
-            self._thread = threading.Thread(target=run, name="virtual-board", daemon=True)
-            self._thread.start()
+            self._start_thread(theirs)
         return self
+
+    def _start_process(self, ours: Connection, theirs: Connection) -> None:
+        environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
+        environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
+        self._process = subprocess.Popen(
+            [*_PROCESS, str(theirs.fileno()), str(os.getpid())],
+            pass_fds=(theirs.fileno(),),
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        theirs.close()
+        ours.send(self._spec)
+        try:
+            failure = ours.recv()
+        except EOFError:
+            failure = VirtualNodeError("the board's process ended before it began; its message is on stderr")
+        if failure is not None:
+            self._finish()
+            raise failure
+
+    def _start_thread(self, theirs: Connection) -> None:
+        service = BoardService(theirs, self._spec)
+        service.board.running = True
+
+        def run() -> None:
+            service.run()
+            theirs.close()
+
+        self._thread = threading.Thread(target=run, name="virtual-board", daemon=True)
+        self._thread.start()
 
     def stop(self) -> None:
         """Switch off and give everything back; truth and stats are gone with it."""
@@ -245,7 +177,7 @@ class VirtualNode:
             with contextlib.suppress(HubodoError, OSError, EOFError):
                 self.command("quit")
         self._finish()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _finish(self) -> None:
         if self._connection is not None:
@@ -291,8 +223,6 @@ class VirtualNode:
             if end is not None and time.monotonic() > end:
                 return False
             time.sleep(0.02)
-
-    # ---- looking and meddling ----
 
     def command(self, name: str, *arguments: object) -> Any:
         """Ask the board's process; see `board.process.BoardService`."""
@@ -340,17 +270,17 @@ class VirtualNode:
         return arrivals
 
     def bus_log(self) -> list[Read]:
-        """With keep_bus_log: every read of the I2C bus."""
+        """With `log` of the sensors: every read of the I2C bus."""
         log: list[Read] = self.command("bus_log")
         return log
 
     def meter(self) -> dict[str, Any]:
-        """With interpreter "rp2040" and meter_from: what the processor did, see rp2040/meter.mjs."""
+        """With an emulated Pico and its meter_from: what the processor did, see rp2040/meter.mjs."""
         meter: dict[str, Any] = self.command("meter")
         return meter
 
     def link_log(self) -> list[tuple[int, bytes, bytes, bool]]:
-        """With keep_link_log: (host ns, bytes written, bytes after line noise, host was listening)."""
+        """With `log` of the host: (host ns, bytes written, bytes after line noise, host was listening)."""
         log: list[tuple[int, bytes, bytes, bool]] = self.command("link_log")
         return log
 
@@ -365,46 +295,3 @@ class VirtualNode:
     def reset(self) -> None:
         """Pull the RUN pin."""
         self.command("reset")
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """`python -m hubodo.emulator.virtual_node`: a node that lies still, until Ctrl-C; prints its port."""
-    parser = argparse.ArgumentParser(
-        prog="python -m hubodo.emulator.virtual_node",
-        description="Run firmware on a virtual board that lies still.",
-    )
-    parser.add_argument("firmware", type=Path, nargs="?", help="directory with main.py; none = empty flash")
-    parser.add_argument(
-        "--link", type=Path, metavar="PATH", help="where to keep a symbolic link on the terminal"
-    )
-    parser.add_argument("--node-id", type=int, default=1)
-    parser.add_argument(
-        "--rate", type=int, default=208, metavar="HZ", help="rate_hz of the node (default 208)"
-    )
-    parser.add_argument("--chip", choices=sorted(IMUS), default="lsm6ds33")
-    parser.add_argument("--spin", type=float, default=0.0, metavar="RAD_S", help="rate about z (default 0)")
-    parser.add_argument("--interpreter", choices=("micropython", "cpython", "rp2040"), default="micropython")
-    given = parser.parse_args(arguments)
-    config = {"node_id": given.node_id, "rate_hz": given.rate} if given.firmware is not None else None
-    try:
-        with VirtualNode(
-            StillMotion(rate=(0.0, 0.0, given.spin)),
-            firmware=given.firmware,
-            config=config,
-            chip=given.chip,
-            interpreter=given.interpreter,
-            clock="paced" if given.interpreter == "rp2040" else "real",
-            link_path=given.link,
-        ) as node:
-            print(node.port, flush=True)
-            node.wait()
-    except HubodoError as failure:
-        print(failure, file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 0
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -32,8 +32,11 @@ NATIVE = frozenset(
         *("drivers/lsm6ds33.py", "drivers/mpu6050.py", "drivers/lis3mdl.py"),
     }
 )
-"""Files of the loop: as machine code each function has its variables on the stack, where bytecode takes them
-from the heap as soon as there are more than eleven."""
+"""Files of the loop, which become machine code.
+
+Each function then has its variables on the stack, where bytecode takes them from the heap as soon as there
+are more than eleven.
+"""
 
 
 class ImageError(HubodoError):

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from hubodo.calibration.file import XYZ, Effect, NodeCalibration
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration
+from hubodo.effects.triad import XYZ
 from hubodo.errors import CalibrationError
 
 Setting = int | list[int]
@@ -83,7 +84,7 @@ def _number(value: object, default: int) -> int:
     return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else default
 
 
-def _udps(name: str, effect: Effect) -> list[int]:
+def _udps(name: str, effect: CalibratedEffect) -> list[int]:
     return [
         _within(
             f"{name} {axis}",

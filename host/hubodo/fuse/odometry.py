@@ -18,8 +18,11 @@ _Row = list[float]
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """track_width: m, between the contacts. step_ns: distance of the poses. standstill_bias: whether the
-    bias of a gyro is measured while its wheel rests."""
+    """How the odometry is made.
+
+    track_width: m, between the contacts. step_ns: distance of the poses. standstill_bias: whether the bias of
+    a gyro is measured while its wheel rests.
+    """
 
     left: WheelSpec
     right: WheelSpec

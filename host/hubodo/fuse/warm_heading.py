@@ -1,85 +1,149 @@
-"""Orientation from one gyro whose warm-up is known: the rate drives the state, so no motion model can lag."""
+"""Heading from one gyro whose warm-up is known: the rate drives the state, so no motion model can lag."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-from hubodo.effects.warmup_models import BiasRecursion, WarmupModel
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.warmup import WarmupModel
+
+FloatArray = NDArray[np.float64]
+
+DAY_TO_DAY = math.radians(1.0)
+"""rad/s, 1 sigma: how far a MEMS bias stands from its calibration after the next power-on."""
+
+_RATIO, _SHORTEST_S, _LONGEST_S = 5.0, 1.0, 1e5
+"""Flicker is made of first-order Markov processes whose time constants are this ratio apart."""
+_HEADING, _OFFSET = 0, 1
+
+
+@dataclass(frozen=True)
+class BiasNoise:
+    """What a gyro's rate adds beside its warm-up, in the terms of IEEE 952.
+
+    angle_random_walk: N, rad/√s. bias_instability: B, rad/s. rate_random_walk: K, rad/s/√s. offset: 1 sigma
+    of the bias of the day, rad/s. warmup: 1 sigma of the parameters of the `WarmupModel` by name, SI; c2 is
+    not among them, as the offset stands for it.
+    """
+
+    angle_random_walk: float
+    bias_instability: float = 0.0
+    rate_random_walk: float = 0.0
+    offset: float = DAY_TO_DAY
+    warmup: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class HeadingState:
-    """heading: rad; bias: rad/s; sigma_heading, sigma_bias: 1 sigma; samples: handled so far."""
+    """What is known after the last sample: heading, rad; bias, rad/s; 1 sigma of each.
 
-    heading: float
-    bias: float
+    heading and bias have the shape of the rates that were handled.
+    """
+
+    heading: FloatArray
+    bias: FloatArray
     sigma_heading: float
     sigma_bias: float
-    samples: int
 
 
 class WarmHeading:
-    """Kalman filter with two states: heading, and the offset of the bias from the course of its warm-up.
+    """Kalman filter of the heading and of all by which the bias departs from the course of its warm-up.
 
-    The bias is course(t) + offset: the course by the recursion of eq. (6) of Barshan and Durrant-Whyte from
-    power-on, the offset because it differs from day to day. While the sensor is known to be at rest each
-    sample measures the offset, so the mean over a standstill does not lag behind the drift within it. A
-    moving sample is an input, not a measurement: nothing is assumed of the motion, and a step of the rate
-    leaves no error.
+    The bias is course(t) + h(t) . x. The course is eq. (1) of Barshan and Durrant-Whyte from power-on; x are
+    the offset of the day, which walks, the errors of the warm-up's parameters, and flicker. While the sensor
+    is known to be at rest a sample measures the bias, so a standstill long after the start still mends the
+    heading before it. A moving sample is an input, not a measurement: nothing is assumed of the motion, and
+    a step of the rate leaves no error. Flicker B is a sum of first-order Markov processes with variance
+    B² ln(ratio) / pi each, whose time constants are evenly spaced in their logarithm.
 
-    model: warm-up of this gyro. noise: 1 sigma of a rate sample, rad/s. dt: s. age: s since power-on at the
-    first sample. offset_sigma: 1 sigma of the day-to-day offset, rad/s. rate_random_walk: K, rad/s per
-    sqrt(s).
+    model: warm-up of this gyro. noise: of this gyro. age: s since power-on at the first sample. shape: of the
+    rates, for many runs at once: the gains do not depend on the data.
     """
 
     def __init__(
+        self, model: WarmupModel, noise: BiasNoise, *, age: float = 0.0, shape: tuple[int, ...] = ()
+    ) -> None:
+        self._model, self._noise, self._age = model, noise, age
+        self._errors = tuple(name for name, sigma in noise.warmup.items() if sigma > 0.0)
+        count = math.ceil(math.log(_LONGEST_S / _SHORTEST_S) / math.log(_RATIO))
+        constants = _SHORTEST_S * _RATIO ** np.arange(count if noise.bias_instability else 0)
+        self._decay: FloatArray = np.concatenate([np.zeros(2 + len(self._errors)), 1.0 / constants])
+        flicker = np.full(len(constants), noise.bias_instability**2 * math.log(_RATIO) / math.pi)
+        warmup = [noise.warmup[name] ** 2 for name in self._errors]
+        self._steady: FloatArray = np.concatenate([np.zeros(2 + len(warmup)), flicker])
+        self._p = np.diag(np.concatenate([[0.0, noise.offset**2], warmup, flicker]))
+        self._x = np.zeros((len(self._p), *shape))
+        self._bias: FloatArray = np.zeros(shape)
+        self._sigma_bias = noise.offset
+
+    def handle(
         self,
-        model: WarmupModel,
-        noise: float,
+        rate: ArrayLike,
         dt: float,
         *,
-        age: float = 0.0,
-        offset_sigma: float = math.radians(1.0),
-        rate_random_walk: float = 0.0,
+        at_rest: bool = False,
+        temperature: float | None = None,
+        sigma: float = 0.0,
     ) -> None:
-        self._course = BiasRecursion(model, dt, age)
-        self._noise, self._dt = noise, dt
-        self._walk = rate_random_walk**2 * dt
-        self._heading = self._offset = self._bias = 0.0
-        self._heading_variance = self._cross = 0.0
-        self._offset_variance = offset_sigma**2
-        self._samples = 0
+        """Take the mean rate, rad/s, over the next dt, s.
 
-    def handle(self, rate: float, *, at_rest: bool = False, temperature: float | None = None) -> None:
-        """Take one sample, rad/s; at_rest: the sensor is known not to turn; temperature: degrees C if the "
-        "model asks."""
-        course = self._course.value(temperature)
-        self._course.advance()
-        self._offset_variance += self._walk
+        at_rest: the sensor is known not to turn. temperature: degrees C, if the model asks. sigma: rad/s, of
+        this mean beside the gyro's noise, such as where samples are missing.
+        """
+        course, h = self._course(self._age + 0.5 * dt, temperature)
+        self._age += dt
+        self._walk(dt)
+        x, p = self._x, self._p
+        carried = p @ h
+        rest = np.asarray(rate, np.float64) - course - np.tensordot(h, x, 1)
+        white = self._noise.angle_random_walk**2 / dt + sigma**2
         if at_rest:
-            gain_heading = self._cross / (self._offset_variance + self._noise**2)
-            gain_offset = self._offset_variance / (self._offset_variance + self._noise**2)
-            innovation = rate - course - self._offset
-            self._heading += gain_heading * innovation
-            self._offset += gain_offset * innovation
-            self._heading_variance -= gain_heading * self._cross
-            self._cross *= 1.0 - gain_offset
-            self._offset_variance *= 1.0 - gain_offset
+            variance = float(h @ carried) + white
+            gain = carried / variance
+            x += gain.reshape(-1, *([1] * rest.ndim)) * rest
+            p -= np.outer(gain, carried)
         else:
-            dt = self._dt
-            self._heading += (rate - course - self._offset) * dt
-            self._heading_variance += dt * (dt * (self._offset_variance + self._noise**2) - 2.0 * self._cross)
-            self._cross -= dt * self._offset_variance
-        self._bias = course + self._offset
-        self._samples += 1
+            x[_HEADING] += rest * dt
+            p[_HEADING] -= dt * carried
+            p[:, _HEADING] -= dt * (p @ h)
+            p[_HEADING, _HEADING] += white * dt**2
+        self._bias = course + np.tensordot(h, x, 1)
+        self._sigma_bias = math.sqrt(max(float(h @ p @ h), 0.0))
 
     def state(self) -> HeadingState:
         """What is known after the last sample."""
-        return HeadingState(
-            self._heading,
-            self._bias,
-            math.sqrt(max(self._heading_variance, 0.0)),
-            math.sqrt(self._offset_variance),
-            self._samples,
-        )
+        sigma = math.sqrt(max(float(self._p[_HEADING, _HEADING]), 0.0))
+        return HeadingState(self._x[_HEADING].copy(), self._bias, sigma, self._sigma_bias)
+
+    def _walk(self, dt: float) -> None:
+        """The bias on to the next sample: the offset walks, flicker fades and is renewed."""
+        self._p[_OFFSET, _OFFSET] += self._noise.rate_random_walk**2 * dt
+        if self._noise.bias_instability:
+            keep = np.exp(-self._decay * dt)
+            self._x *= keep.reshape(-1, *([1] * (self._x.ndim - 1)))
+            self._p *= np.outer(keep, keep)
+            self._p[np.diag_indices_from(self._p)] += self._steady * (1.0 - keep**2)
+
+    def _course(self, age: float, temperature: float | None) -> tuple[float, FloatArray]:
+        """The warm-up's bias, rad/s, and what each state adds to it."""
+        model = self._model
+        grades = None if temperature is None else np.array([temperature])
+        course = float(model.bias(np.array([age]), grades)[0])
+        h = np.ones(len(self._p))
+        h[_HEADING] = 0.0
+        left = math.exp(-age / model.time_constant)
+        for k, name in enumerate(self._errors, 2):
+            if name == "c1":
+                h[k] = 1.0 - left
+            elif name == "time_constant":
+                h[k] = -model.c1 * age / model.time_constant**2 * left
+            elif name == "temperature_coefficient":
+                h[k] = 0.0 if temperature is None else temperature - REFERENCE_CELSIUS
+            else:
+                raise ValueError(f"no derivative with respect to {name!r}")
+        return course, h

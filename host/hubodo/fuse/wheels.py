@@ -18,6 +18,7 @@ from hubodo.fuse.odometry import OdometryConfig, integrate
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
+from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import screened
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
@@ -153,12 +154,12 @@ def wheel_odometry(
 
 def graph_constants(found: WheelRun) -> ConstantSigmas:
     """What the graph is to expect of a track of the wheel filter."""
-    nodes = found.report.nodes.values()
+    core = found.filter.core
     radius, scale, rate = (
-        [node[name]["sigma"] for node in nodes]
-        for name in ("wheel_radius", "yaw_scale", "yaw_rate_from_gravity")
+        [core.estimate(wheel.name, entry).sigma for wheel in core.wheels]
+        for entry in (WHEEL_RADIUS, GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY)
     )
-    return of_wheel_filter([sigma / found.filter.config.radius for sigma in radius], scale, rate)
+    return of_wheel_filter(radius, scale, rate)
 
 
 def _begun(track: Track, heading: float, sigma: float) -> Track:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
-from hubodo.earth import STANDARD_GRAVITY
-from hubodo.model.inputs import EARTH_RATE, Earth, Inputs
+from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
+from hubodo.model.inputs import Earth, Inputs
 from hubodo.smooth import constant, through
 
 _STEP, _REPORT = 0.01, 0.1

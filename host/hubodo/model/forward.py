@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import Chain, Effect, Geometry, Noise
-from hubodo.model.inputs import Body, Correction, Earth, Inputs
+from hubodo.model.inputs import Body, Earth, Inputs, MotionCorrection
 from hubodo.model.rolling import Rolling, roll
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
@@ -66,7 +66,7 @@ class NodeForward:
         effects: Iterable[Effect],
         start: Start,
         phase: Array | float = 0.0,
-        correction: Correction | None = None,
+        correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
     ) -> Reading:
         """The reading without anything random.
@@ -113,7 +113,7 @@ class NodeForward:
         effects: list[Effect],
         start: Start,
         phase: Array | float,
-        correction: Correction | None = None,
+        correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
     ) -> tuple[Chain, Rolling | None, Body]:
         body = self._body(effects, late)

@@ -8,9 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.earth import EARTH_RATE
 from hubodo.smooth import Smooth
-
-EARTH_RATE = 7.2921159e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ class Inputs:
         )
 
 
-class Correction(Protocol):
+class MotionCorrection(Protocol):
     """What changes the motion that the inputs give."""
 
     def apply(self, body: Body) -> Body: ...
@@ -95,7 +94,7 @@ class Later:
     """
 
     by: float
-    before: Correction | None = None
+    before: MotionCorrection | None = None
 
     def apply(self, body: Body) -> Body:
         """The body where it was `by` before."""

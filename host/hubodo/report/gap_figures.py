@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
-from hubodo.gap.account import probability
-from hubodo.gap.problem import CHANNELS
-from hubodo.gap.regimes import Course
-from hubodo.gap.result import GapResult, Named
-from hubodo.gap.size import Trace
+from hubodo.gap.problem.problem import CHANNELS
+from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.tell.account import probability
+from hubodo.gap.tell.regimes import Course
+from hubodo.gap.tell.result import Finding, GapResult
 from hubodo.report.page import COLOURS, figure
 
 BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]
@@ -66,32 +66,32 @@ def steps_figure(result: GapResult) -> go.Figure:
 def channels_that_matter(result: GapResult, most: int = 6) -> list[Channel]:
     """Where each effect changed the model most; where nothing was found, the channels that stand out most."""
     if not result.found:
-        rows = [(_rms(trace, row), name, row) for name, row, trace in _measured(result.steps[0])]
+        rows = [(_rms(residual, row), name, row) for name, row, residual in _measured(result.steps[0])]
         return [(name, row) for _, name, row in sorted(rows, reverse=True)[:4]]
     chosen: dict[Channel, None] = {}
     for first, last in pairwise(result.steps):
         rows = []
-        for name, row, trace in _measured(first):
-            change = (last[name].predicted[row] - trace.predicted[row]) / trace.declared[row]
+        for name, row, residual in _measured(first):
+            change = (last[name].predicted[row] - residual.predicted[row]) / residual.declared[row]
             rows.append((float(np.linalg.norm(change)), name, row))
         rows.sort(reverse=True)
         chosen |= dict.fromkeys((name, row) for size, name, row in rows[:2] if size > 0.25 * rows[0][0])
     return list(chosen)[:most]
 
 
-def _measured(traced: Mapping[str, Trace]) -> Iterator[tuple[str, int, Trace]]:
-    for name, trace in traced.items():
-        for row in np.flatnonzero(trace.node.used):
-            yield name, int(row), trace
+def _measured(residuals: Mapping[str, Residual]) -> Iterator[tuple[str, int, Residual]]:
+    for name, residual in residuals.items():
+        for row in np.flatnonzero(residual.node.used):
+            yield name, int(row), residual
 
 
 def residual_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
     """Residuals before and after on the same axes: the band from least to most, and the mean of a second."""
     made = make_subplots(len(chosen), 1, shared_xaxes=True, vertical_spacing=0.35 / (2.5 * len(chosen)))
     for place, (name, row) in enumerate(chosen, 1):
-        for label, traced, colour in _both(result):
-            trace = traced[name]
-            t, low, mean, high = envelope(trace.node.t, trace.residual[row])
+        for label, residuals, colour in _both(result):
+            residual = residuals[name]
+            t, low, mean, high = envelope(residual.node.t, residual.value[row])
             common = {"legendgroup": label, "hoverinfo": "skip", "mode": "lines"}
             edge = {"width": 0.0, "color": colour}
             made.add_scatter(x=t, y=low, line=edge, showlegend=False, **common, row=place, col=1)
@@ -116,8 +116,8 @@ def regime_figure(result: GapResult, chosen: Sequence[Channel], courses: Mapping
     for place, (name, row) in enumerate(chosen):
         at = {"row": place // 2 + 1, "col": place % 2 + 1}
         title, over = best_abscissa(result.steps[0][name], row, courses[name])
-        for label, traced, colour in _both(result):
-            x, mean, error = binned(over, traced[name].residual[row])
+        for label, residuals, colour in _both(result):
+            x, mean, error = binned(over, residuals[name].value[row])
             made.add_scatter(
                 x=x, y=mean, error_y={"array": error, "thickness": 1, "width": 0},
                 name=label, legendgroup=label, showlegend=place == 0,
@@ -132,8 +132,8 @@ def regime_figure(result: GapResult, chosen: Sequence[Channel], courses: Mapping
 def stretches_figure(result: GapResult) -> go.Figure:
     """The gap of each stretch of five seconds, before and after."""
     made = figure("time, s", "gap of five seconds", height=260)
-    for label, traced, colour in _both(result):
-        t, values = stretches(traced)
+    for label, residuals, colour in _both(result):
+        t, values = stretches(residuals)
         made.add_scatter(
             x=t, y=values, name=label, mode="lines", line={"color": colour, "width": 2.0, "shape": "hvh"}
         )
@@ -141,7 +141,7 @@ def stretches_figure(result: GapResult) -> go.Figure:
     return made
 
 
-def evidence_figure(named: Named, most: int = 5) -> go.Figure:
+def evidence_figure(named: Finding, most: int = 5) -> go.Figure:
     """The probability of each name that was considered in the place of one."""
     rows = named.rivals[:most] or ((named.effect, named.scope, 0.0, named.confidence),)
     # Fewer hundredths of a per cent than a pixel: the number stands beside the bar.
@@ -187,7 +187,7 @@ def binned(over: Array, values: Array) -> tuple[Array, Array, Array]:
     return _short(np.bincount(cell, over, _CELLS)[kept] / count[kept]), _short(total), _short(error)
 
 
-def best_abscissa(trace: Trace, row: int, course: Course) -> tuple[str, Array]:
+def best_abscissa(residual: Residual, row: int, course: Course) -> tuple[str, Array]:
     """Over which series the means of a residual vary most beyond their errors."""
     options: list[tuple[str, Array]] = []
     if course.angle is not None:
@@ -200,38 +200,38 @@ def best_abscissa(trace: Trace, row: int, course: Course) -> tuple[str, Array]:
     scored = []
     for title, series in options:
         if np.ptp(series) > 1e-6:
-            _, mean, error = binned(series, trace.residual[row])
+            _, mean, error = binned(series, residual.value[row])
             ok = error > 0.0
             scored.append((float(np.sum((mean[ok] / error[ok]) ** 2)), title, series))
     best = max(scored, key=lambda it: it[0])
     return best[1], best[2]
 
 
-def stretches(traced: Mapping[str, Trace]) -> tuple[Array, Array]:
+def stretches(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
     """Start of each five seconds and the gap in it, (K,) each."""
-    last = max(float(trace.node.t[-1]) for trace in traced.values())
-    first = min(float(trace.node.t[0]) for trace in traced.values())
+    last = max(float(residual.node.t[-1]) for residual in residuals.values())
+    first = min(float(residual.node.t[0]) for residual in residuals.values())
     count = max(1, int((last - first) / _STRETCH))
     total, number = np.zeros(count), np.zeros(count)
-    for trace in traced.values():
-        cell = np.clip(((trace.node.t - first) / _STRETCH).astype(int), 0, count - 1)
-        z = ((trace.residual / trace.declared)[trace.node.used] ** 2).sum(axis=0)
+    for residual in residuals.values():
+        cell = np.clip(((residual.node.t - first) / _STRETCH).astype(int), 0, count - 1)
+        z = ((residual.value / residual.declared)[residual.node.used] ** 2).sum(axis=0)
         total += np.bincount(cell, z, count)
-        number += np.bincount(cell, minlength=count) * trace.node.used.sum()
+        number += np.bincount(cell, minlength=count) * residual.node.used.sum()
     kept = number > 0
     sizes = np.asarray(np.sqrt(total[kept] / number[kept]), np.float64)
     middle = first + (np.arange(count) + 0.5) * _STRETCH
     return _short(middle[kept]), _short(sizes)
 
 
-def _both(result: GapResult) -> list[tuple[str, Mapping[str, Trace], str]]:
+def _both(result: GapResult) -> list[tuple[str, Mapping[str, Residual], str]]:
     """Before and, where something was found, after."""
     made = [("before", result.steps[0], BEFORE)]
     return [*made, ("after", result.steps[-1], AFTER)] if result.found else made
 
 
-def _rms(trace: Trace, row: int) -> float:
-    return float(np.sqrt(np.mean((trace.residual[row] / trace.declared[row]) ** 2)))
+def _rms(residual: Residual, row: int) -> float:
+    return float(np.sqrt(np.mean((residual.value[row] / residual.declared[row]) ** 2)))
 
 
 def _short(values: Sequence[float] | NDArray[Any]) -> Array:

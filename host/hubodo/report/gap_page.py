@@ -6,7 +6,8 @@ import html
 
 import numpy as np
 
-from hubodo.gap.account import (
+from hubodo.gap.problem.problem import CHANNELS
+from hubodo.gap.tell.account import (
     handy,
     missing_words,
     probability,
@@ -17,9 +18,8 @@ from hubodo.gap.account import (
     what_to_do,
     with_sigma,
 )
-from hubodo.gap.problem import CHANNELS
-from hubodo.gap.regimes import course
-from hubodo.gap.result import GapResult, Named, Shrink
+from hubodo.gap.tell.regimes import course
+from hubodo.gap.tell.result import BeforeAfter, Finding, GapResult
 from hubodo.report.gap_figures import (
     channels_that_matter,
     evidence_figure,
@@ -55,10 +55,12 @@ _BADGES = {
 
 
 def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
-    """The page as text. log, model: names of what was compared. written: the text of the model with what was
-    added."""
+    """The page as text.
+
+    log, model: names of what was compared. written: the text of the model with what was added.
+    """
     chosen = channels_that_matter(result)
-    courses = {name: course(trace.node) for name, trace in result.steps[0].items()}
+    courses = {name: course(residual.node) for name, residual in result.steps[0].items()}
     sections = [
         Section(
             "The gap, step by step",
@@ -115,7 +117,7 @@ def _hero(result: GapResult) -> str:
     return "".join(parts)
 
 
-def _gap_card(title: str, size: Shrink, floor: float | None) -> str:
+def _gap_card(title: str, size: BeforeAfter, floor: float | None) -> str:
     lowest = min(1.0 if floor is None else floor, size.after)
     excess = size.before**2 - lowest**2
     share = (size.before**2 - size.after**2) / excess if excess > 1e-9 else 0.0
@@ -152,7 +154,7 @@ def _sure_card(result: GapResult) -> str:
     )
 
 
-def _missing(named: Named) -> str:
+def _missing(named: Finding) -> str:
     values = ", ".join(f"{name} {handy(it)}" for name, it in named.parameters.items())
     alike = ""
     if named.inseparable_from:
@@ -185,7 +187,7 @@ def _steps_table(result: GapResult) -> Grid:
     return Grid(("model", "value ± 1 sigma", "gap", "held out", "confidence"), rows)
 
 
-def _evidence(named: Named) -> Section:
+def _evidence(named: Finding) -> Section:
     return Section(
         f"Why {named.effect}",
         "Every effect was tried in every scope, the best were fitted in full, and each is judged by how much "
@@ -197,16 +199,15 @@ def _evidence(named: Named) -> Section:
 def _channel_table(result: GapResult) -> Grid:
     first, last = result.steps[0], result.steps[-1]
     rows: list[tuple[str, ...]] = []
-    for name, trace in first.items():
-        found = result.search.weights.noise[name].found
+    for name, residual in first.items():
         for row in range(len(CHANNELS)):
-            if not trace.node.used[row]:
+            if not residual.node.used[row]:
                 rows.append((f"{name}.{CHANNELS[row]}", "not measured", "", ""))
                 continue
             values = (
-                trace.residual[row] / trace.declared[row],
-                last[name].residual[row] / last[name].declared[row],
-                found[row] / last[name].declared[row],
+                residual.value[row] / residual.declared[row],
+                last[name].value[row] / last[name].declared[row],
+                last[name].noise.found[row] / last[name].declared[row],
             )
             sizes = (f"{float(np.sqrt(np.mean(value**2))):.3f}" for value in values)
             rows.append((f"{name}.{CHANNELS[row]}", *sizes))

@@ -1,5 +1,4 @@
-"""A log as one page for a colleague: what it holds, what was lost, its sensors, its drive, what it cannot
-show."""
+"""A log as one page for a colleague: its content, losses, sensors and drive, and what it cannot show."""
 
 from __future__ import annotations
 
@@ -295,9 +294,11 @@ def _with_nodes(recording: Recording, applied: Applied) -> Recording:
 def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     groups = {"vehicle": learnt.get("vehicle", {}), **learnt.get("nodes", {})}
-    for name, quantities in groups.items():
-        for quantity, entry in quantities.items():
-            rows.append((name, quantity, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
+    for name, effects in groups.items():
+        for effect, parameters in effects.items():
+            for parameter, entry in parameters.items():
+                label = f"{effect}.{parameter}"
+                rows.append((name, label, f"{entry['value']:+.5g}", f"{entry['sigma']:.2g}"))
     return rows
 
 

@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hubodo.calibration.triad import Triad
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError
 
 Array = NDArray[np.float64]
 
-EARTH_RATE = 7.2921159e-5
-"""rad/s, of the model."""
 CONDITION_LIMIT = 300.0
 """Errors of 1e-3 in the direction of Earth rate would then spoil an angle by a third of a radian."""
 
 
 @dataclass(frozen=True)
-class Alignment:
+class TriadAlignment:
     """Rotation from the gyro triad's frame to the accelerometer triad's, as a rotation vector.
 
     angle: (3,) rad. covariance: (3, 3). residual: (R,) of the cosine of the angle between both vectors.
@@ -39,7 +38,9 @@ class Alignment:
     condition: float
 
 
-def align_by_earth_rate(force: Array, rate: Array, rate_sigma: Array | float, latitude: float) -> Alignment:
+def align_by_earth_rate(
+    force: Array, rate: Array, rate_sigma: Array | float, latitude: float
+) -> TriadAlignment:
     """Turn the gyro frame until gravity and Earth rate enclose 90 degrees less latitude in every pose.
 
     force: (R, 3) calibrated accelerometer means. rate: (R, 3) gyro means after the scalar calibration, rad/s.
@@ -69,10 +70,12 @@ def align_by_earth_rate(force: Array, rate: Array, rate_sigma: Array | float, la
             break
     freedom = max(1, len(rows) - 3)
     scatter = max(sigma, float(np.sqrt((residual**2).sum() / freedom)))
-    return Alignment(angle, np.linalg.inv(rows.T @ rows) * scatter**2, residual, condition)
+    return TriadAlignment(angle, np.linalg.inv(rows.T @ rows) * scatter**2, residual, condition)
 
 
 def turned(triad: Triad, angle: Array) -> Triad:
-    """The same triad for true values given in a frame turned by `angle`: true_new = R true_old, so M_new = M
-    R'."""
+    """The same triad for true values given in a frame turned by `angle`.
+
+    true_new = R true_old, so M_new = M R'.
+    """
     return Triad(triad.bias, np.asarray(triad.matrix @ Rotation.from_rotvec(angle).as_matrix().T))

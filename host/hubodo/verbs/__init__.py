@@ -21,6 +21,7 @@ VERBS: tuple[str, ...] = (
     "warmup",
     "calibrate",
     "north",
+    "heading",
     "simulate",
     "gap",
     "report",

@@ -1,5 +1,4 @@
-"""`hubodo calibrate imu`: bias, scale and cross-axis of both triads of a node, from rests in nine or more
-poses."""
+"""`hubodo calibrate imu`: bias, scale and cross-axis of both triads of a node, from nine poses or more."""
 
 from __future__ import annotations
 
@@ -15,8 +14,8 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from hubodo.calibration.file import (
+    CalibratedEffect,
     Calibration,
-    Effect,
     node_serial,
     read_calibration,
     source_hash,
@@ -101,9 +100,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
     parser.add_argument("--node", required=True, help="name of the node")
     parser.add_argument("--gravity", type=float, default=9.80665, help="m/s² at the place (default 9.80665)")
-    parser.add_argument("--latitude_deg", type=float, help="makes Earth rate the reference of precise gyros")
+    parser.add_argument("--latitude-deg", type=float, help="makes Earth rate the reference of precise gyros")
     parser.add_argument(
-        "--table_rate_deg_s", type=float, help="steady rate of a rate table, the gyros' reference"
+        "--table-rate-deg-s", type=float, help="steady rate of a rate table, the gyros' reference"
     )
     parser.add_argument(
         "--convention",
@@ -112,7 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what the accelerometers' frame is: sensors turned least, or sensor x defines x (default "
         "symmetric)",
     )
-    parser.add_argument("--min_rest", type=float, default=1.0, help="shortest rest, s (default 1)")
+    parser.add_argument("--min-rest", type=float, default=1.0, help="shortest rest, s (default 1)")
     parser.add_argument(
         "--report", type=Path, metavar="HTML", help="write a page with rests, parameters, residuals"
     )
@@ -124,10 +123,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> CalibratedImu:
     """Read, calibrate, add to the calibration file."""
     if args.latitude_deg is not None and not abs(args.latitude_deg) <= 90:
-        raise InputError(f"--latitude_deg {args.latitude_deg} is out of range; give degrees from -90 to 90")
+        raise InputError(f"--latitude-deg {args.latitude_deg} is out of range; give degrees from -90 to 90")
     if args.table_rate_deg_s is not None and not args.table_rate_deg_s > 0:
         raise InputError(
-            f"--table_rate_deg_s {args.table_rate_deg_s} must be positive; its sign does not matter"
+            f"--table-rate-deg-s {args.table_rate_deg_s} must be positive; its sign does not matter"
         )
     read = read_folder if args.log.is_dir() else read_recording
     with progress_line() as show:
@@ -154,7 +153,7 @@ def run(args: argparse.Namespace) -> CalibratedImu:
     return CalibratedImu(args.node, str(args.output), result)
 
 
-def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dict[str, Effect]:
+def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dict[str, CalibratedEffect]:
     """The result as effects of the calibration file, with where they came from."""
     date = datetime.now(UTC).date().isoformat()
     span = None
@@ -163,7 +162,7 @@ def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dic
         span = (float(known.min()), float(known.max())) if len(known) else None
     methods = {"accel": result.notes[0], "gyro": result.gyro.method}
     return {
-        name: Effect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
+        name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
         for name, parameters in result.effects().items()
     }
 

@@ -16,7 +16,6 @@ from rich.table import Table as TextTable
 from hubodo.demo.report import demo_page, facts_grid
 from hubodo.demo.ride import (
     INTERPRETERS,
-    Interpreter,
     RideResult,
     add_board_arguments,
     choose_interpreter,
@@ -24,6 +23,8 @@ from hubodo.demo.ride import (
     speed_of,
 )
 from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
+from hubodo.emulator.interpreters.interpreter import Kind
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError, InputError
 from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
@@ -41,7 +42,7 @@ class Demo:
     """What the demo measured, against its own simulated truth."""
 
     seed: int
-    interpreter: Interpreter
+    interpreter: Kind
     page: Path
     ride: RideResult
     fused: WheelOdometry
@@ -148,8 +149,7 @@ def run(args: argparse.Namespace) -> Demo:
             interpreter,
             args.seed,
             lambda share: progress.update(task, completed=share),
-            image=args.image,
-            bootrom=args.bootrom,
+            pico=PicoSettings(args.image, args.bootrom),
         )
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)

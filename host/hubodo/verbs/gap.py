@@ -15,7 +15,8 @@ from rich.table import Table as TextTable
 
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
-from hubodo.gap.account import (
+from hubodo.gap.judge.round import EMPIRICAL
+from hubodo.gap.tell.account import (
     comments,
     probability,
     runner_up_words,
@@ -25,9 +26,8 @@ from hubodo.gap.account import (
     what_to_do,
     with_sigma,
 )
-from hubodo.gap.explain import Explanation, explain
-from hubodo.gap.result import GapResult
-from hubodo.gap.round import EMPIRICAL
+from hubodo.gap.tell.explain import Explanation, explain
+from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
@@ -42,7 +42,7 @@ FILES = ("gap.json", "model.toml", "report.html")
 
 
 @dataclass(frozen=True)
-class Gap:
+class GapReport:
     """What was found, where it was written, and why some effects were not chosen."""
 
     result: GapResult
@@ -104,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
 
 
-def run(args: argparse.Namespace) -> Gap:
+def run(args: argparse.Namespace) -> GapReport:
     """Read, search, write the three files."""
     for option in ("accept", "reject", "explain"):
         _known(option, getattr(args, option))
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> Gap:
     text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
     for name, content in zip(FILES, (text + "\n", written, html), strict=True):
         write_whole(args.output / name, content)
-    return Gap(
+    return GapReport(
         result,
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),

@@ -198,8 +198,10 @@ def _setting(text: str) -> tuple[ConfigKey, int]:
 
 
 def _set(node: Conversation, wanted: list[tuple[ConfigKey, int]]) -> None:
-    """Stores settings; those of sampling are put into force by a start, after which the node says what it has
-    taken."""
+    """Stores settings.
+
+    Those of sampling are put into force by a start, after which the node says what it has taken.
+    """
     for key, value in wanted:
         node.ask(SetConfig(key, value))
         if key == ConfigKey.NODE_ID:

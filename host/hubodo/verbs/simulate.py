@@ -17,13 +17,13 @@ from hubodo.calibration.as_model import with_calibration
 from hubodo.calibration.file import read_calibration
 from hubodo.demo.ride import (
     SETTLE,
-    Interpreter,
     Rider,
     add_board_arguments,
     choose_interpreter,
     ride,
     speed_of,
 )
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
@@ -111,12 +111,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--settle", type=float, metavar="S", help="with two temperatures: the time constant of a warm-up"
     )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
-    parser.add_argument("--latitude_deg", type=float, metavar="L", help="let the Earth turn under the bench")
+    parser.add_argument("--latitude-deg", type=float, metavar="L", help="let the Earth turn under the bench")
     parser.add_argument(
-        "--azimuth_deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
+        "--azimuth-deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
     )
     parser.add_argument(
-        "--angles_deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
+        "--angles-deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
     )
     parser.add_argument("--stop", type=float, default=20.0, help="s that the table stands (default: 20)")
     parser.add_argument("--turn", type=float, default=2.0, help="s that it turns (default: 2)")
@@ -180,8 +180,8 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         ("--stop", args.stop, (1.0, _LONGEST)),
         ("--turn", args.turn, (0.1, _LONGEST)),
         ("--settle", args.settle or 1.0, (1e-3, math.inf)),
-        ("--latitude_deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
-        ("--azimuth_deg", args.azimuth_deg, (-360.0, 360.0)),
+        ("--latitude-deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
+        ("--azimuth-deg", args.azimuth_deg, (-360.0, 360.0)),
     ):
         if not low <= value <= high:
             raise InputError(f"{name} {value:g}: use {low:g} to {high:g}")
@@ -202,7 +202,7 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         )
     if args.latitude_deg is not None and args.drive not in ("turntable", "poses"):
         raise InputError(
-            "--latitude_deg goes with --drive turntable or poses; a drive hides the Earth's rate"
+            "--latitude-deg goes with --drive turntable or poses; a drive hides the Earth's rate"
         )
     if args.virtual_node:
         if args.drive in ("turntable", "poses"):
@@ -252,7 +252,7 @@ def _virtual(
     args: argparse.Namespace, model: Model, experiment: Experiment, show: Any
 ) -> tuple[Recording, dict[str, Any]]:
     """The drive through emulated chips, firmware, serial ports and the daemon; reference and truth added."""
-    interpreter: Interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
+    interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     vehicle = model.vehicle
     riders = {}
     for name, mount in vehicle.nodes.items():
@@ -280,8 +280,7 @@ def _virtual(
             args.seed,
             lambda share: show(f"virtual nodes drive, {speed}", share),
             int(args.rate or 416),
-            image=args.image,
-            bootrom=args.bootrom,
+            pico=PicoSettings(args.image, args.bootrom),
         )
         recorded = read_recording(result.log)
     begin = (result.start_ns - recorded.t_zero_ns) * 1e-9

@@ -1,5 +1,4 @@
-"""What `hubodo allan` and `hubodo warmup` share: one channel of a node at rest, checked before anything is "
-"computed."""
+"""What `hubodo allan` and `hubodo warmup` share: one channel of a node at rest, checked before it is used."""
 
 from __future__ import annotations
 
@@ -15,6 +14,7 @@ from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
 from hubodo.progress import progress_line
+from hubodo.recording import Recording, Table
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, temperature_step
 
 FloatArray = NDArray[np.float64]
@@ -24,9 +24,11 @@ CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 @dataclass(frozen=True)
 class Standstill:
-    """One channel at rest. t: (N,) s; values: (N,) rad/s or m/s²; temperature: (N,) degrees C or None;
-    step: a temperature step, or None; serial: of the node, "" when the log does not tell; warnings: of the
-    log."""
+    """One channel at rest.
+
+    t: (N,) s; values: (N,) rad/s or m/s²; temperature: (N,) degrees C or None; step: a temperature step, or
+    None; serial: of the node, "" when the log does not tell; warnings: of the log.
+    """
 
     node: str
     channel: str
@@ -53,14 +55,7 @@ def add_standstill_arguments(parser: argparse.ArgumentParser, channels: tuple[st
 
 def read_standstill(args: argparse.Namespace) -> Standstill:
     """Read and check. Raises InputError: no such node, nothing in the span, wrong unit, moved."""
-    with progress_line() as show:
-        read = read_folder if args.log.is_dir() else read_recording
-        recording = read(args.log, progress=show)
-    nodes = tuple(recording.nodes)
-    node = args.node or (nodes[0] if len(nodes) == 1 else None)
-    if node is None or node not in recording.nodes:
-        asked = f"holds no node {node!r}" if node else "holds several nodes"
-        raise InputError(f"{args.log}: {asked}; say --node with one of: {', '.join(nodes) or 'none'}")
+    recording, node = read_node(args.log, args.node)
     table = recording.nodes[node]
     start = -np.inf if args.start is None else args.start
     end = np.inf if args.end is None else args.end
@@ -80,19 +75,34 @@ def read_standstill(args: argparse.Namespace) -> Standstill:
             check_still(t, columns)
     except InputError as error:
         raise InputError(f"{args.log}, node {node}: {error}") from None
-    temperature = _temperature(table["temperature"][span][finite]) if "temperature" in table else None
+    temperature = temperature_of(table, np.flatnonzero(finite) + span.start)
     step = None if temperature is None else temperature_step(t, temperature)
     values = columns[:, CHANNELS.index(args.channel)].copy()
     serial = node_serial(recording.metadata, node)
     return Standstill(node, args.channel, t, values, temperature, step, serial, recording.warnings)
 
 
-def _temperature(values: FloatArray) -> FloatArray | None:
-    """Rows without a reading get the one interpolated between their neighbours; None when there is none at "
-    "all."""
+def read_node(log: Path, name: str | None) -> tuple[Recording, str]:
+    """The log, and the node that is meant: the one named, or the only one. Raises InputError for another."""
+    with progress_line() as show:
+        read = read_folder if log.is_dir() else read_recording
+        recording = read(log, progress=show)
+    nodes = tuple(recording.nodes)
+    node = name or (nodes[0] if len(nodes) == 1 else None)
+    if node is None or node not in recording.nodes:
+        asked = f"holds no node {node!r}" if node else "holds several nodes"
+        raise InputError(f"{log}: {asked}; say --node with one of: {', '.join(nodes) or 'none'}")
+    return recording, node
+
+
+def temperature_of(table: Table, rows: NDArray[np.int64]) -> FloatArray | None:
+    """(M,) degrees C of these rows, interpolated where a reading is missing; None without any."""
+    if "temperature" not in table:
+        return None
+    values = table["temperature"][rows]
     known = np.isfinite(values)
     if not known.any():
         return None
-    rows = np.arange(len(values))
-    made: FloatArray = np.interp(rows, rows[known], values[known])
+    places = np.arange(len(values))
+    made: FloatArray = np.interp(places, places[known], values[known])
     return made

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.calibration.file import (
+    CalibratedEffect,
     Calibration,
-    Effect,
     NodeCalibration,
     Quantity,
     read_calibration,
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
     return WarmedUp(str(args.log), data.node, None if args.output is None else str(args.output), report)
 
 
-def merged(old: Effect | None, new: Effect) -> Effect:
+def merged(old: CalibratedEffect | None, new: CalibratedEffect) -> CalibratedEffect:
     """The new axis beside the axes there are; the time constant, which all axes share, by its weights.
 
     Raises InputError when the axes' time constants differ by more than 4 sigma: one number cannot stand for

@@ -77,7 +77,7 @@ def fingerprint() -> str:
 
 def _sources() -> Iterator[Path]:
     root = Path(hubodo.__file__).parent
-    for room in ("gap", "model"):
+    for room in ("gap", "model", "effects"):
         yield from (root / room).rglob("*.py")
     here = Path(__file__).parents[1]
     made = [*here.glob("*.py"), *(here / "judge").glob("*.py")]

@@ -60,6 +60,16 @@ for k in range(%(n)d):
     time.sleep_us(3800)
 """
 
+# Six digits and a line end every 2 ms.
+CHATTER = """
+import sys, time
+n = 0
+while True:
+    sys.stdout.buffer.write(b'%06d\\n' % n)
+    n += 1
+    time.sleep_ms(2)
+"""
+
 
 def firmware(folder: Path, **files: str) -> Path:
     """A firmware directory with `<name>.py` for each file."""

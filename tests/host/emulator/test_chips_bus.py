@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from hubodo.emulator.board.bus import I2cBus, Pins
-from hubodo.emulator.chips.faults import Nack, StuckBus
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.faults import BusNack, StuckBus
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.motion import StillMotion
 
 
 def bus(*faults: object) -> I2cBus:
-    return I2cBus([Lsm6ds33(StillMotion(), Part(faults=faults))], faults)  # type: ignore[arg-type]
+    return I2cBus([Lsm6ds33(StillMotion(), Specimen(faults=faults))], faults)  # type: ignore[arg-type]
 
 
 def test_reading_twelve_bytes_takes_their_bits_at_400_khz() -> None:
@@ -34,7 +34,7 @@ def test_nobody_at_an_address_is_eio() -> None:
 
 
 def test_a_refusing_chip_is_eio_for_so_many_times() -> None:
-    wires = bus(Nack(0.5, 2))
+    wires = bus(BusNack(0.5, 2))
     assert [wires.read_mem(1.0, 0x6B, b"\x0f", 1)[0] for _ in range(3)] == [-5, -5, 1]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.motion import StillMotion
 
@@ -22,7 +22,7 @@ def read(chip: Lis3mdl, t: float, sub_address: int, n: int = 1) -> bytes:
 
 
 def running(full_scale: int = 0) -> Lis3mdl:
-    chip = Lis3mdl(FIELD, Part(strict=True))
+    chip = Lis3mdl(FIELD, Specimen(strict=True))
     write(chip, 1.0, 0x20, 0x7C)
     write(chip, 1.0, 0x21, full_scale << 5)
     write(chip, 1.0, 0x22, 0x00)
@@ -30,7 +30,7 @@ def running(full_scale: int = 0) -> Lis3mdl:
 
 
 def test_it_is_powered_down_at_reset() -> None:
-    chip = Lis3mdl(FIELD, Part(strict=True))
+    chip = Lis3mdl(FIELD, Specimen(strict=True))
     assert [read(chip, 1.0, r)[0] for r in (0x0F, 0x20, 0x21, 0x22, 0x23, 0x24)] == [0x3D, 0x10, 0, 3, 0, 0]
     assert read(chip, 9.0, 0x27)[0] == 0
 

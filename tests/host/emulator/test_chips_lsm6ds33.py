@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.emulator.chips.faults import BitFlip, BrownOut, MissedSamples, Nack, OdrStep, WrongWhoAmI
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.faults import BitFlip, BrownOut, BusNack, MissedSamples, OdrStep, WrongWhoAmI
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.registers import ChipAccessError, NotAcknowledged
 from hubodo.emulator.chips.sampling import quantise
@@ -38,8 +38,10 @@ def read(chip: Lsm6ds33, t: float, register: int, n: int = 1) -> bytes:
     return chip.read(t, n, BYTE)
 
 
-def running(motion: object = None, part: Part | None = None, odr: int = 6, fifo: bool = False) -> Lsm6ds33:
-    chip = Lsm6ds33(motion or ramp(), part or Part(strict=True))  # type: ignore[arg-type]
+def running(
+    motion: object = None, part: Specimen | None = None, odr: int = 6, fifo: bool = False
+) -> Lsm6ds33:
+    chip = Lsm6ds33(motion or ramp(), part or Specimen(strict=True))  # type: ignore[arg-type]
     if fifo:
         write(chip, 1.0, 0x08, 0x09)
         write(chip, 1.0, 0x0A, odr << 3 | 6)
@@ -53,7 +55,7 @@ def rows(data: bytes) -> np.ndarray:
 
 
 def test_power_on_registers_are_those_of_the_data_sheet() -> None:
-    chip = Lsm6ds33(StillMotion(), Part(strict=True))
+    chip = Lsm6ds33(StillMotion(), Specimen(strict=True))
     assert {r: read(chip, 0.1, r)[0] for r in (0x0F, 0x10, 0x11, 0x12, 0x18, 0x19, 0x1E, 0x06, 0x0A)} == {
         0x0F: 0x69, 0x10: 0, 0x11: 0, 0x12: 0x04, 0x18: 0x38, 0x19: 0x38, 0x1E: 0, 0x06: 0, 0x0A: 0,
     }  # fmt: skip
@@ -62,9 +64,9 @@ def test_power_on_registers_are_those_of_the_data_sheet() -> None:
 
 def test_unknown_registers_raise_when_strict_and_answer_zero_when_not() -> None:
     with pytest.raises(ChipAccessError, match="0x2F"):
-        read(Lsm6ds33(StillMotion(), Part(strict=True)), 0.0, 0x2F)
+        read(Lsm6ds33(StillMotion(), Specimen(strict=True)), 0.0, 0x2F)
     with pytest.raises(ChipAccessError, match="WHO_AM_I"):
-        write(Lsm6ds33(StillMotion(), Part(strict=True)), 0.0, 0x0F, 1)
+        write(Lsm6ds33(StillMotion(), Specimen(strict=True)), 0.0, 0x0F, 1)
     chip = Lsm6ds33(StillMotion())
     assert read(chip, 0.0, 0x2F) == b"\0"
     write(chip, 0.0, 0x0F, 1)
@@ -74,12 +76,12 @@ def test_unknown_registers_raise_when_strict_and_answer_zero_when_not() -> None:
 
 @pytest.mark.parametrize("identity", [0x69, 0x6A, 0x6C])
 def test_who_am_i_can_be_that_of_another_part(identity: int) -> None:
-    assert read(Lsm6ds33(StillMotion(), Part(who_am_i=identity)), 0.0, 0x0F)[0] == identity
+    assert read(Lsm6ds33(StillMotion(), Specimen(who_am_i=identity)), 0.0, 0x0F)[0] == identity
 
 
 @pytest.mark.parametrize(("code", "g_per_lsb"), [(0, 0.061e-3), (1, 0.488e-3), (2, 0.122e-3), (3, 0.244e-3)])
 def test_accelerometer_range_codes_are_out_of_order(code: int, g_per_lsb: float) -> None:
-    chip = Lsm6ds33(StillMotion(), Part(strict=True))
+    chip = Lsm6ds33(StillMotion(), Specimen(strict=True))
     write(chip, 0.0, 0x10, 0x60 | code << 2)
     assert int.from_bytes(read(chip, 1.0, 0x2C, 2), "little", signed=True) == round(1 / g_per_lsb)
 
@@ -89,7 +91,7 @@ def test_accelerometer_range_codes_are_out_of_order(code: int, g_per_lsb: float)
     [(0x00, 8.75e-3), (0x04, 17.5e-3), (0x08, 35e-3), (0x0C, 70e-3), (0x02, 4.375e-3)],
 )
 def test_gyro_scale_is_per_lsb_and_not_range_over_32768(code: int, dps_per_lsb: float) -> None:
-    chip = Lsm6ds33(StillMotion(rate=(0, 0, math.radians(100))), Part(strict=True))
+    chip = Lsm6ds33(StillMotion(rate=(0, 0, math.radians(100))), Specimen(strict=True))
     write(chip, 0.0, 0x11, 0x60 | code)
     assert int.from_bytes(read(chip, 1.0, 0x26, 2), "little", signed=True) == round(100 / dps_per_lsb)
 
@@ -126,7 +128,7 @@ def test_data_ready_rises_with_a_sample_and_falls_when_its_data_are_read() -> No
 
 @given(error=st.floats(-0.1, 0.1), k=st.integers(0, 1500))
 def test_sample_k_exists_after_k_plus_one_of_the_parts_own_periods(error: float, k: int) -> None:
-    chip = running(part=Part(odr_error=error))
+    chip = running(part=Specimen(odr_error=error))
     due = 1.0 + (k + 1) / (416 * (1 + error))
     read(chip, due + 1e-7, 0x1E)
     truth = chip.truth()
@@ -136,7 +138,7 @@ def test_sample_k_exists_after_k_plus_one_of_the_parts_own_periods(error: float,
 
 def test_samples_are_the_motion_at_their_own_time_in_whole_lsb() -> None:
     motion = ramp()
-    chip = running(motion, Part(odr_error=-0.04))
+    chip = running(motion, Specimen(odr_error=-0.04))
     read(chip, 3.0, 0x1E)
     truth = chip.truth()
     want = np.concatenate([motion.angular_rate(truth.t), motion.specific_force(truth.t)], 1) / truth.lsb
@@ -145,7 +147,7 @@ def test_samples_are_the_motion_at_their_own_time_in_whole_lsb() -> None:
 
 
 def test_rate_follows_temperature() -> None:
-    chip = running(StillMotion(degrees=45.0), Part(odr_per_degree=-1e-3))
+    chip = running(StillMotion(degrees=45.0), Specimen(odr_per_degree=-1e-3))
     read(chip, 3.0, 0x1E)
     assert np.diff(chip.truth().t) == pytest.approx(1 / (416 * 0.98), rel=1e-9)
 
@@ -186,7 +188,7 @@ def test_fifo_that_runs_over_drops_the_oldest_words_and_says_where_the_pattern_s
 
 
 def test_fifo_mode_keeps_the_oldest_and_stops_when_full() -> None:
-    chip = Lsm6ds33(ramp(), Part(strict=True))
+    chip = Lsm6ds33(ramp(), Specimen(strict=True))
     write(chip, 1.0, 0x08, 0x09)
     write(chip, 1.0, 0x0A, 6 << 3 | 1)
     write(chip, 1.0, 0x10, 0x64, 0x6C)
@@ -196,7 +198,7 @@ def test_fifo_mode_keeps_the_oldest_and_stops_when_full() -> None:
 
 
 def test_watermark_counts_words() -> None:
-    chip = Lsm6ds33(ramp(), Part(strict=True))
+    chip = Lsm6ds33(ramp(), Specimen(strict=True))
     write(chip, 1.0, 0x06, 60, 0)
     write(chip, 1.0, 0x08, 0x09)
     write(chip, 1.0, 0x0A, 6 << 3 | 6)
@@ -212,7 +214,7 @@ def test_bypass_empties_the_fifo() -> None:
 
 
 def test_decimation_lengthens_the_pattern() -> None:
-    chip = Lsm6ds33(ramp(), Part(strict=True))
+    chip = Lsm6ds33(ramp(), Specimen(strict=True))
     write(chip, 1.0, 0x08, 0x0A)  # gyro every tick, accelerometer every second one
     write(chip, 1.0, 0x0A, 6 << 3 | 6)
     write(chip, 1.0, 0x10, 0x64, 0x6C)
@@ -225,7 +227,7 @@ def test_decimation_lengthens_the_pattern() -> None:
 
 
 def test_without_auto_increment_a_burst_stays_on_its_register() -> None:
-    chip = Lsm6ds33(StillMotion(), Part(strict=True))
+    chip = Lsm6ds33(StillMotion(), Specimen(strict=True))
     write(chip, 0.0, 0x12, 0x00)
     assert read(chip, 0.0, 0x0F, 3) == b"\x69\x69\x69"
 
@@ -242,7 +244,7 @@ def test_a_burst_across_a_new_sample_is_torn_between_words_and_with_bdu_never_in
 
 
 def test_missed_samples_leave_a_hole_of_whole_periods() -> None:
-    chip = running(part=Part(faults=(MissedSamples(2.0, 5),)))
+    chip = running(part=Specimen(faults=(MissedSamples(2.0, 5),)))
     read(chip, 3.0, 0x1E)
     truth = chip.truth()
     steps = np.rint(np.diff(truth.t) * 416).astype(int)
@@ -251,7 +253,7 @@ def test_missed_samples_leave_a_hole_of_whole_periods() -> None:
 
 
 def test_an_odr_step_changes_the_rate_from_then_on() -> None:
-    chip = running(part=Part(faults=(OdrStep(2.0, 1.02),)))
+    chip = running(part=Specimen(faults=(OdrStep(2.0, 1.02),)))
     read(chip, 3.0, 0x1E)
     t = chip.truth().t
     before, after = np.diff(t[t < 2.0]), np.diff(t[t > 2.0 + 1 / 416])
@@ -260,7 +262,7 @@ def test_an_odr_step_changes_the_rate_from_then_on() -> None:
 
 
 def test_nack_fault_refuses_so_many_addresses() -> None:
-    chip = Lsm6ds33(StillMotion(), Part(faults=(Nack(1.0, 2),)))
+    chip = Lsm6ds33(StillMotion(), Specimen(faults=(BusNack(1.0, 2),)))
     chip.acknowledge(0.5)
     for _ in range(2):
         with pytest.raises(NotAcknowledged):
@@ -269,7 +271,7 @@ def test_nack_fault_refuses_so_many_addresses() -> None:
 
 
 def test_upsets_change_what_the_registers_say() -> None:
-    part = Part(faults=(WrongWhoAmI(1.0, 0x42), BitFlip(2.0, 0x11, 2), BrownOut(3.0, of="chips")))
+    part = Specimen(faults=(WrongWhoAmI(1.0, 0x42), BitFlip(2.0, 0x11, 2), BrownOut(3.0, of="chips")))
     chip = running(part=part)
     chip.acknowledge(1.5)
     assert read(chip, 1.5, 0x0F)[0] == 0x42
@@ -285,7 +287,7 @@ def test_disturbance_is_repeatable_by_seed() -> None:
         return gyro + rng.normal(0, 0.01, gyro.shape), accel
 
     def made(seed: int) -> np.ndarray:
-        chip = running(StillMotion(), Part(disturbance=noisy, seed=seed))
+        chip = running(StillMotion(), Specimen(disturbance=noisy, seed=seed))
         read(chip, 3.0, 0x1E)
         return chip.quantised_samples()
 
@@ -296,4 +298,4 @@ def test_disturbance_is_repeatable_by_seed() -> None:
 
 def test_odr_error_beyond_ten_percent_is_refused() -> None:
     with pytest.raises(ValueError, match="odr_error"):
-        Part(odr_error=0.2)
+        Specimen(odr_error=0.2)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
 from hubodo.emulator.motion import StillMotion
 
-STRICT = Part(strict=True)
+STRICT = Specimen(strict=True)
 
 
 def write(chip: Mpu6050, t: float, register: int, *values: int) -> None:
@@ -45,7 +45,7 @@ def test_identity(chip: Mpu6050, identity: int) -> None:
 
 
 def test_identity_can_be_what_buyers_met() -> None:
-    assert read(Mpu6050(StillMotion(), Part(who_am_i=0x98)), 0.0, 0x75)[0] == 0x98
+    assert read(Mpu6050(StillMotion(), Specimen(who_am_i=0x98)), 0.0, 0x75)[0] == 0x98
 
 
 def test_output_is_big_endian_accel_temperature_gyro() -> None:

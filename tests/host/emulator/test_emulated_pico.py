@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 import subprocess
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +13,26 @@ import numpy as np
 import pytest
 from board_programs import firmware
 
-from hubodo.emulator.board.interpreter import find_node
-from hubodo.emulator.board.rp2040 import image as images
-from hubodo.emulator.board.rp2040.filesystem import FlashUnreadable, make_flash, mirror_flash, read_flash
-from hubodo.emulator.board.rp2040.image import ImageMissing, find_image
-from hubodo.emulator.chips.faults import BrownOut, Nack, Reset, Stall, StuckBus
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.chips.faults import BrownOut, BusNack, Reset, ScriptedFault, Stall, StuckBus
+from hubodo.emulator.interpreters.find import find_node
+from hubodo.emulator.interpreters.rp2040 import image as images
+from hubodo.emulator.interpreters.rp2040.filesystem import (
+    FlashUnreadable,
+    make_flash,
+    mirror_flash,
+    read_flash,
+)
+from hubodo.emulator.interpreters.rp2040.image import ImageMissing, find_image
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import RecordedMotion, StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from virtual_runs import pico_or_skip
 
 RUNNERS = Path(images.__file__).parent
 # What is printed before the host has enumerated the device is lost, as with a real one.
+QUICK = PicoSettings(miss_cycles=0)
+PICO, CLOCK = BoardSettings(pico=QUICK), Clock()
 READY = "import time\ntime.sleep_ms(400)\n"
 I2C = READY + "import machine\ni2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)\n"
 
@@ -31,20 +42,26 @@ def _needs_an_image():
     pico_or_skip()
 
 
-def run(tmp_path: Path, main: str, seconds: float = 1.0, motion: Any = None, **options: Any) -> VirtualNode:
+def run(
+    tmp_path: Path,
+    main: str,
+    seconds: float = 1.0,
+    motion: Any = None,
+    *,
+    folder: Path | None = None,
+    board: BoardSettings = PICO,
+    clock: Clock = CLOCK,
+    faults: Sequence[ScriptedFault] = (),
+) -> VirtualNode:
     """A started node whose emulated time has run out."""
     node = VirtualNode(
         motion or StillMotion(),
-        firmware=firmware(tmp_path / "fw", main=main),
-        **{
-            "interpreter": "rp2040",
-            "clock": "stepped",
-            "link": "memory",
-            "run_for": seconds,
-            "own_process": False,
-            "miss_cycles": 0,
-            **options,
-        },
+        Flash(firmware(tmp_path / "fw", main=main), folder=folder),
+        board=replace(board, interpreter="rp2040"),
+        clock=replace(clock, kind="stepped", run_for=seconds),
+        host=Host("memory"),
+        faults=faults,
+        own_process=False,
     )
     node.start()
     assert node.wait(60)
@@ -67,7 +84,9 @@ print(binascii.hexlify(machine.unique_id()).decode(), machine.reset_cause(), gc.
 print(round(machine.ADC(machine.Pin(29)).read_u16() * 9900 / 65535 / 20) * 20)
 """
     )
-    node = run(tmp_path, program, unique_id="0123456789abcdef", battery_mv=4020.0)
+    node = run(
+        tmp_path, program, board=BoardSettings(pico=QUICK, unique_id="0123456789abcdef", battery_mv=4020.0)
+    )
     assert printed(node) == [
         "rp2 Raspberry Pi Pico with RP2040 4 125000000",
         "0123456789abcdef 1 True",
@@ -121,7 +140,7 @@ i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
 print(pulses, low, sda.value(), who())
 """
     )
-    node = run(tmp_path, program, 2.4, faults=[Nack(0.6, 2), StuckBus(1.4)])
+    node = run(tmp_path, program, 2.4, faults=[BusNack(0.6, 2), StuckBus(1.4)])
     assert printed(node) == ["-5 -5 105", "110 5", "9 0 1 105"]
 
 
@@ -155,8 +174,8 @@ def test_its_clock_gains_what_the_settings_say_and_its_ticks_begin_where_they_sa
     program = (
         READY + "import machine\nprint(time.ticks_us() // 1000000)\ntime.sleep_ms(1000)\nmachine.reset()\n"
     )
-    fast = run(tmp_path, program, 2.2, clock_ppm=50_000.0, ticks_start_us=7_000_000)
-    slow = run(tmp_path / "slow", program, 2.2, ticks_start_us=7_000_000)
+    fast = run(tmp_path, program, 2.2, clock=Clock(ppm=50_000.0, ticks_start_us=7_000_000))
+    slow = run(tmp_path / "slow", program, 2.2, clock=Clock(ticks_start_us=7_000_000))
     gained = slow.stats["resets"][0][0] / fast.stats["resets"][0][0]
     assert gained == pytest.approx(1.05, abs=0.001)
     assert printed(fast)[0] == printed(slow)[0] == "7"
@@ -177,7 +196,7 @@ else:
     machine.reset()
 """
     )
-    node = run(tmp_path, program, 3.0, flash=tmp_path / "flash")
+    node = run(tmp_path, program, 3.0, folder=tmp_path / "flash")
     assert [why for _, why in node.stats["resets"]] == ["machine.reset"]
     assert printed(node) == ["kept ['d', 'main.py', 'n.txt'] ['new']"]
     assert (tmp_path / "flash" / "n.txt").read_text() == "kept"
@@ -191,11 +210,13 @@ def test_power_lost_in_the_middle_of_a_write_leaves_the_old_file_or_the_new_one(
     """Erasing a sector takes 45 ms: power goes at seconds that lie before, in and after it."""
     program = "n = 0\nwhile True:\n    n += 1\n    with open('f', 'w') as f: f.write('%06d' % n * 700)\n"
     chip = tmp_path / "flash.bin"
-    run(tmp_path, program, seconds, flash_image=chip).stop()
+    run(
+        tmp_path, program, seconds, board=BoardSettings(pico=PicoSettings(miss_cycles=0, flash_image=chip))
+    ).stop()
     found = read_flash(chip).get("f", b"")
     assert len(found) in (0, 4200)
     assert len({found[k : k + 6] for k in range(0, len(found), 6)}) <= 1
-    again = run(tmp_path, "", 0.8, flash_image=chip)
+    again = run(tmp_path, "", 0.8, board=BoardSettings(pico=PicoSettings(miss_cycles=0, flash_image=chip)))
     assert "f" in {p.name for p in again.flash.iterdir()} or not found
     again.stop()
 
@@ -240,7 +261,9 @@ def test_where_an_image_or_the_bootrom_comes_from_is_said_in_one_line(tmp_path: 
     assert "\n" not in str(missing.value)
     (tmp_path / "RPI_PICO.uf2").write_bytes(b"UF2\n")
     with pytest.raises(ImageMissing, match="pico-bootrom-rp2040/releases"):
-        VirtualNode(StillMotion(), firmware=None, interpreter="rp2040", image=tmp_path)
+        VirtualNode(
+            StillMotion(), board=BoardSettings(interpreter="rp2040", pico=PicoSettings(image=tmp_path))
+        )
 
 
 ROUNDS = """
@@ -263,7 +286,9 @@ def test_arithmetic_takes_as_long_as_was_measured_on_a_real_one(tmp_path: Path) 
     image = usual.with_name(f"{usual.stem}-vm-in-sram{usual.suffix}")
     if not image.is_file():
         pytest.skip(f"{image} is not there")
-    node = run(tmp_path, READY + ROUNDS, 1.2, image=image, miss_cycles=50)
+    node = run(
+        tmp_path, READY + ROUNDS, 1.2, board=BoardSettings(pico=PicoSettings(image=image, miss_cycles=50))
+    )
     assert [int(us) / 1000 for us in printed(node)] == pytest.approx([80, 126, 134], rel=0.03)
 
 

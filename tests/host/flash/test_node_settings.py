@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
-from hubodo.calibration.file import Effect, NodeCalibration, Quantity
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
 from hubodo.flash.node_settings import FROM_CALIBRATION, merged, node_settings
-from hubodo.fuse.filters.rate_bias_kalman import steady_gain
+from papers.filters.rate_bias_kalman import steady_gain
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
 
 
 def calibration(**effects):
     made = {
-        name: Effect({key: Quantity(value, 0.0) for key, value in values.items()})
+        name: CalibratedEffect({key: Quantity(value, 0.0) for key, value in values.items()})
         for name, values in effects.items()
     }
     return NodeCalibration(made)

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from generators import wheel_drives
-from hubodo.fuse.wheel import phase
+from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelNoise
+from hubodo.fuse.wheel.entries import SLOPE, TIME_OFFSET
 from hubodo.fuse.wheel.filter import START, WheelFilter, WheelSample
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.track import WheelRun, collect, run
@@ -135,13 +136,12 @@ def test_innovations_and_errors_are_inside_their_chi_square_bands() -> None:
         sway=0.06,
         road=0.002,
         lateral=3e-4,
-        slope=0.03,
     )
     nees, nis, degrees = [], 0.0, 0
     for seed in range(600, 616):
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng, 40.0, 6.0), rng, errors)
-        found = run(_config(drive, noise=noise), _tables(drive))
+        found = run(_config(drive, noise=noise, known={SLOPE: Quantity(0.0, 0.03)}), _tables(drive))
         x, y, heading = _truth(drive, found.track.t[-1])
         error = np.array([found.track.x[-1] - x, found.track.y[-1] - y, found.track.heading[-1] - heading])
         nees.append(error @ np.linalg.solve(found.track.covariance[-1, :3, :3], error))
@@ -194,8 +194,10 @@ def test_clock_offset_between_the_nodes_is_found() -> None:
     drive = wheel_drives.drive(wheel_drives.legs(parts), rng, replace(wheel_drives.Errors(), clock=0.0))
     late = drive.nodes["right"]
     drive.nodes["right"] = replace(late, t=late.t + 0.025)
-    offset = run(_config(drive, clock_sigma=0.03), _tables(drive)).report.vehicle["clock_offset"]
-    assert offset["value"] == pytest.approx(0.025, abs=max(0.003, 3 * offset["sigma"]))
+    offset = run(_config(drive, known={TIME_OFFSET: Quantity(0.0, 0.03)}), _tables(drive)).report.vehicle[
+        "time_offset"
+    ]["delay"]
+    assert offset.value == pytest.approx(0.025, abs=max(0.003, 3 * offset.sigma))
 
 
 def test_spin_beyond_the_gyro_is_carried_by_gravity_and_centripetal_force() -> None:
@@ -355,13 +357,13 @@ def test_errors_of_the_node_are_found_while_driving() -> None:
     found = run(_config(drive), _tables(drive))
     for name, node in drive.nodes.items():
         quantities = found.report.nodes[name]
-        for truth, quantity, slack in (
-            ("spin_scale", "spin_scale", 1e-3),
-            ("arm_x", "lever_arm_x", 1e-3),
-            ("arm_y", "lever_arm_y", 1e-3),
-            ("tilt_x", "tilt_x", 1e-3),
-            ("tilt_y", "tilt_y", 1e-3),
+        for truth, effect, parameter in (
+            ("spin_scale", "gyro_scale_factor", "z"),
+            ("arm_x", "lever_arm", "x"),
+            ("arm_y", "lever_arm", "y"),
+            ("tilt_x", "node_misalignment", "x"),
+            ("tilt_y", "node_misalignment", "y"),
         ):
-            value = quantities[quantity]
-            assert abs(value["value"] - node.truth[truth]) < 4.0 * value["sigma"] + slack, (name, quantity)
-    assert phase.WHEEL_STATES == 19
+            found_one = quantities[effect][parameter]
+            off = abs(found_one.value - node.truth[truth])
+            assert off < 4.0 * found_one.sigma + 1e-3, (name, effect, parameter)

@@ -1,94 +1,163 @@
-"""The equations of one wheel's window: Jacobian by differences, residuals on a foreign rigid wheel."""
+"""Measurements of the wheel filter: derivatives by differences, residuals on a foreign rigid wheel."""
 
-import math
+from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from generators import wheel_drives
-from hubodo.fuse.wheel import phase
-from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES, WheelGeometry
+from hubodo.fuse.wheel import measurements
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelNoise
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_Z,
+    CAMBER,
+    GYRO_SCALE_ACROSS,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    OF_VEHICLE,
+    OF_WHEEL,
+    SPEED,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Columns,
+    Entry,
+)
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.measurements import (
+    MEASUREMENTS,
+    WheelGeometry,
+    WheelWindow,
+    WindowNoise,
+    centripetal,
+    position,
+    zero_velocity,
+)
+from hubodo.fuse.wheel.measurements.shared import Row
 from hubodo.fuse.wheel.preintegration import WINDOW, Window, WindowBuilder
 from hubodo.fuse.wheel.sine import cosine_and_sine
+from hubodo.fuse.wheel.stillness import Stillness
+
+AT = Columns(1).wheels[0]
+TOLD = position.Position(3.0, -2.0, 0.5)
 
 
-def _some_window(rng: np.random.Generator, spin_rate: float) -> Window:
-    normal = rng.standard_normal
-    spin = spin_rate * WINDOW
-
-    def pair(size: float) -> complex:
-        return complex(*(size * normal(2)))
-
-    rates = (spin_rate - 0.3, spin_rate + 0.5)
-    force, raw = pair(0.7), pair(0.7)
-    return Window(
-        0,
-        spin,
-        *rates,
-        pair(0.05),
-        pair(0.05),
-        force,
-        0.1,
-        pair(0.05),
-        raw,
-        0.01,
-        0.3,
-        0.0,
-        0.0,
-        0.0,
-        0.0,
-        1.0,
-        2.0 * math.sin(0.5 * spin),
-        pair(spin_rate),
-    )
+def _view(geometry: WheelGeometry, window: Window, x: list[float]) -> WheelWindow:
+    view = WheelWindow(geometry, AT)
+    view.look(x, window, resting=False)
+    return view
 
 
+def _centripetal(view: WheelWindow) -> tuple[Row]:
+    row = centripetal.measure(view, WheelNoise())
+    assert row is not None
+    return (row,)
+
+
+# Name -> the entries seen, those left out on purpose, and the rows of one window.
+CASES: dict[str, tuple[tuple[Entry, ...], tuple[Entry, ...], Callable[[WheelWindow], tuple[Row, ...]]]] = {
+    "centripetal": (centripetal.STATES, centripetal.LEFT_OUT, _centripetal),
+    "position": (position.STATES, (), lambda view: position.measure(view.x, AT, TOLD)),
+    "zero velocity": (
+        zero_velocity.STATES,
+        (),
+        lambda view: zero_velocity.measure(view.x, AT, Stillness.RESTING),
+    ),
+}
+NOISE = WindowNoise(WheelNoise(), 0.31)
+for one in MEASUREMENTS:
+    name = one.__name__.rpartition(".")[2]  # type: ignore[attr-defined]
+    CASES[name] = (one.STATES, (), lambda view, one=one: (one.measure(view, NOISE),))  # type: ignore[misc]
+
+
+def _window(rng: np.random.Generator, spin_rate: float, facing: str) -> Window:
+    """Of 0.3 s of samples that a node with such a spin may give, in its own axes."""
+    t = np.arange(31) * 0.01
+    gyro = 0.3 * rng.standard_normal((31, 3))
+    gyro[:, 2] += spin_rate
+    accel = 4.0 * rng.standard_normal((31, 3))
+    return WindowBuilder(facing, 0.0).add_many(t, gyro, accel)[1]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("facing", ["left", "right"])
 @pytest.mark.parametrize("side", [1.0, -1.0])
-@pytest.mark.parametrize("spin_rate", [0.0, 1.0, 12.0, -34.0])
-def test_analytic_jacobian_equals_central_differences_for_every_state(side: float, spin_rate: float) -> None:
-    rng = np.random.default_rng(int(100 + 10 * side + spin_rate))
-    window = _some_window(rng, spin_rate)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("measurement", CASES)
+def test_derivatives_of_every_measurement_equal_central_differences(
+    measurement: str, seed: int, side: float, facing: str
+) -> None:
+    """By each parameter in the node's own axes; what is not in STATES does not move the residual."""
+    print("seed", seed)
+    states, left_out, measure = CASES[measurement]
+    rng = np.random.default_rng(seed)
+    window = _window(rng, float(rng.uniform(-34.0, 34.0)), facing)
     geometry = WheelGeometry(side, 0.31, 0.46 * side, 1.0)
-    x = 0.1 * rng.standard_normal(VEHICLE_STATES + WHEEL_STATES)
+    entries = OF_VEHICLE + OF_WHEEL
+    sign = np.array([entry.sign(facing) for entry in entries])  # type: ignore[arg-type]
+    own = 0.1 * rng.standard_normal(len(entries))
 
-    def residuals(states: np.ndarray) -> np.ndarray:
-        values = states.tolist()
-        return np.array(
-            phase.wheel_rows(values[:VEHICLE_STATES], values[VEHICLE_STATES:], window, geometry)[0]
-        )
+    def rows(parameters: np.ndarray) -> tuple[Row, ...]:
+        return measure(_view(geometry, window, (sign * parameters).tolist()))
 
-    values = x.tolist()
-    _, derivatives, _ = phase.wheel_rows(values[:VEHICLE_STATES], values[VEHICLE_STATES:], window, geometry)
-    rows, columns = phase.jacobian_places(0, 1)
-    analytic = np.zeros((phase.ROWS, len(x)))
-    analytic[rows, columns] = derivatives
+    def residuals(parameters: np.ndarray) -> np.ndarray:
+        return np.array([row[0] for row in rows(parameters)])
+
+    found = rows(own)
+    assert tuple(entry for row in found for entry in row[2]) == states, "not in the order of STATES"
+    assert all(row[1] > 0.0 for row in found)
     step = 1e-6
-    for state in range(len(x)):
-        ahead, behind = x.copy(), x.copy()
-        ahead[state] += step
-        behind[state] -= step
-        numeric = (residuals(behind) - residuals(ahead)) / (2.0 * step)
-        # Truncation is step² times third derivatives of order 1; rounding 1e-16 / step.
-        assert analytic[:, state] == pytest.approx(numeric, abs=1e-8), f"state {state}"
+    for k, entry in enumerate(entries):
+        if entry in left_out:
+            continue
+        shift = step * (np.arange(len(entries)) == k)
+        numeric = (residuals(own - shift) - residuals(own + shift)) / (2.0 * step)
+        analytic = [sign[k] * row[2].get(entry, 0.0) for row in found]
+        # Truncation: step² times third derivatives, up to 1e3 where w² rho counts; rounding: 1e-16 of some
+        # tens over the step.
+        assert analytic == pytest.approx(numeric, rel=1e-7, abs=1e-8), str(entry)
 
 
-def test_centripetal_jacobian_equals_central_differences() -> None:
-    rng = np.random.default_rng(5)
-    window = _some_window(rng, 30.0)
-    geometry = WheelGeometry(1.0, 0.31, 0.46)
-    vehicle = [0.0] * VEHICLE_STATES
-    x = 0.1 * rng.standard_normal(WHEEL_STATES)
-    found = phase.centripetal_row(vehicle, x.tolist(), window, geometry)
-    assert found is not None
-    for state, derivative in found[1].items():
-        values = []
-        for step in (-1e-6, 1e-6):
-            moved = x.copy()
-            moved[state] += step
-            row = phase.centripetal_row(vehicle, moved.tolist(), window, geometry)
-            assert row is not None
-            values.append(row[0])
-        assert derivative == pytest.approx((values[0] - values[1]) / 2e-6, abs=1e-6), f"state {state}"
+def test_a_new_measurement_is_a_line_in_the_tuple(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that tells the axial accelerometer's bias, far from what the drive shows. Seed 3."""
+    rng = np.random.default_rng(3)
+    drive = wheel_drives.drive(wheel_drives.loop(rng, 15.0, 5.0), rng)
+
+    def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+        return 7.0 - w.x[w.at[ACCEL_BIAS_Z]], 1e-12, {ACCEL_BIAS_Z: 1.0}
+
+    told = SimpleNamespace(STATES=(ACCEL_BIAS_Z,), usable=lambda window: True, measure=measure)
+
+    def biases() -> list[float]:
+        nodes = {name: WheelNode(name, "left") for name in drive.nodes}  # type: ignore[arg-type]
+        made = WheelFilter(WheelConfig(drive.radius, drive.track, nodes))
+        made.handle_many({name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()})
+        return [made.core.estimate(name, ACCEL_BIAS_Z).value for name in drive.nodes]
+
+    assert max(abs(value) for value in biases()) < 2.0
+    monkeypatch.setattr(measurements, "OF_EACH_WHEEL", (*measurements.OF_EACH_WHEEL, told))
+    # Each window gates what stands out by three sigma, so that it takes some to get there.
+    assert biases() == pytest.approx([7.0, 7.0], abs=0.01)
+
+
+def _worst_residuals(drive: wheel_drives.WheelDrive, side: str, camber: float) -> dict[str, float]:
+    """Largest residual of each measurement when the states are the truth."""
+    node = drive.nodes[side]
+    sign = 1.0 if side == "left" else -1.0
+    geometry = WheelGeometry(sign, drive.radius, 0.5 * sign * drive.track)
+    view, noise = WheelWindow(geometry, AT), WindowNoise(WheelNoise(), drive.radius)
+    x = [0.0] * len(AT)
+    x[AT[WHEEL_ANGLE]], x[AT[CAMBER]] = node.truth["start_angle"], camber
+    x[AT[LEVER_ARM_X]], x[AT[LEVER_ARM_Y]] = node.truth["arm_x"], node.truth["arm_y"]
+    worst = dict.fromkeys(MEASUREMENTS, 0.0)
+    for window in WindowBuilder("left", 0.0).add_many(node.t, node.gyro, node.accel):
+        at = slice(window.number * 100, window.number * 100 + 101)
+        x[AT[YAW_RATE]] = (drive.heading[at][-1] - drive.heading[at][0]) / WINDOW
+        x[AT[SPEED]] = float(np.mean(drive.speed[at]))
+        view.look(x, window, resting=False)
+        for measurement in MEASUREMENTS:
+            worst[measurement] = max(worst[measurement], abs(measurement.measure(view, noise)[0]))
+        x[AT[WHEEL_ANGLE]] += view.rate * WINDOW
+    return {measurement.__name__.rpartition(".")[2]: value for measurement, value in worst.items()}  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
@@ -100,32 +169,26 @@ def test_all_residuals_vanish_at_the_true_state_of_a_rigid_wheel(side: str, camb
     plan = wheel_drives.legs([(2.0, 0.0, 0.0), (6.0, 1.5, 0.3), (6.0, 2.0, -0.4)])
     arm = (0.03, -0.02)
     drive = wheel_drives.drive(plan, rng, wheel_drives.PERFECT, camber=camber, rate_hz=1000.0, arm=arm)
-    node = drive.nodes[side]
-    windows = WindowBuilder("left", 0.0).add_many(node.t, node.gyro, node.accel)
-    sign = 1.0 if side == "left" else -1.0
-    geometry = WheelGeometry(sign, drive.radius, 0.5 * sign * drive.track)
-    angle = node.truth["start_angle"]
-    worst = np.zeros(phase.ROWS)
-    for window in windows:
-        at = slice(window.number * 100, window.number * 100 + 101)
-        yaw_rate = (drive.heading[at][-1] - drive.heading[at][0]) / WINDOW
-        vehicle = [0.0] * VEHICLE_STATES
-        vehicle[phase.YAW_RATE], vehicle[phase.SPEED] = yaw_rate, float(np.mean(drive.speed[at]))
-        states = [0.0] * WHEEL_STATES
-        states[phase.ANGLE], states[phase.CAMBER] = angle, camber
-        states[phase.ARM_X], states[phase.ARM_Y] = arm
-        rows, _, rate = phase.wheel_rows(vehicle, states, window, geometry)
-        worst = np.maximum(worst, np.abs(rows))
-        angle += rate * WINDOW
+    worst = _worst_residuals(drive, side, camber)
     # Half a step of the chip (0.07 deg/s; 0.488 mg) over a window, plus the curvature of speed within one.
     gyro, accel = wheel_drives.GYRO_STEP * WINDOW, wheel_drives.ACCEL_STEP * WINDOW
-    assert worst[phase.YAW] < gyro, f"seed {seed}"
+    assert worst["yaw"] < gyro, f"seed {seed}"
     # The wheel angle is summed from quantised spin for 14 s: some milliradians of it turn yaw into roll.
-    assert worst[phase.ROLL] < 3 * gyro
+    assert worst["roll"] < 3 * gyro
     # A lever arm of 36 mm feels w² = 170 (rad/s)² as 6 m/s²; what is left is a thousandth of it.
-    assert worst[phase.FORWARD] < 20 * accel
-    assert worst[phase.SIDEWAYS] < 20 * accel
-    assert worst[phase.ROLLING] < 2e-4
+    assert worst["forward"] < 20 * accel
+    assert worst["sideways"] < 20 * accel
+    assert worst["rolling"] < 2e-4
+
+
+def test_a_mean_of_two_parameters_has_one_sign_and_one_belief() -> None:
+    """What the filter can only see together must be declared alike in the effect."""
+    for entry in OF_WHEEL:
+        for parameter in entry.parameters:
+            assert entry.of is not None
+            assert entry.of.estimate(parameter) == entry.of.estimate(entry.parameters[0]), entry
+            assert entry.of.sign(parameter, "right") == entry.of.sign(entry.parameters[0], "right"), entry
+    assert GYRO_SCALE_ACROSS.parameters == ("x", "y")
 
 
 def test_series_for_sine_and_cosine_is_as_good_as_the_library() -> None:

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import TRACK_WIDTH
 from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import read_folder
 from shared_data import shared_data
@@ -18,14 +20,18 @@ def test_heading_of_the_wheels_is_that_of_the_frame(names: tuple[str, ...], lag:
     witness = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     # The track was not measured: 0.92 m within 5 %.
-    found = run(WheelConfig(0.31, 0.92, nodes, track_sigma=0.05), recording.nodes, lag)
+    found = run(
+        WheelConfig(0.31, 0.92, nodes, known={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes, lag
+    )
     error = np.degrees(found.track.heading - np.interp(found.track.t, frame.t, witness))
     error -= error[0]
     assert np.sqrt(np.mean(error**2)) < 1.5
     assert abs(error[-1]) < 2.0
     # Camber and lever arm of the two wheels are alike; scale of a spin gyro is off by less than 1.5 %.
     for name in names:
-        assert np.degrees(found.report.nodes[name]["camber"]["value"]) == pytest.approx(18.5, abs=1.5)
-        assert abs(found.report.nodes[name]["spin_scale"]["value"]) < 0.015
+        effects = found.report.nodes[name]
+        assert np.degrees(effects["wheel_camber"]["angle"].value) == pytest.approx(18.5, abs=1.5)
+        assert abs(effects["gyro_scale_factor"]["z"].value) < 0.015
     if len(names) == 2:
-        assert found.report.vehicle["track_width"]["value"] == pytest.approx(0.91, abs=0.03)
+        width = 0.92 * (1.0 + found.report.vehicle["track_width"]["error"].value)
+        assert width == pytest.approx(0.91, abs=0.03)

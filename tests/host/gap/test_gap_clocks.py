@@ -8,10 +8,9 @@ import pytest
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.problem import build
-from hubodo.gap.search import initial_state
-from hubodo.gap.sensitivity import late_column
-from hubodo.gap.state import predict_node, stacked
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.problem.build import build
+from hubodo.gap.state.state import stacked
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
@@ -63,8 +62,8 @@ def test_the_column_of_a_late_clock_is_the_slope_of_the_readings_in_time(drive, 
     folder, _ = drive
     problem = build(read_folder(folder / "case"), read_model(folder / "case" / "model.toml"))
     node, state = problem.nodes[0], initial_state(problem)
-    moved = stacked(predict_node(node, [BY_NAME["time_offset"](delay=by)], state))
-    plain = stacked(predict_node(node, [], state))
-    column = late_column(problem, node, state)
+    moved = stacked(state.reading(node, [BY_NAME["time_offset"](delay=by)]))
+    plain = stacked(state.reading(node, []))
+    column = state.late_columns[node.name]
     second_order = np.abs(moved - plain - by * column).max(axis=1)
     assert (second_order < 0.02 * np.abs(moved - plain).max(axis=1) * max(1.0, abs(by) / 1e-4)).all()

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hubodo.gap.innovations import Share, Walk, innovations
-from hubodo.gap.walk import scores, smoothed, walked
+from hubodo.gap.process_noise.innovations import Share, Walk, innovations
+from hubodo.gap.process_noise.walk import scores, smoothed, walked
 
 WINDOW, BLOCK, COLUMNS = 0.5, 3, 2
 # A wheel whose first angle is unknown, something slow, and something that is new in each window.
@@ -49,7 +49,7 @@ def dense(shares):
             for n in range(share.edges[k], share.edges[k + 1]):
                 for row in range(6):
                     w = share.weight[row, n]
-                    ys.append(w * share.rest[row, n])
+                    ys.append(w * share.residual[row, n])
                     x, a = np.zeros(COLUMNS), np.zeros((windows, count))
                     x[list(share.at)] = w * share.columns[:, row, n]
                     a[k, list(share.feels)] = w * share.answers[:, row, n]
@@ -68,7 +68,10 @@ def dense(shares):
 def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
     shares = drawn(seed)
     # Residuals of more than six sigma would be pulled in.
-    shares = [replace(share, rest=share.rest / np.abs(share.rest * share.weight).max()) for share in shares]
+    shares = [
+        replace(share, residual=share.residual / np.abs(share.residual * share.weight).max())
+        for share in shares
+    ]
     y, x, a, prior, path = dense(shares)
     found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK)
     whole = np.eye(len(y)) + a @ prior @ a.T
@@ -85,7 +88,10 @@ def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_walks_are_where_the_gaussian_expects_them(seed):
     shares = drawn(seed)
-    shares = [replace(share, rest=share.rest / np.abs(share.rest * share.weight).max()) for share in shares]
+    shares = [
+        replace(share, residual=share.residual / np.abs(share.residual * share.weight).max())
+        for share in shares
+    ]
     y, _, a, prior, path = dense(shares)
     found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK, smooth=True)
     whole = np.eye(len(y)) + a @ prior @ a.T

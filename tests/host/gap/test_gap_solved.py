@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.gap.linearised import solved
+from hubodo.gap.linear.linearised import solved
 
 
 @given(st.integers(0, 10_000), st.integers(2, 6))

@@ -3,11 +3,12 @@
 import pytest
 
 from gap_runs import WHEELCHAIR
-from hubodo.gap.linearised import settle
-from hubodo.gap.problem import build
-from hubodo.gap.round import look
-from hubodo.gap.search import initial_state, reweigh
-from hubodo.gap.size import gap, traces
+from hubodo.gap.judge.round import look
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.problem.build import build
+from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.residual import gap
+from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
@@ -19,7 +20,6 @@ EVERY = 4
 
 @pytest.fixture(scope="module")
 def first_round(tmp_path_factory):
-    """(round, its problem)"""
     read = read_folder(shared_data("wheelchair"))
     thin = {
         name: Table({column: values[::EVERY] for column, values in table.columns.items()})
@@ -27,14 +27,13 @@ def first_round(tmp_path_factory):
     }
     path = tmp_path_factory.mktemp("wheelchair") / "model.toml"
     path.write_text(WHEELCHAIR.format(track_width=0.92), "utf-8")
-    problem = build(Recording(thin), read_model(path))
-    state, _ = settle(problem, initial_state(problem))
-    return look(problem, state, reweigh(problem, state)), problem
+    state, _ = track_wheel_phase(initial_state(build(Recording(thin), read_model(path))))
+    return look(Point(state, own_weights(state)))
 
 
 def test_the_wheels_of_a_sports_wheelchair_lean(first_round):
     """Such chairs are built with 15 to 20 degrees of camber; both wheels of one chair have the same."""
-    made, _ = first_round
+    made = first_round
     assert made.best is not None
     assert made.best.label == ("wheel_camber", "all")
     assert made.best.probability > 0.99
@@ -42,6 +41,5 @@ def test_the_wheels_of_a_sports_wheelchair_lean(first_round):
 
 
 def test_with_that_the_gap_is_little_more_than_half(first_round):
-    made, problem = first_round
-    before, after = (gap(traces(problem, one.state, made.weights)) for one in (made.before, made.best.refit))
+    before, after = (gap(one.point.residuals) for one in (first_round.before, first_round.best.refit))
     assert after < 0.6 * before

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.gap.regimes import Course, Regimes, when
+from hubodo.gap.tell.regimes import Course, Regimes, when
 
 T = np.arange(0.0, 100.0, 0.01)
 SPIN = 8.0 + 4.0 * np.sin(0.2 * T) + 2.0 * np.sin(0.71 * T + 1.0)

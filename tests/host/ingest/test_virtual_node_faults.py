@@ -8,6 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from hubodo.emulator.board.settings import Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import firmware_folder
@@ -61,12 +62,9 @@ def test_ten_unplugs_one_percent_of_damage_and_a_reset_of_the_real_firmware_are_
     out, seed = tmp_path / "ride.mcap", 5
     node = VirtualNode(
         StillMotion(),
-        firmware=firmware_folder(),
-        config={"node_id": 1, "rate_hz": 416, "batch": 8},
-        corrupt=0.01,
-        keep_link_log=True,
+        Flash(firmware_folder(), {"node_id": 1, "rate_hz": 416, "batch": 8}),
+        host=Host(corrupt=0.01, log=True, path=tmp_path / "ttyLEFT"),
         seed=seed,
-        link_path=tmp_path / "ttyLEFT",
     )
     stop, results = threading.Event(), []
     with node:

@@ -1,5 +1,8 @@
-"""The sensor chain of the forward model: each effect against its formula written down a second time, the
-order of the chain against a slow version of it, sample by sample, and what an absent effect must not do."""
+"""The sensor chain of the forward model: each effect against its formula written down a second time.
+
+Besides: the order of the chain against a slow version of it, sample by sample, and what an absent effect must
+not do.
+"""
 
 import re
 from pathlib import Path
@@ -19,10 +22,10 @@ from hubodo.effects.gyro import (
     GyroQuantization,
     GyroRateRandomWalk,
     GyroSaturation,
-    GyroWarmup,
 )
 from hubodo.effects.mounting import NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
+from hubodo.effects.warmup import GyroWarmup
 from hubodo.model.forward import NodeForward, Start
 from hubodo.model.inputs import Inputs
 from hubodo.smooth import through
@@ -89,7 +92,13 @@ ADDS = {
     ),
     "gyro_temperature": lambda e, w, f, age, warm: (np.outer([e.x, e.y, e.z], warm - 25.0), 0),
     "gyro_g_sensitivity": lambda e, w, f, age, warm: (
-        np.stack([0 * w[0], 0 * w[0], e.x * f[0] + e.y * f[1] + e.z * f[2]]),
+        np.stack(
+            [
+                e.xx * f[0] + e.xy * f[1] + e.xz * f[2],
+                e.yx * f[0] + e.yy * f[1] + e.yz * f[2],
+                e.x * f[0] + e.y * f[1] + e.z * f[2],
+            ]
+        ),
         0,
     ),
 }
@@ -248,7 +257,8 @@ def slow_chain(values, w, f, age, warm):
     shown = shown + of("gyro_bias", "xyz")
     shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
     shown = shown + of("gyro_temperature", "xyz") * (warm - 25.0)
-    shown[2] += of("gyro_g_sensitivity", "xyz") @ f
+    for axis, names in enumerate((("xx", "xy", "xz"), ("yx", "yy", "yz"), "xyz")):
+        shown[axis] += of("gyro_g_sensitivity", names) @ f
     read = read + of("accel_bias", "xyz")
     limit, step = values["gyro_saturation"]["limit"], values["gyro_quantization"]["step"]
     shown = np.round(np.clip(shown, -limit, limit) / step) * step
@@ -325,9 +335,10 @@ def test_a_node_off_the_wheels_goes_through_the_same_chain():
 
 def test_the_table_of_effects_in_the_readme_is_the_list_of_effects():
     readme = Path(__file__).parents[3] / "host/hubodo/model/README.md"
-    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|", readme.read_text("utf-8"), re.MULTILINE)
-    table = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
-    assert list(table) == [kind.name for kind in EFFECTS]
+    table = readme.read_text("utf-8").partition("<!-- generated: effects -->")[2].partition("<!-- end")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|", table, re.MULTILINE)
+    told = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
+    assert list(told) == [kind.name for kind in EFFECTS]
     for kind in EFFECTS:
-        assert table[kind.name] == (kind.level, list(kind.parameters())), kind.name
+        assert told[kind.name] == (kind.level, list(kind.parameters())), kind.name
     assert len(BY_NAME) == len(EFFECTS) == 28

@@ -114,7 +114,7 @@ def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):
 
 def test_a_log_without_a_table_says_what_to_do(tmp_path, capsys):
     status, err = north(capsys, folder(tmp_path / "log", stops(8, 10.0, count=6), table=False))
-    assert status == 2 and "--simulate_azimuth_deg" in err
+    assert status == 2 and "--simulate-azimuth-deg" in err
 
 
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):

@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, curve_fit
 
 from generators import start_gyro as start
-from hubodo.effects.warmup_models import PARAMETERS, BiasRecursion, WarmupModel
+from hubodo.effects.warmup import PARAMETERS, WarmupModel
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import _jacobian, fit_warmup
 from hubodo.sensors.warmup.whiteness import autocorrelation_test, ljung_box
+from papers.filters.warmup_recursion import BiasRecursion
 
 DEG = np.pi / 180.0
 NIGHT = 12 * 3600.0

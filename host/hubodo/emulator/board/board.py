@@ -2,50 +2,31 @@
 
 from __future__ import annotations
 
-import os
+import json
 import select
-import socket
-import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from hubodo.emulator.board import interpreter as interpreters
-from hubodo.emulator.board.bus import I2cBus, Pins
-from hubodo.emulator.board.calls import BOOT_NS, HANDLERS
-from hubodo.emulator.board.hypercall import (
-    EIO,
-    ENODEV,
-    FLAG_INPUT,
-    FLAG_INTERRUPT,
-    FLAG_OPEN,
-    FLAG_PLUGGED,
-    FLAG_ROOM,
-    REQUEST,
-    RESPONSE,
-    op_codes,
-)
-from hubodo.emulator.board.link import TX_FIFO, LineNoise, Link, MemoryLink, PtyLink
+from hubodo.emulator.board.bus import I2cBus
+from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
+from hubodo.emulator.board.hypercall import EIO, ENODEV, Handler, Op, Reply
+from hubodo.emulator.board.link import HostLink, LineNoise
 from hubodo.emulator.board.models import MODELS
-from hubodo.emulator.board.network import Station
-from hubodo.emulator.board.port import Port
-from hubodo.emulator.board.reset_registers import ResetRegisters, Why
-from hubodo.emulator.board.rp2040.pico import Pico
-from hubodo.emulator.board.settings import BoardSettings
-from hubodo.emulator.chips.faults import BrownOut, Fault, Reset, Stall, Unplug
+from hubodo.emulator.board.peripherals import Peripherals
+from hubodo.emulator.board.processor import Processor, Request
+from hubodo.emulator.board.reset_registers import Why
+from hubodo.emulator.board.schedule import Schedule
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Wiring
+from hubodo.emulator.board.sockets import Network
+from hubodo.emulator.board.streams import Streams
+from hubodo.emulator.chips.faults import BrownOut, ScriptedFault, Unplug
 from hubodo.emulator.chips.registers import RegisterChip
 
-CTRL_C = 3
 REPLUG_NS = 200_000_000
-USB_FRAME_NS = 1_000_000
-STEPPED_REFRESH_NS = 4_000_000
-BUSY_NS = 2_000_000_000
-CONSOLE_BYTE_NS, CONSOLE_FIFO = 10e9 / 115200, 128
-_NS = 1_000_000_000
-_FOREVER = float("inf")
+BOOT_NS = 150_000_000
 
 
 @dataclass
@@ -53,487 +34,266 @@ class _Waiting:
     """A call whose answer has to wait for the link."""
 
     deadline: float
-    finished: Callable[[bool], bool]
+    finished: Callable[[bool], Reply | None]
 
 
 class VirtualBoard:
     """Chips, bus, pins, clock, watchdog and link of one node, and the interpreter that drives them.
 
-    `serve` runs until `stop`, `run_for` or a fatal error. Not thread-safe: other threads talk to a board
-    through the control connection given to `serve`.
+    The folder of `flash` is its file system. `serve` runs until `stop`, the clock's `run_for` or a fatal
+    error. Not thread-safe: other threads talk to a board through the control connection given to `serve`.
     """
 
     def __init__(
         self,
         settings: BoardSettings,
+        clock: Clock,
+        flash: Flash,
         chips: Sequence[RegisterChip],
-        link: Link,
+        link: HostLink,
+        noise: LineNoise,
         *,
-        faults: Sequence[Fault] = (),
-        noise: LineNoise | None = None,
+        wiring: Wiring = "good",
+        wait_for_host: bool = False,
+        faults: Sequence[ScriptedFault] = (),
     ) -> None:
-        self.settings, self.chips, self.link = settings, tuple(chips), link
-        self.noise = noise or LineNoise()
-        self.model = MODELS[settings.model]
-        self.bus = I2cBus(
-            self.chips,
-            faults,
-            sda=self.model.sda,
-            scl=self.model.scl,
-            wiring=settings.wiring,
-            refusal=EIO if self.model.platform == "rp2" else ENODEV,
-        )
-        self.pins = Pins(self.bus)
+        self.running = False
         self.counts: Counter[str] = Counter()
         self.calls: Counter[int] = Counter()
         self.resets: list[tuple[float, str]] = []
-        self.link_log: list[tuple[int, bytes, bytes, bool]] | None = None
-        self.running = False
-        self.stepped = settings.clock != "real"
-        self.paced = settings.clock == "paced"
-        self.t = 0.0
-        self._t0_ns = 0
-        self._boot_ns = 0.0
-        self._registers = ResetRegisters(self.model)
-        self.ports: dict[int, Port] = {0: Port()}
-        self.ports[self.link_port] = Port(link=link)
-        if self.model.platform == "esp32":
-            self.ports[0].byte_ns, self.ports[0].send_buffer = CONSOLE_BYTE_NS, CONSOLE_FIFO
-        # In an emulated processor MicroPython itself looks for ctrl-C.
-        self._emulated = settings.interpreter == "rp2040"
-        self._first_interrupt_char = -1 if self._emulated else CTRL_C
-        self._interrupt_char = self._first_interrupt_char
         self.meter: dict[str, Any] = {}
-        self.interrupt_came = False
-        self._interrupt_at = 0
-        self.wdt_timeout = 0.0
-        self.wdt_deadline = _FOREVER
-        self._waiting: _Waiting | None = None
-        self.station = Station(self.model.platform, settings.air)
-        self.sockets: dict[int, socket.socket] = {}
-        self.mail: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
-        """What the air itself has answered to a socket."""
-        self._script = sorted(
-            ((f.t * _NS, f) for f in faults if isinstance(f, Reset | Unplug) or _restarts(f)),
-            key=lambda x: x[0],
-        )
-        self._stalls = sorted((f for f in faults if isinstance(f, Stall)), key=lambda f: f.t)
-        if settings.run_for is not None:
-            self._end = settings.run_for * _NS
-        else:
-            self._end = _FOREVER
-        self._plug_at = _FOREVER
-        self._interpreter: interpreters.Interpreter | None = None
+        self._settings, self._wait_for_host = settings, wait_for_host
+        model = MODELS[settings.model]
+        self._clock = BoardClock(clock)
+        self._schedule = Schedule(faults, clock.run_for)
+        refusal = EIO if model.platform == "rp2" else ENODEV
+        self.bus = I2cBus(chips, faults, sda=model.sda, scl=model.scl, wiring=wiring, refusal=refusal)
         self._poll = select.poll()
-        self._watched_link = -1
-        self._buffer = bytearray()
-        self._interpreter_cpu = 0.0
-        self._pico: Pico | None = None
+        self.processor = Processor(settings, self._clock, flash, self._poll)
+        self._network = Network(model, settings.air, self._clock, self.counts)
+        waits = self._network.waits
+        self.streams = Streams(settings, model, link, noise, self._clock, self._poll, self.counts, waits)
+        self._peripherals = Peripherals(model, self.bus, settings.battery_mv, self._network.radio_on)
+        self._handlers = self._own_handlers()
+        for part in (self._schedule, self._peripherals, self.streams, self._network):
+            self._handlers |= part.handlers()
+        self._waiting: _Waiting | None = None
+        self._control: tuple[int, Callable[[], None]] = (-1, lambda: None)
 
     @property
-    def link_port(self) -> int:
-        return 0 if self.settings.uart_link is None else self.settings.uart_link + 1
-
-    # ---- time ----
-
-    def now(self) -> float:
-        """True time in ns since the board was switched on."""
-        return self.t if self.stepped else time.monotonic_ns() - self._t0_ns
-
-    # ---- life of the interpreter ----
-
-    def boot(self, *, raw: bool = False, run_main: bool = True) -> None:
-        self._buffer.clear()
-        self._waiting = None
-        self._interrupt_char = self._first_interrupt_char
-        settings = self.settings
-        started = self.now()
-        self._interpreter = interpreters.start(
-            settings.interpreter,
-            {
-                "ops": op_codes(),
-                "stepped": self.stepped,
-                "paced": self.paced,
-                "t0_ns": str(self._t0_ns),
-                "t_ns": started,
-                "t_boot_ns": self._boot_ns,
-                "ticks_start_us": settings.ticks_start_us,
-                "clock_ppm": settings.clock_ppm,
-                "call_cost_ns": settings.call_cost_us * 1000,
-                "tick_cost_ns": settings.tick_cost_us * 1000,
-                "refresh_ns": STEPPED_REFRESH_NS if self.stepped and not self._emulated else USB_FRAME_NS,
-                "pace": settings.pace,
-                "heap_bytes": settings.heap_bytes,
-                "slack_bytes": 98304,
-                "epoch_ms": 1_609_459_200_000,
-                "flash": str(settings.flash),
-                "raw": raw,
-                "run": ["boot.py", "main.py"] if run_main and not raw else ["boot.py"] if raw else [],
-                "unique_id": settings.unique_id,
-                **self.model.as_config(),
-                **self._registers.as_config(),
-                "flash_journal": str(settings.flash_journal) if settings.flash_journal else "",
-                "frequency_hz": 125_000_000,
-                **(self._pico.for_runner() if self._pico is not None else {}),
-            },
-            tempfile.TemporaryFile(),
-        )
-        self._poll.register(self._interpreter.requests, select.POLLIN)
-
-    def _account(self) -> None:
-        """Add the ended or running interpreter's processor time."""
-        assert self._interpreter is not None
-        try:
-            fields = (
-                Path(f"/proc/{self._interpreter.process.pid}/stat").read_text().rpartition(")")[2].split()
-            )
-        except OSError:
-            return
-        self._interpreter_cpu += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    @property
-    def interpreter_pid(self) -> int | None:
-        """Process that runs the firmware now."""
-        return self._interpreter.process.pid if self._interpreter is not None else None
-
-    def interpreter_cpu(self) -> float:
-        """Processor time of all interpreters of this board so far, s."""
-        before = self._interpreter_cpu
-        if self._interpreter is not None:
-            self._account()
-        total, self._interpreter_cpu = self._interpreter_cpu, before
-        return total
-
-    def kill(self) -> None:
-        if self._interpreter is not None:
-            self._poll.unregister(self._interpreter.requests)
-            self._account()
-            self._interpreter.kill()
-            self._interpreter = None
+    def seconds(self) -> float:
+        """True time since it was switched on, s."""
+        return self._clock.now() / NS
 
     def reset(self, why: Why) -> None:
         """Restart the processor: USB goes away and comes back."""
-        self.kill()
-        self.resets.append((self.now() / _NS, why))
-        self._registers.reset(why)
-        self.wdt_deadline, self.wdt_timeout = _FOREVER, 0.0
-        for port in self.ports.values():
-            port.clear()
-        self.interrupt_came = False
-        self.pins = Pins(self.bus)
-        for handle in list(self.sockets):
-            self.sockets.pop(handle).close()
-        self.mail.clear()
-        self.station = Station(self.model.platform, self.settings.air)
-        if self.stepped and not self._emulated:
-            self.t += BOOT_NS
-        self._boot_ns = self.now()
-        self._leave_usb()
-        self.boot()
+        self.processor.kill()
+        self.resets.append((self.seconds, why))
+        self._schedule.stop_watchdog()
+        self.streams.reset()
+        self._peripherals.reset()
+        self._network.reset()
+        if self._clock.stepped and not self._settings.emulated:
+            self._clock.t += BOOT_NS
+        if self.streams.usb:
+            self.unplug(REPLUG_NS)
+        self.processor.restarted(why)
+        self._boot()
 
-    def restarted(self, why: str) -> None:
-        """The emulated processor has reset itself: what the host sees of it."""
-        self.resets.append((self.now() / _NS, why))
-        self.ports[self.link_port].clear()
-        self._leave_usb()
+    def _boot(self, *, raw: bool = False, run_main: bool = True) -> None:
+        self._waiting = None
+        self.streams.begin()
+        self.processor.boot(raw=raw, run_main=run_main)
 
-    def _leave_usb(self) -> None:
-        if isinstance(self.link, PtyLink) and self.settings.uart_link is None:
-            self._unplug(REPLUG_NS)
-
-    def _ended(self) -> None:
-        """The request pipe closed, which nothing the firmware does brings about."""
-        assert self._interpreter is not None
-        self._poll.unregister(self._interpreter.requests)
-        self._account()
-        self._interpreter.process.wait()
-        words = self._interpreter.last_words()
-        status = self._interpreter.close()
-        self._interpreter = None
-        raise interpreters.InterpreterDied(
-            f"{self.settings.interpreter} ended with status {status} at {self.now() / _NS:.3f} s: "
-            f"{words or 'no message'}"
-        )
-
-    # ---- the link ----
-
-    def _unplug(self, back_after_ns: float = _FOREVER) -> None:
-        if isinstance(self.link, PtyLink):
-            self._forget_link()
-            self.link.unplug()
-            self.ports[self.link_port].to_send.clear()
-            self.counts["unplugged"] += 1
-            self._plug_at = self.now() + back_after_ns
-
-    def unplug(self) -> None:
-        """Pull the cable."""
-        self._unplug()
+    def unplug(self, back_after_ns: float = FOREVER) -> None:
+        """Pull the cable, for a while or for good."""
+        if self.streams.unplug():
+            self._schedule.plug_at = self._clock.now() + back_after_ns
 
     def plug(self) -> None:
-        """Put the cable back; the terminal has a new name."""
-        self._plug_at = _FOREVER
-        if isinstance(self.link, PtyLink):
-            self.link.plug()
-
-    def _forget_link(self) -> None:
-        if self._watched_link >= 0:
-            self._poll.unregister(self._watched_link)
-            self._watched_link = -1
-
-    def watch_link(self) -> None:
-        if not self.link.host_open:
-            self._forget_link()
-            return
-        fd = self.link.fileno()
-        if fd != self._watched_link:
-            self._forget_link()
-            self._poll.register(fd, select.POLLIN)
-            self._watched_link = fd
-
-    def take_input(self) -> None:
-        if isinstance(self.link, MemoryLink):
-            self.link.t = self.now() * 1e-9
-        if self._emulated and self.ports[self.link_port].received:
-            # USB lets the host wait where the device does not take its bytes.
-            return
-        data = self.link.read()
-        if not data:
-            return
-        self.counts["bytes_in"] += len(data)
-        port = self.ports[self.link_port]
-        for byte in data:
-            if byte == self._interrupt_char and self.link_port == 0:
-                self._interrupted()
-            elif len(port.received) < port.receive_buffer:
-                port.received.append(byte)
-            else:
-                self.counts["bytes_in_dropped"] += 1
-
-    def _interrupted(self) -> None:
-        """The interrupt character came in: what waits before it is forgotten, as the ports do."""
-        self.ports[0].received.clear()
-        if not self.interrupt_came:
-            self._interrupt_at = time.monotonic_ns()
-        self.interrupt_came = True
-
-    def send_waiting(self, port: Port) -> None:
-        """As much of what waits as goes."""
-        while port.on_wire and port.on_wire[0][0] <= self.now():
-            port.to_send += port.on_wire.popleft()[1]
-        if port.to_send and port.link is not None:
-            n = port.link.write(bytes(port.to_send))
-            del port.to_send[:n]
+        """Put the cable back."""
+        self._schedule.plug_at = FOREVER
+        self.streams.plug()
 
     # ---- service ----
 
-    def serve(self, control: int = -1, on_control: Callable[[], None] | None = None) -> None:
+    def serve(self, control: int = -1, on_control: Callable[[], None] = lambda: None) -> None:
         """Switch on and run; `on_control` is called whenever the descriptor `control` has input.
 
         Raises:
             InterpreterMissing, InterpreterDied, ChipAccessError: see there.
         """
         self.running = True
+        self._control = (control, on_control)
         if control >= 0:
             self._poll.register(control, select.POLLIN)
         try:
-            while self.settings.wait_for_host and self.running and not self.link.host_open:
-                self._serve_control(control, on_control, 10)
-            power_on_ns = self.settings.power_on_ns
-            # A paced interpreter loads before that and waits for the clock by itself, so as not to be late.
-            while (
-                power_on_ns is not None
-                and not self.paced
-                and self.running
-                and time.monotonic_ns() < power_on_ns
-            ):
-                self._serve_control(control, on_control, 1)
+            self._await_power()
             if self.running:
-                if self._emulated:
-                    self._pico = Pico(self.settings)
-                self._t0_ns = time.monotonic_ns() if power_on_ns is None else power_on_ns
-                self.boot()
+                self.processor.power_on()
+                self._clock.switch_on()
+                self._boot()
             while self.running:
-                self._turn(control, on_control)
+                self._turn()
         finally:
             self.running = False
-            self.kill()
-            self._forget_link()
-            self.mirror_flash()
+            self.processor.kill()
+            self.streams.forget_terminal()
+            self.processor.mirror_flash()
 
     def stop(self) -> None:
         """Switch off at the next turn of `serve`."""
         self.running = False
 
-    def mirror_flash(self) -> None:
-        """What an emulated Pico's flash chip holds, to the folder `flash`; other boards keep it there."""
-        if self._pico is not None:
-            self._pico.mirror()
+    def _await_power(self) -> None:
+        """Waits for a host where that is wanted, and for the moment the clock names."""
+        while self._wait_for_host and self.running and not self.streams.link.host_open:
+            self._serve_control(10)
+        power_on_ns = self._clock.settings.power_on_ns
+        # A paced interpreter loads before that and waits for the clock by itself, so as not to be late.
+        if power_on_ns is not None and not self._clock.paced:
+            while self.running and time.monotonic_ns() < power_on_ns:
+                self._serve_control(1)
 
-    def _serve_control(self, control: int, on_control: Callable[[], None] | None, timeout_ms: float) -> None:
-        for fd, _ in self._poll.poll(timeout_ms):
-            if fd == control and on_control is not None:
+    def _serve_control(self, timeout_ms: float) -> None:
+        fd, on_control = self._control
+        for ready, _ in self._poll.poll(timeout_ms):
+            if ready == fd:
                 on_control()
 
-    def _turn(self, control: int, on_control: Callable[[], None] | None) -> None:
+    def _turn(self) -> None:
+        control, on_control = self._control
         for fd, event in self._poll.poll(self._patience_ms()):
             if fd == control:
-                if on_control is not None:
-                    on_control()
-            elif self._interpreter is not None and fd == self._interpreter.requests:
-                data = os.read(fd, 1 << 17)
-                if data:
-                    self._buffer += data
-                else:
-                    self._ended()
-            elif fd == self._watched_link:
-                if event & select.POLLIN:
-                    self.take_input()
-                if event & (select.POLLHUP | select.POLLERR):
-                    self.watch_link()
-        if not self.stepped:
-            self._happen(self.now())
+                on_control()
+            elif self.processor.owns(fd):
+                self.processor.take()
+            elif fd == self.streams.watched:
+                self.streams.happened(event)
+        if not self._clock.stepped:
+            self._happen(self._clock.now())
         self._break_busy_loop()
-        self._watch_link_now_and_then()
-        port = self.ports[self.link_port]
-        if port.to_send or port.on_wire:
-            self.send_waiting(port)
+        self.streams.watch_now_and_then()
+        self.streams.send_waiting()
         if self._waiting is not None:
-            self._settle()
-        while self.running and self._waiting is None and len(self._buffer) >= REQUEST.size:
-            if not self._serve_one():
+            self._settle(self._waiting)
+        while self.running and self._waiting is None:
+            request = self.processor.next_request()
+            if request is None:
                 break
-
-    def _watch_link_now_and_then(self) -> None:
-        now = time.monotonic()
-        if now - self._looked > 0.005:
-            self._looked = now
-            self.watch_link()
-            if isinstance(self.link, MemoryLink):
-                self.take_input()
-
-    _looked = 0.0
+            self._serve(request)
 
     def _patience_ms(self) -> float:
-        if self._buffer and self._waiting is None:
+        if self.processor.asks and self._waiting is None:
             return 0
-        if self.stepped:
-            return 1 if self.paced and self._waiting is not None else 5
-        due = min(
-            self.wdt_deadline, self._plug_at, self._end, self._script[0][0] if self._script else _FOREVER
-        )
+        if self._clock.stepped:
+            return 1 if self._clock.paced and self._waiting is not None else 5
+        due = min(self._schedule.next, self.streams.due)
         if self._waiting is not None:
             due = min(due, self._waiting.deadline)
-        port = self.ports[self.link_port]
-        if port.on_wire:
-            due = min(due, port.on_wire[0][0])
-        limit = 5.0 if port.to_send else 20.0
-        return max(0.0, min(limit, (due - self.now()) / 1e6 + 0.5))
+        limit = 5.0 if self.streams.sending else 20.0
+        return max(0.0, min(limit, (due - self._clock.now()) / 1e6 + 0.5))
 
     def _break_busy_loop(self) -> None:
         """A loop that calls nothing cannot be told of ctrl-C in this build: it ends, and the prompt comes."""
-        if (
-            self.interrupt_came
-            and self._interpreter is not None
-            and time.monotonic_ns() - self._interrupt_at > BUSY_NS
-        ):
+        if self.processor.running and self.streams.interrupt_unheard():
             self.counts["broken_loops"] += 1
-            self.kill()
-            self.interrupt_came = False
-            self.ports[0].to_send += b"KeyboardInterrupt: \r\n"
-            self.boot(run_main=False)
+            self.processor.kill()
+            self.streams.interrupt_came = False
+            self.streams.say(b"KeyboardInterrupt: \r\n")
+            self._boot(run_main=False)
 
     def _happen(self, t: float) -> bool:
         """Let happen what is due; True when the processor was restarted or switched off."""
-        if t >= self._end:
+        schedule = self._schedule
+        if t >= schedule.end:
             self.running = False
             return True
-        if t >= self._plug_at:
+        if t >= schedule.plug_at:
             self.plug()
-        while self._script and self._script[0][0] <= t:
-            _, fault = self._script.pop(0)
-            if isinstance(fault, Unplug):
-                self._unplug(fault.seconds * _NS)
-            else:
+        while (fault := schedule.due(t)) is not None:
+            if not isinstance(fault, Unplug):
                 self.reset("brown-out" if isinstance(fault, BrownOut) else "reset pin")
                 return True
-        if t >= self.wdt_deadline:
+            self.unplug(fault.seconds * NS)
+        if t >= schedule.watchdog_at:
             self.reset("watchdog")
             return True
         return False
 
-    def _serve_one(self) -> bool:
-        buffer = self._buffer
-        op, interrupt, a, length, t = REQUEST.unpack_from(buffer)
-        if len(buffer) < REQUEST.size + length:
-            return False
-        payload = bytes(buffer[REQUEST.size : REQUEST.size + length])
-        del buffer[: REQUEST.size + length]
-        if interrupt != self._interrupt_char:
-            self._interrupt_char = interrupt
-            if interrupt in self.ports[0].received:
-                # It came after the code that wants it had begun, before this call could say so.
-                self._interrupted()
-        self.t = t
+    def _serve(self, request: Request) -> None:
+        op, interrupt_char, a, payload, t = request
+        self.streams.heed(interrupt_char)
+        self._clock.t = t
         self.calls[op] += 1
-        if self.stepped:
-            if isinstance(self.link, MemoryLink):
-                self.take_input()
+        if self._clock.stepped:
+            self.streams.take_script()
             if self._happen(t):
-                return False
-        HANDLERS[op](self, a, payload, t)
-        return self._interpreter is not None
-
-    def answer(self, status: int, t: float, payload: bytes = b"") -> None:
-        assert self._interpreter is not None
-        while self._stalls and self._stalls[0].t * _NS <= t:
-            t += self._stalls.pop(0).seconds * _NS
-            self.counts["stalls"] += 1
-        flags = 0
-        port = self.ports[0]
-        if port.received:
-            flags |= FLAG_INPUT
-        if len(port.to_send) < TX_FIFO or self.model.platform == "esp32":
-            flags |= FLAG_ROOM
-        if self.interrupt_came:
-            flags |= FLAG_INTERRUPT
-            self.interrupt_came = False
-        if self.link.host_open:
-            flags |= FLAG_OPEN
-        if self.link.plugged:
-            flags |= FLAG_PLUGGED
-        try:
-            os.write(self._interpreter.responses, RESPONSE.pack(status, flags, 0, len(payload), t) + payload)
-        except BrokenPipeError:
-            return
-
-    def answer_later(self, timeout_ns: float, finished: Callable[[bool], bool]) -> None:
-        """Answer later: `finished(late)` answers and returns True once it can, at the latest when late."""
-        if finished(False):
-            return
-        self._waiting = _Waiting(self.now() + timeout_ns, finished)
-
-    def _settle(self) -> None:
-        assert self._waiting is not None
-        waiting = self._waiting
-        if self._interpreter is None:
-            self._waiting = None
-            return
-        late = self.now() >= waiting.deadline
-        if self.stepped and not late:
-            # Virtual time passes in the wait; a host on a terminal gets a little real time to answer.
-            passed = (
-                (time.monotonic_ns() - self._t0_ns) / self.settings.pace
-                if self.paced
-                else self.t + 20_000_000
-            )
-            self.t = max(self.t, min(waiting.deadline, passed))
-            self.take_input()
-            late = self.t >= waiting.deadline
-            if self._happen(self.t):
                 return
-        if waiting.finished(late) or late:
+        done = self._handlers[op](a, payload, t)
+        if isinstance(done, Reply):
+            self._answer(done)
+        elif done is not None:
+            answer = done.finished(False)
+            if answer is not None:
+                self._answer(answer)
+            else:
+                self._waiting = _Waiting(self._clock.now() + done.timeout_ns, done.finished)
+
+    def _answer(self, answer: Reply) -> None:
+        count, t = self._schedule.stall(answer.t)
+        if count:
+            self.counts["stalls"] += count
+        self.processor.answer(answer.status, self.streams.flags(), answer.payload, t)
+
+    def _settle(self, waiting: _Waiting) -> None:
+        """Answers the call that waits, if it can be or is late."""
+        clock = self._clock
+        late = clock.now() >= waiting.deadline
+        if clock.stepped and not late:
+            clock.wait_until(waiting.deadline)
+            self.streams.take_input()
+            late = clock.t >= waiting.deadline
+            if self._happen(clock.t):
+                return
+        answer = waiting.finished(late)
+        if answer is not None:
+            self._answer(answer)
+        if answer is not None or late:
             self._waiting = None
 
+    def _own_handlers(self) -> dict[int, Handler]:
+        return {
+            Op.PING: lambda a, payload, t: Reply(t),
+            Op.RESET: self._reset,
+            Op.SOFT_RESET: self._soft_reset,
+            Op.RESTARTED: self._restarted,
+            Op.IDLE: self._at_prompt,
+            Op.METER: self._metered,
+        }
 
-def _restarts(fault: Fault) -> bool:
-    return isinstance(fault, BrownOut) and fault.of == "board"
+    def _reset(self, a: int, payload: bytes, t: float) -> None:
+        self.reset("machine.reset")
+
+    def _soft_reset(self, a: int, payload: bytes, t: float) -> None:
+        self.processor.kill()
+        self.counts["soft_resets"] += 1
+        if self._clock.stepped:
+            self._clock.t += BOOT_NS
+        self._boot(raw=bool(a))
+
+    def _restarted(self, a: int, payload: bytes, t: float) -> Reply:
+        """The emulated processor has reset itself: what the host sees of it."""
+        self.resets.append((self.seconds, "machine.reset" if a & 2 else "watchdog"))
+        self.streams.forget_link()
+        if self.streams.usb:
+            self.unplug(REPLUG_NS)
+        return Reply(t)
+
+    def _at_prompt(self, a: int, payload: bytes, t: float) -> Reply:
+        self.counts["at_prompt"] += 1
+        return Reply(t)
+
+    def _metered(self, a: int, payload: bytes, t: float) -> Reply:
+        self.meter = json.loads(payload)
+        return Reply(t)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from hubodo.emulator.board.hypercall import EIO, ETIMEDOUT
 from hubodo.emulator.board.settings import Wiring
-from hubodo.emulator.chips.faults import Fault, StuckBus
+from hubodo.emulator.chips.faults import ScriptedFault, StuckBus
 from hubodo.emulator.chips.registers import NotAcknowledged, RegisterChip
 
 DEFAULT_HZ = 400_000
@@ -38,7 +38,7 @@ class I2cBus:
     def __init__(
         self,
         chips: Sequence[RegisterChip],
-        faults: Sequence[Fault] = (),
+        faults: Sequence[ScriptedFault] = (),
         *,
         sda: int = 0,
         scl: int = 1,

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 REQUEST = struct.Struct("<BxhHHd")
 """op, interrupt character (-1 = none), a, payload length, time in ns since the board was switched on."""
@@ -97,3 +100,23 @@ class Op(IntEnum):
 def op_codes() -> dict[str, int]:
     """The op codes by name, as the runners get them."""
     return {op.name: int(op) for op in Op}
+
+
+class Reply(NamedTuple):
+    """What the board says to a call that is over at `t` ns."""
+
+    t: float
+    status: int = 0
+    payload: bytes = b""
+
+
+@dataclass(frozen=True)
+class Deferred:
+    """A call that has to wait: `finished(late)` gives its answer once it can, at the latest when late."""
+
+    timeout_ns: float
+    finished: Callable[[bool], Reply | None]
+
+
+Handler = Callable[[int, bytes, float], Reply | Deferred | None]
+"""What a call does, from `a`, the payload and the time in ns; None: no answer comes."""

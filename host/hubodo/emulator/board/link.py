@@ -19,7 +19,7 @@ TX_FIFO = 256
 RX_FIFO = 1024
 
 
-class Link(Protocol):
+class HostLink(Protocol):
     """One byte stream to a host."""
 
     counts: Counter[str]

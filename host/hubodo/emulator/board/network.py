@@ -10,7 +10,7 @@ NAME_SERVER = ("10.0.0.1", 53)
 MULTICAST = ("224.0.0.251", 5353)
 
 REFUSED = -1
-"""What `Station.connect` answers where a port raises OSError."""
+"""What `WlanStation.connect` answers where a port raises OSError."""
 
 # Of CYW43_LINK_* and of network.STAT_* with the reasons of ESP-IDF.
 _RP2 = {"off": 0, "idle": 0, "joining": 1, "up": 3, "lost": 1, "no network": -2}
@@ -56,7 +56,7 @@ class Air:
         return query[:2] + struct.pack(">5H", 0x8180, 1, 2, 0, 0) + asked + alias + a
 
 
-class Station:
+class WlanStation:
     """The board's WLAN interface as its port shows it; `t` is in s and never runs backwards.
 
     rp2: a join begins anew whenever it is asked for; after a loss nothing happens by itself, and the status

@@ -9,17 +9,17 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from hubodo.emulator.board.board import VirtualBoard
 from hubodo.emulator.board.hypercall import Op
-from hubodo.emulator.board.link import LineNoise, Link, MemoryLink, PtyLink
-from hubodo.emulator.board.settings import BoardSettings
-from hubodo.emulator.chips.faults import Fault
-from hubodo.emulator.chips.imu import Imu, Part
+from hubodo.emulator.board.link import HostLink, LineNoise, MemoryLink, PtyLink
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.faults import ScriptedFault
+from hubodo.emulator.chips.imu import Imu, Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
@@ -27,8 +27,7 @@ from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
 
-ChipName = Literal["lsm6ds33", "mpu6050", "mpu6500"]
-IMUS: dict[str, Callable[[Motion, Part], Imu]] = {
+IMUS: dict[str, Callable[[Motion, Specimen], Imu]] = {
     "lsm6ds33": Lsm6ds33,
     "mpu6050": Mpu6050,
     "mpu6500": Mpu6500,
@@ -37,36 +36,41 @@ IMUS: dict[str, Callable[[Motion, Part], Imu]] = {
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """Everything a board's process has to know; picklable."""
+    """Everything a board's process has to know; picklable. scratch: a folder that goes with the board."""
 
     motion: Motion
-    part: Part
-    chip: ChipName
-    magnetometer: bool
-    settings: BoardSettings
-    link: Literal["pty", "memory"]
-    link_path: Path | None
+    flash: Flash
+    sensors: SensorBoard
+    board: BoardSettings
+    clock: Clock
+    host: Host
+    faults: tuple[ScriptedFault, ...]
+    seed: int
     scratch: Path
-    faults: tuple[Fault, ...] = ()
-    corrupt: float = 0.0
-    lose: float = 0.0
-    noise_seed: int = 0
-    keep_link_log: bool = False
-    keep_bus_log: bool = False
-    scripted_input: tuple[tuple[float, bytes], ...] = field(default=())
 
 
 def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     """The board of `spec` and its chips by name."""
-    chips: dict[str, RegisterChip] = {"imu": IMUS[spec.chip](spec.motion, spec.part)}
-    if spec.magnetometer:
-        chips["mag"] = Lis3mdl(spec.motion, spec.part)
-    link: Link = PtyLink(spec.link_path) if spec.link == "pty" else MemoryLink(spec.scripted_input)
-    noise = LineNoise(spec.corrupt, spec.lose, spec.noise_seed)
-    board = VirtualBoard(spec.settings, list(chips.values()), link, faults=spec.faults, noise=noise)
-    if spec.keep_link_log:
-        board.link_log = []
-    if spec.keep_bus_log:
+    sensors, host = spec.sensors, spec.host
+    specimen = replace(sensors.specimen, seed=spec.seed, faults=spec.faults, strict=True)
+    chips: dict[str, RegisterChip] = {"imu": IMUS[sensors.chip](spec.motion, specimen)}
+    if sensors.magnetometer:
+        chips["mag"] = Lis3mdl(spec.motion, specimen)
+    link: HostLink = MemoryLink(host.script) if host.link == "memory" else PtyLink(host.path)
+    board = VirtualBoard(
+        spec.board,
+        spec.clock,
+        spec.flash,
+        list(chips.values()),
+        link,
+        LineNoise(host.corrupt, host.lose, spec.seed),
+        wiring=sensors.wiring,
+        wait_for_host=host.wait,
+        faults=spec.faults,
+    )
+    if host.log:
+        board.streams.log = []
+    if sensors.log:
         board.bus.reads = []
     return board, chips
 
@@ -91,7 +95,7 @@ class BoardService:
         self._failure = error
         while not self._let_go:
             self._command()
-        self.board.link.close()
+        self.board.streams.link.close()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     _failure: HubodoError | None = None
@@ -128,9 +132,6 @@ class BoardService:
     def _do_truth(self, chip: str) -> object:
         return self.chips[chip].truth()  # type: ignore[attr-defined]
 
-    def _do_writes(self, chip: str) -> object:
-        return tuple(self.chips[chip].writes)
-
     def _do_unplug(self) -> None:
         self.board.unplug()
 
@@ -141,10 +142,12 @@ class BoardService:
         self.board.reset("reset pin")
 
     def _do_output(self) -> bytes:
-        return bytes(self.board.link.output) if isinstance(self.board.link, MemoryLink) else b""
+        link = self.board.streams.link
+        return bytes(link.output) if isinstance(link, MemoryLink) else b""
 
     def _do_arrivals(self) -> object:
-        return self.board.link.arrivals if isinstance(self.board.link, MemoryLink) else []
+        link = self.board.streams.link
+        return link.arrivals if isinstance(link, MemoryLink) else []
 
     def _do_bus_log(self) -> object:
         return self.board.bus.reads
@@ -153,25 +156,25 @@ class BoardService:
         return self.board.meter
 
     def _do_mirror_flash(self) -> None:
-        self.board.mirror_flash()
+        self.board.processor.mirror_flash()
 
     def _do_link_log(self) -> object:
-        return self.board.link_log
+        return self.board.streams.log
 
     def _do_stats(self) -> dict[str, Any]:
         board = self.board
         return {
-            "t": board.now() * 1e-9,
+            "t": board.seconds,
             "running": board.running,
             "counts": {"calls": board.calls.total(), **board.counts},
             "calls": {Op(op).name: n for op, n in board.calls.items()},
-            "link": dict(board.link.counts),
-            "noise": dict(board.noise.counts),
+            "link": dict(board.streams.link.counts),
+            "noise": dict(board.streams.noise.counts),
             "bus": dict(board.bus.counts),
             "chips": {name: dict(chip.oddities) for name, chip in self.chips.items()},
             "resets": list(board.resets),
-            "interpreter_cpu": board.interpreter_cpu(),
-            "interpreter_pid": board.interpreter_pid,
+            "interpreter_cpu": board.processor.cpu,
+            "interpreter_pid": board.processor.pid,
             "board_cpu": _own_cpu() - self._cpu_zero,
             "fifo_dropped": getattr(self.chips["imu"], "fifo_dropped", 0),
         }

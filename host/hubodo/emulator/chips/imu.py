@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.emulator.chips.faults import Fault
+from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import Raw, SampleClock, Truth, quantise
+from hubodo.emulator.chips.sampling import ChipClock, Raw, Truth, quantise
 from hubodo.emulator.motion import Motion
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ DPS = math.pi / 180
 
 
 @dataclass(frozen=True)
-class Part:
+class Specimen:
     """What distinguishes one specimen from the data sheet.
 
     Attributes:
@@ -35,7 +35,7 @@ class Part:
         odr_per_degree: relative change of that rate per degC away from 25.
         disturbance: what is added to the true motion before quantisation, or None.
         seed: of the generator handed to `disturbance`.
-        who_am_i: identity the part answers with; None for the usual one.
+        who_am_i: identity the specimen answers with; None for the usual one.
         strict: see RegisterChip.
     """
 
@@ -45,7 +45,7 @@ class Part:
     seed: int = 0
     who_am_i: int | None = None
     strict: bool = False
-    faults: tuple[Fault, ...] = field(default=())
+    faults: tuple[ScriptedFault, ...] = field(default=())
 
     def __post_init__(self) -> None:
         if not -0.1 <= self.odr_error <= 0.1:
@@ -58,23 +58,23 @@ class Imu(RegisterChip):
     def __init__(
         self,
         motion: Motion,
-        part: Part,
+        specimen: Specimen,
         address: int,
         registers: dict[int, Register],
         who_am_i: tuple[int, int],
     ) -> None:
-        self.motion, self.part = motion, part
-        self._rng = np.random.default_rng(part.seed)
-        self.clock = SampleClock(
+        self.motion, self.specimen = motion, specimen
+        self._rng = np.random.default_rng(specimen.seed)
+        self.clock = ChipClock(
             6,
-            odr_error=part.odr_error,
-            odr_per_degree=part.odr_per_degree,
+            odr_error=specimen.odr_error,
+            odr_per_degree=specimen.odr_per_degree,
             temperature=motion.temperature,
             temperature_word=self.temperature_word,
-            faults=part.faults,
+            faults=specimen.faults,
         )
         self.fifo_dropped = 0
-        super().__init__("imu", address, registers, who_am_i, part.faults, strict=part.strict)
+        super().__init__("imu", address, registers, who_am_i, specimen.faults, strict=specimen.strict)
 
     def temperature_word(self, degrees: Array) -> Raw:
         """The temperature register's word for (n,) degC."""
@@ -93,8 +93,8 @@ class Imu(RegisterChip):
 
         def measure(times: Array) -> Raw:
             gyro, accel = self.motion.angular_rate(times), self.motion.specific_force(times)
-            if self.part.disturbance is not None:
-                gyro, accel = self.part.disturbance(times, gyro, accel, self._rng)
+            if self.specimen.disturbance is not None:
+                gyro, accel = self.specimen.disturbance(times, gyro, accel, self._rng)
             raw = np.concatenate([quantise(gyro, gyro_lsb), quantise(accel, accel_lsb)], axis=1)
             return self._held(raw, gyro_hold, accel_hold)
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hubodo.emulator.chips.imu import Array, Part
+from hubodo.emulator.chips.imu import Array, Specimen
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import Measure, Raw, SampleClock, Truth, quantise
+from hubodo.emulator.chips.sampling import ChipClock, Measure, Raw, Truth, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, CTRL1, CTRL2, CTRL3, CTRL4, CTRL5 = 0x0F, 0x20, 0x21, 0x22, 0x23, 0x24
@@ -43,13 +43,13 @@ class Lis3mdl(RegisterChip):
     Register map, reset values and codes: ST DocID024204. Hard-iron offsets and self-test are not modelled.
     """
 
-    def __init__(self, motion: Motion, part: Part | None = None, *, address: int = 0x1E) -> None:
-        part = part or Part()
+    def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x1E) -> None:
+        specimen = specimen or Specimen()
         self.motion = motion
         self._increment = False
         self._sample, self._temperature, self._status = bytes(6), 0, 0
-        faults = tuple(f for f in part.faults if getattr(f, "chip", "mag") == "mag")
-        self.clock = SampleClock(
+        faults = tuple(f for f in specimen.faults if getattr(f, "chip", "mag") == "mag")
+        self.clock = ChipClock(
             3,
             odr_error=0.0,
             odr_per_degree=0.0,
@@ -57,7 +57,7 @@ class Lis3mdl(RegisterChip):
             temperature_word=self._temperature_word,
             faults=faults,
         )
-        super().__init__("mag", address, REGISTERS, (WHO_AM_I, 0x3D), faults, strict=part.strict)
+        super().__init__("mag", address, REGISTERS, (WHO_AM_I, 0x3D), faults, strict=specimen.strict)
 
     @staticmethod
     def _temperature_word(degrees: Array) -> Raw:

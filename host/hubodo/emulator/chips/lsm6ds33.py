@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hubodo.emulator.chips.imu import Array, Imu, Part, dps_lsb, g_lsb
+from hubodo.emulator.chips.imu import Array, Imu, Specimen, dps_lsb, g_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import Raw, quantise
 from hubodo.emulator.motion import Motion
@@ -70,8 +70,8 @@ class Lsm6ds33(Imu):
     FIFO for those sets is an oddity like any other, raised when strict.
     """
 
-    def __init__(self, motion: Motion, part: Part | None = None, *, address: int = 0x6B) -> None:
-        part = part or Part()
+    def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
+        specimen = specimen or Specimen()
         self._sample = bytes(12)
         self._temperature = 0
         self._ready = 0
@@ -80,7 +80,7 @@ class Lsm6ds33(Imu):
         self._over = False
         self._tick = 0
         self._holds = (1, 1)
-        super().__init__(motion, part, address, REGISTERS, (WHO_AM_I, part.who_am_i or 0x69))
+        super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, specimen.who_am_i or 0x69))
 
     def temperature_word(self, degrees: Array) -> Raw:
         """16 LSB/degC, 0 at 25 degC."""

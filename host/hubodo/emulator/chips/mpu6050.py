@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hubodo.emulator.chips.imu import Array, Imu, Part, dps_lsb, g_lsb
+from hubodo.emulator.chips.imu import Array, Imu, Specimen, dps_lsb, g_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import Raw, quantise
 from hubodo.emulator.motion import Motion
@@ -55,14 +55,14 @@ class Mpu6050(Imu):
     PER_DEGREE, AT_ZERO = 340.0, 36.53
     EXTRA: dict[int, Register] = {}
 
-    def __init__(self, motion: Motion, part: Part | None = None, *, address: int = 0x68) -> None:
-        part = part or Part()
+    def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
+        specimen = specimen or Specimen()
         self._sample = bytes(14)
         self._interrupts = 0
         self._fifo = bytearray()
         self._count_latch = 0
         super().__init__(
-            motion, part, address, _COMMON | self.EXTRA, (WHO_AM_I, part.who_am_i or self.IDENTITY)
+            motion, specimen, address, _COMMON | self.EXTRA, (WHO_AM_I, specimen.who_am_i or self.IDENTITY)
         )
 
     def temperature_word(self, degrees: Array) -> Raw:

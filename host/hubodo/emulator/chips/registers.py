@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 
-from hubodo.emulator.chips.faults import BitFlip, BrownOut, Fault, Nack, WrongWhoAmI
+from hubodo.emulator.chips.faults import BitFlip, BrownOut, BusNack, ScriptedFault, WrongWhoAmI
 from hubodo.errors import HubodoError
 
 
@@ -39,7 +39,7 @@ class RegisterChip:
     """Registers, pointer, faults and the log of writes; a chip adds what reads and writes do.
 
     Args:
-        name: which chip a `Fault.chip` means ("imu" or "mag").
+        name: which chip a `ScriptedFault.chip` means ("imu" or "mag").
         address: 7-bit I2C address.
         registers: sub-address to Register.
         who_am_i: (sub-address, value).
@@ -55,14 +55,14 @@ class RegisterChip:
         address: int,
         registers: dict[int, Register],
         who_am_i: tuple[int, int],
-        faults: tuple[Fault, ...] = (),
+        faults: tuple[ScriptedFault, ...] = (),
         *,
         strict: bool = False,
     ) -> None:
         self.name, self.address, self.map, self.strict = name, address, registers, strict
         self.faults = tuple(f for f in faults if getattr(f, "chip", name) == name)
         self._who_am_i = who_am_i
-        self._nacks = sorted((f for f in self.faults if isinstance(f, Nack)), key=lambda f: f.t)
+        self._nacks = sorted((f for f in self.faults if isinstance(f, BusNack)), key=lambda f: f.t)
         self._upsets = sorted(
             (f for f in self.faults if isinstance(f, BitFlip | WrongWhoAmI | BrownOut)), key=lambda f: f.t
         )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.emulator.chips.faults import Fault, MissedSamples, OdrStep
+from hubodo.emulator.chips.faults import MissedSamples, OdrStep, ScriptedFault
 
 Array = NDArray[np.float64]
 Raw = NDArray[np.int16]
@@ -44,12 +44,12 @@ class Truth:
     fifo_dropped: int = 0
 
 
-class SampleClock:
-    """Sample k after `start` exists at t_on + (k + 1) * period; the period is the part's own.
+class ChipClock:
+    """Sample k after `start` exists at t_on + (k + 1) * period; the period is the specimen's own.
 
     Args:
         columns: words in one sample.
-        odr_error: the part's rate is nominal * (1 + odr_error).
+        odr_error: the specimen's rate is nominal * (1 + odr_error).
         odr_per_degree: relative change of rate per degC away from 25.
         temperature: degC of the chip at (n,) s.
         temperature_word: (n,) degC to the raw temperature word.
@@ -64,7 +64,7 @@ class SampleClock:
         odr_per_degree: float,
         temperature: Callable[[Array], Array],
         temperature_word: Callable[[Array], Raw],
-        faults: tuple[Fault, ...] = (),
+        faults: tuple[ScriptedFault, ...] = (),
     ) -> None:
         self.columns = columns
         self._odr_error = odr_error

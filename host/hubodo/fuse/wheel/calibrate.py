@@ -9,28 +9,51 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import Effect, Quantity
+from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.errors import CalibrationError
-from hubodo.fuse.wheel import phase
-from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelPrior
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import (
+    GYRO_SCALE_ACROSS,
+    GYRO_SCALE_Z,
+    OF_WHEEL,
+    TRACK_WIDTH,
+    WHEEL_RADIUS,
+    Entry,
+    X,
+    Y,
+)
 from hubodo.fuse.wheel.filter import START, Step, WheelFilter
+from hubodo.fuse.wheel.measurements.position import Position
+from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose, WheelStep
 from hubodo.fuse.wheel.track import collect, report
 from hubodo.recording import Table
-from hubodo.vehicle import facing_sign
 
-WIDE = WheelPrior(radius=0.05, yaw_scale=0.02, spin_scale=0.02)
-"""What is believed before a calibration: radius to 5 %, scales to 2 %."""
+_WIDE = {
+    WHEEL_RADIUS: Quantity(0.0, 0.05),
+    GYRO_SCALE_ACROSS: Quantity(0.0, 0.02),
+    GYRO_SCALE_Z: Quantity(0.0, 0.02),
+}
+"""What is believed of a wheel before a calibration: its radius by eye, scales worse than any data sheet."""
 
-WIDE_TRACK = 0.1
+_WIDE_TRACK = {TRACK_WIDTH: Quantity(0.0, 0.1)}
+"""The same of the track: 10 %, by eye."""
 
 _SEEN = 0.5
-_ALIGN_DISTANCE = 5.0
+"""A parameter counts as seen where its sigma fell below this share of what was believed before."""
 
-# What the filter's model leaves out, 1 sigma: a tilt is seen through a gyro whose scale is known to 1 %; a
-# bias moves with temperature and gravity between the seconds it was seen in; the scale of the two axes
-# across is one number.
+_ALIGN_DISTANCE = 5.0
+"""m of the drive by which the track is laid on the positions, where these are exact: so far a filter that
+knows nothing drifts by less than a centimetre. Estimated."""
+
+_OFF, _SPEED_SHARE = 1e-3, 0.02
+"""m by which the start and each position are off beside their own sigma, and the share by which a speed is,
+for the way from the end of a window back to the position within it. Estimated."""
+
 _TILT_SHARE, _BIAS_FLOOR, _SCALE_FLOOR = 0.015, 4e-4, 5e-4
+"""What the filter's model leaves out, 1 sigma, found on simulated drives: a share of a tilt, which is seen
+through a gyro whose scale is known to 1 %; rad/s by which a bias moves with temperature and gravity between
+the seconds it was seen in; a fraction, because the scale of the two axes across is one number."""
 
 
 @dataclass(frozen=True)
@@ -47,45 +70,13 @@ class WheelCalibration:
     fixes: int
     warnings: tuple[str, ...]
 
-    def effects(self, name: str, **provenance: object) -> dict[str, Effect]:
-        """The effects of one node for a calibration file; provenance: further fields of Effect."""
+    def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
+        """The effects of one node for a calibration file; provenance: further fields of CalibratedEffect."""
         return _effects(self.nodes[name], provenance)
 
-    def vehicle_effects(self, **provenance: object) -> dict[str, Effect]:
+    def vehicle_effects(self, **provenance: object) -> dict[str, CalibratedEffect]:
         """Those of the vehicle."""
         return _effects(self.vehicle, provenance)
-
-
-@dataclass(frozen=True)
-class _Parameter:
-    """A parameter of the calibration file and the state it is read from; turned: its sign follows the
-    facing."""
-
-    effect: str
-    name: str
-    state: int
-    turned: bool
-    remedy: str
-    negated: bool = False
-
-
-_TURN = "drive on: the wheel must turn many times"
-_CURVES = "drive curves: turns that add up to well over 180 degrees, to both sides"
-_PARAMETERS = (
-    _Parameter("wheel_radius", "error", phase.RADIUS, False, "drive farther, or with better positions"),
-    _Parameter("lever_arm", "x", phase.ARM_X, False, "drive faster, or brake and accelerate"),
-    _Parameter("lever_arm", "y", phase.ARM_Y, True, "drive faster, or brake and accelerate"),
-    _Parameter("node_misalignment", "x", phase.TILT_Y, False, _TURN),
-    _Parameter("node_misalignment", "y", phase.TILT_X, True, _TURN, negated=True),
-    _Parameter("gyro_bias", "x", phase.BIAS_X, False, _TURN),
-    _Parameter("gyro_bias", "y", phase.BIAS_Y, True, _TURN),
-    _Parameter(
-        "gyro_bias", "z", phase.SPIN_BIAS, True, "stand still for ten seconds, and drive at several speeds"
-    ),
-    _Parameter("gyro_scale_factor", "z", phase.SPIN_SCALE, False, _TURN),
-    _Parameter("gyro_scale_factor", "x", phase.YAW_SCALE, False, _CURVES),
-    _Parameter("gyro_scale_factor", "y", phase.YAW_SCALE, False, _CURVES),
-)
 
 
 def calibrate_wheels(
@@ -105,11 +96,11 @@ def calibrate_wheels(
     Raises CalibrationError: fewer than ten positions in the time of the nodes, or a drive shorter than 10 m.
     """
     wide = {
-        name: WheelNode(node.side, node.facing, WIDE) for name, node in config.nodes.items() if name in nodes
+        name: WheelNode(node.side, node.facing, _WIDE) for name, node in config.nodes.items() if name in nodes
     }
     if not wide:
         raise CalibrationError("none of the vehicle's wheel nodes is in the log; check the names in [nodes]")
-    config = replace(config, nodes=wide, track_error=0.0, track_sigma=WIDE_TRACK)
+    config = replace(config, nodes=wide, known={**config.known, **_WIDE_TRACK})
     first = WheelFilter(config)
     first.steps = []
     blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in wide}
@@ -155,8 +146,9 @@ def _told(
     core = WheelStep(config)
     # The first position sets the origin; how well it is known is how well the filter's start is known.
     origin = float(sigma[0])
-    core.p[phase.X, phase.X] = core.p[phase.Y, phase.Y] = origin**2 + 1e-6
-    core.x[phase.X], core.x[phase.Y] = float(x[0]), float(y[0])
+    for entry, value in ((X, x[0]), (Y, y[0])):
+        place = core.columns.vehicle[entry]
+        core.x[place], core.p[place, place] = float(value), origin**2 + _OFF**2
     core.begin([step.windows for step in steps if not step.listen])
     used, place = 0, 0
     for step in steps:
@@ -166,7 +158,8 @@ def _told(
             late = pose.t - float(t[index])
             back_x = float(x[index]) + pose.speed * late * np.cos(pose.heading)
             back_y = float(y[index]) + pose.speed * late * np.sin(pose.heading)
-            core.fix(back_x, back_y, float(np.hypot(sigma[index], 0.02 * abs(pose.speed * late) + 1e-3)))
+            off = _SPEED_SHARE * abs(pose.speed * late) + _OFF
+            core.fix(Position(back_x, back_y, float(np.hypot(sigma[index], off))))
             used += 1
     return core, used
 
@@ -181,30 +174,44 @@ def _result(
     core: WheelStep, before: WheelStep, rms: float, fixes: int, warnings: tuple[str, ...]
 ) -> WheelCalibration:
     nodes: dict[str, dict[str, dict[str, Quantity]]] = {}
-    unseen = []
+    vehicle: dict[str, dict[str, Quantity]] = {}
+    unseen: list[str] = []
     for wheel in core.wheels:
         mine = nodes.setdefault(wheel.name, {})
-        sign = facing_sign(wheel.node.facing)
-        for parameter in _PARAMETERS:
-            value, sigma = core.estimate(wheel.name, parameter.state)
-            prior = before.estimate(wheel.name, parameter.state)[1]
-            if sigma > _SEEN * prior:
-                label = f"{wheel.name}.{parameter.effect}.{parameter.name}"
-                unseen.append(f"{label}: {sigma:.2g} after the drive, {prior:.2g} before; {parameter.remedy}")
-                continue
-            factor = (sign if parameter.turned else 1.0) * (-1.0 if parameter.negated else 1.0)
-            quantity = Quantity(factor * value, math.hypot(sigma, _left_out(parameter.effect, value)))
-            mine.setdefault(parameter.effect, {})[parameter.name] = quantity
-    vehicle = {}
+        for entry in OF_WHEEL:
+            _take(core, before, wheel, entry, mine, unseen)
     if len(core.wheels) == 2:
-        value, sigma = core.estimate(None, phase.TRACK)
-        if sigma <= _SEEN * WIDE_TRACK:
-            vehicle["track_width"] = {"error": Quantity(value, sigma)}
-        else:
-            unseen.append(f"vehicle.track_width.error: {sigma:.2g} after the drive; {_CURVES}")
+        _take(core, before, None, TRACK_WIDTH, vehicle, unseen)
     else:
         unseen.append("vehicle.track_width.error: one node does not show it; put nodes on both wheels")
     return WheelCalibration(nodes, vehicle, tuple(unseen), rms, fixes, warnings)
+
+
+def _take(
+    core: WheelStep,
+    before: WheelStep,
+    wheel: Wheel | None,
+    entry: Entry,
+    found: dict[str, dict[str, Quantity]],
+    unseen: list[str],
+) -> None:
+    """An entry that a drive can show into `found`, or else a line into `unseen`."""
+    name, facing = ("vehicle", None) if wheel is None else (wheel.name, wheel.node.facing)
+    node = None if wheel is None else wheel.name
+    quantity, prior = core.estimate(node, entry), before.estimate(node, entry)
+    for parameter in entry.parameters:
+        remedy = entry.remedy
+        if not remedy:
+            continue
+        if quantity.sigma > _SEEN * prior.sigma:
+            unseen.append(
+                f"{name}.{entry.effect}.{parameter}: {quantity.sigma:.2g} after the drive, "
+                f"{prior.sigma:.2g} before; {remedy}"
+            )
+            continue
+        sign = 1.0 if facing is None else entry.sign(facing)
+        sigma = math.hypot(quantity.sigma, _left_out(entry.effect, quantity.value))
+        found.setdefault(entry.effect, {})[parameter] = Quantity(sign * quantity.value, sigma)
 
 
 def _left_out(effect: str, value: float) -> float:
@@ -214,5 +221,5 @@ def _left_out(effect: str, value: float) -> float:
 
 def _effects(
     found: Mapping[str, Mapping[str, Quantity]], provenance: Mapping[str, object]
-) -> dict[str, Effect]:
-    return {name: Effect(parameters, **provenance) for name, parameters in found.items()}  # type: ignore[arg-type]
+) -> dict[str, CalibratedEffect]:
+    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in found.items()}  # type: ignore[arg-type]

@@ -1,7 +1,7 @@
 """The odometer of one or two wheels: samples in, poses out, live and in bulk by the same numbers.
 
-Samples are boiled down to windows of a tenth of a second (windows.py) in which no estimate enters; the
-filter takes one step per window (wheel_step.py). So a log in one piece and a stream of single samples give
+Samples are boiled down to windows of a tenth of a second (preintegration.py) in which no estimate enters; the
+filter takes one step per window (step.py). So a log in one piece and a stream of single samples give
 the same bits, and an hour takes seconds. No clock, file or thread.
 """
 
@@ -15,12 +15,25 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel import phase
 from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_ACROSS,
+    GYRO_SCALE_Z,
+    MISALIGNMENT_X,
+    MISALIGNMENT_Y,
+    TRACK_WIDTH,
+    WHEEL_ANGLE,
+    WHEEL_RADIUS,
+    YAW_RATE_FROM_GRAVITY,
+)
 from hubodo.fuse.wheel.preintegration import NOTHING, Window, WindowBuilder
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose, WheelStep
-from hubodo.fuse.wheel.zero_velocity import Stillness
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.vehicle import facing_sign
 
 START = 10
@@ -155,22 +168,22 @@ class WheelFilter:
         return {name: builder.refused for name, builder in self._builders.items()}
 
     def _now(self, wheel: Wheel) -> tuple[float, float, float] | None:
-        """(t, speed, yaw rate) that the last sample of a wheel shows, by the equations of `phase`."""
-        sample, x = self._last[wheel.name], self.core.x
-        states = x[wheel.first : wheel.first + phase.WHEEL_STATES]
-        sign = facing_sign(wheel.node.facing)
-        spin = (sign * sample.gyro[2] - states[phase.SPIN_BIAS]) / (1.0 + states[phase.SPIN_SCALE])
-        lean = states[phase.CAMBER]
-        across = complex(sample.gyro[0], sign * sample.gyro[1])
-        across -= complex(states[phase.BIAS_X], states[phase.BIAS_Y])
-        across -= complex(states[phase.TILT_X], states[phase.TILT_Y]) * spin
+        """(t, speed, yaw rate) that the last sample of a wheel shows, by the equations of yaw.py and
+        rolling.py."""
+        sample, x, at = self._last[wheel.name], self.core.x, wheel.at
         assert self._pose is not None
-        angle = states[phase.ANGLE] + spin * (sample.t - self._pose.t)
-        felt = (across * cmath.exp(1j * angle)).real - states[phase.YAW_BIAS]
-        yaw_rate = felt / ((1.0 + states[phase.YAW_SCALE]) * math.cos(lean))
+        sign = facing_sign(wheel.node.facing)
+        spin = (sign * sample.gyro[2] - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
+        lean = x[at[CAMBER]]
+        across = complex(sample.gyro[0], sign * sample.gyro[1])
+        across -= complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])
+        across -= complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]) * spin
+        angle = x[at[WHEEL_ANGLE]] + spin * (sample.t - self._pose.t)
+        felt = (across * cmath.exp(1j * angle)).real - x[at[YAW_RATE_FROM_GRAVITY]]
+        yaw_rate = felt / ((1.0 + x[at[GYRO_SCALE_ACROSS]]) * math.cos(lean))
         rate = spin - wheel.geometry.side * yaw_rate * math.sin(lean)
-        speed = wheel.geometry.radius * (1.0 + states[phase.RADIUS]) * rate
-        contact = wheel.geometry.contact * (1.0 + x[phase.TRACK])
+        speed = wheel.geometry.radius * (1.0 + x[at[WHEEL_RADIUS]]) * rate
+        contact = wheel.geometry.contact * (1.0 + x[at[TRACK_WIDTH]])
         return sample.t, speed + yaw_rate * contact, yaw_rate
 
     def _advance(self, patience: int) -> tuple[Pose, ...]:

@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.step import POSE_STATES, Kept, Pose, WheelStep
+from hubodo.fuse.wheel.step import POSE, Kept, Pose, WheelStep
 
 if TYPE_CHECKING:
     from hubodo.fuse.wheel.filter import Step
@@ -27,15 +27,16 @@ _ROUNDING = 1e-10
 
 class FixedLag:
     """Hand each step to `add`: the pose of `lag` steps before comes back, or None; `finish` gives those
-    that had fewer steps after them. A lag of 0 gives the poses as they are."""
+    that had fewer steps after them. A lag of 0 gives the poses as they are. pose: places of the pose in the
+    state."""
 
-    def __init__(self, lag: int) -> None:
-        self._lag = lag
+    def __init__(self, lag: int, pose: list[int]) -> None:
+        self._lag, self._pose = lag, pose
         self._poses: deque[Pose] = deque()
         self._before: tuple[Kept, Array] | None = None
         self._rows = np.empty((0, 0, 0))
-        self._mean = np.empty((0, len(POSE_STATES)))
-        self._covariance = np.empty((0, len(POSE_STATES), len(POSE_STATES)))
+        self._mean = np.empty((0, len(POSE)))
+        self._covariance = np.empty((0, len(POSE), len(POSE)))
 
     def add(self, pose: Pose, kept: Kept, transition: Array) -> Pose | None:
         """The newest step: its pose, both sides of its measurements, and the transition (n, n) from there to
@@ -44,7 +45,7 @@ class FixedLag:
             return pose
         if self._before is not None:
             self._learn(kept, gain(*self._before, kept))
-        rows = transition[POSE_STATES]
+        rows = transition[self._pose]
         self._poses.append(pose)
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
         self._mean = np.concatenate([self._mean, np.array(pose[1:6])[None]])
@@ -93,7 +94,8 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
 def smooth_with_lag(config: WheelConfig, steps: Sequence[Step], needed: int, lag: int) -> list[Pose]:
     """Poses of all steps, each from the log up to `lag` steps after it. needed: windows the filter began
     with."""
-    core, behind = WheelStep(config), FixedLag(lag)
+    core = WheelStep(config)
+    behind = FixedLag(lag, core.pose)
     core.keep = True
     core.begin([step.windows for step in steps if not step.listen])
     poses = []

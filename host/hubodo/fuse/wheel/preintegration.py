@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -40,28 +41,28 @@ class Window(NamedTuple):
     start.
     """
 
-    number: int
-    spin: float
-    rate_start: float
-    rate_end: float
-    across: complex
-    carrier: complex
-    force: complex
-    axial: float
-    raw_across: complex
-    raw_force: complex
-    gyro_variance: float
-    axial_variance: float
-    spin_clipped: float
-    across_clipped: float
-    force_clipped: float
-    missing: float
-    clock_angle: float
-    swing: float
-    lever: complex
+    number: int = 0
+    spin: float = 0.0
+    rate_start: float = 0.0
+    rate_end: float = 0.0
+    across: complex = 0j
+    carrier: complex = 0j
+    force: complex = 0j
+    axial: float = 0.0
+    raw_across: complex = 0j
+    raw_force: complex = 0j
+    gyro_variance: float = 0.0
+    axial_variance: float = 0.0
+    spin_clipped: float = 0.0
+    across_clipped: float = 0.0
+    force_clipped: float = 0.0
+    missing: float = 0.0
+    clock_angle: float = 0.0
+    swing: float = 0.0
+    lever: complex = 0j
 
 
-NOTHING = Window(0, 0, 0, 0, 0j, 0j, 0j, 0, 0j, 0j, 0, 0, 0, 0, 0, 1.0, 0, 0, 0j)
+NOTHING = Window(missing=1.0)
 """A window in which the node was not heard."""
 
 # The integrands below, one row each.
@@ -231,29 +232,30 @@ def _differences(first: int, at: Array) -> list[Window]:
     mean = d / WINDOW
     gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
     axial_variance = mean[_ZZ] - mean[_AZ] * mean[_AZ]
-    columns = (
-        range(first, first + count),
-        d[_GZ].tolist(),
-        rate_start.tolist(),
-        rate_end.tolist(),
+    columns: dict[str, Iterable[float] | Iterable[complex]] = {
+        "number": range(first, first + count),
+        "spin": d[_GZ].tolist(),
+        "rate_start": rate_start.tolist(),
+        "rate_end": rate_end.tolist(),
         # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
-        _turned(d[_WR], d[_WI], cos, sin),
-        _turned(d[_ER], d[_EI], cos, sin),
-        _turned(d[_FR], d[_FI], cos, sin),
-        d[_AZ].tolist(),
-        _complex(d[_GX], d[_GY]),
-        _complex(d[_AX], d[_AY]),
-        np.maximum(gyro_variance, 0.0).tolist(),
-        np.maximum(axial_variance, 0.0).tolist(),
-        mean[_CS].tolist(),
-        mean[_CA].tolist(),
-        mean[_CF].tolist(),
-        mean[-2].tolist(),
-        middle.tolist(),
-        (2.0 * half_sin).tolist(),
-        _complex(-(rate_end + rate_start) * half_sin, (rate_end - rate_start) * half_cos),
-    )
-    return [Window(*row) for row in zip(*columns, strict=True)]
+        "across": _turned(d[_WR], d[_WI], cos, sin),
+        "carrier": _turned(d[_ER], d[_EI], cos, sin),
+        "force": _turned(d[_FR], d[_FI], cos, sin),
+        "axial": d[_AZ].tolist(),
+        "raw_across": _complex(d[_GX], d[_GY]),
+        "raw_force": _complex(d[_AX], d[_AY]),
+        "gyro_variance": np.maximum(gyro_variance, 0.0).tolist(),
+        "axial_variance": np.maximum(axial_variance, 0.0).tolist(),
+        "spin_clipped": mean[_CS].tolist(),
+        "across_clipped": mean[_CA].tolist(),
+        "force_clipped": mean[_CF].tolist(),
+        "missing": mean[-2].tolist(),
+        "clock_angle": middle.tolist(),
+        "swing": (2.0 * half_sin).tolist(),
+        "lever": _complex(-(rate_end + rate_start) * half_sin, (rate_end - rate_start) * half_cos),
+    }
+    rows = zip(*(columns[name] for name in Window._fields), strict=True)
+    return [Window._make(row) for row in rows]
 
 
 def _turned(real: Array, imaginary: Array, cos: Array, sin: Array) -> list[complex]:

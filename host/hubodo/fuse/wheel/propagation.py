@@ -1,4 +1,9 @@
-"""The wheel filter's states and covariance from the middle of a window to its end."""
+"""The wheel filter's states and covariance from the middle of a window to its end.
+
+The vehicle goes along the chord of an arc at the mean speed and yaw rate of the window; each wheel turns on
+at its mean rate; the force of the slope is a Gauss-Markov process of first order; every other entry stays,
+and wanders as its effect says.
+"""
 
 from __future__ import annotations
 
@@ -7,46 +12,76 @@ import math
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel import phase
+from hubodo.effects.vehicle import RoadGrade
 from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    EXCESS,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    HEADING,
+    SLOPE,
+    SPEED,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Columns,
+    Entry,
+    X,
+    Y,
+)
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
-from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.state import InitialState, Wheel
 from hubodo.fuse.wheel.update import Pairs
+
+_VEHICLE = (
+    (X, (HEADING, SPEED, YAW_RATE)),
+    (Y, (HEADING, SPEED, YAW_RATE)),
+    (HEADING, (YAW_RATE,)),
+    (SLOPE, (SLOPE,)),
+)
+"""The entries of the vehicle that move within a window, and by which they do, beside themselves."""
+
+_WHEEL = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, CAMBER, YAW_RATE))
+"""The same of each wheel."""
 
 
 class WheelMotion:
-    """Carries states and covariance on; remembers the transition of the last window.
+    """Carries states and covariance on; remembers the transition of the last window."""
 
-    walk: (n,) variance per second by which each of the states wanders.
-    """
-
-    def __init__(self, config: WheelConfig, wheels: list[Wheel], walk: Array) -> None:
-        size = len(walk)
+    def __init__(self, config: WheelConfig, begin: InitialState) -> None:
+        columns = begin.columns
         # Only these states move within a window; their rows of the transition are all that is kept of it.
         self._moved = np.array(
-            [phase.X, phase.Y, phase.HEADING, phase.SLOPE, *(wheel.first + phase.ANGLE for wheel in wheels)]
+            [*(columns.vehicle[entry] for entry, _ in _VEHICLE), *(at[_WHEEL[0]] for at in columns.wheels)]
         )
-        self._crossings = self._moved[:, None] * size + self._moved
-        self._rows = np.eye(size)[self._moved]
-        self._entries = _transition_places([wheel.first for wheel in wheels], size)
-        self._walk = walk * WINDOW
+        self._crossings = self._moved[:, None] * columns.size + self._moved
+        self._rows = np.eye(columns.size)[self._moved]
+        self._entries = _transition_places(columns)
+        self._at = columns.vehicle
+        # Of these, what x and y gain depends on the way: it is put in for each window.
+        self._walk = begin.walk * WINDOW
         self._lateral = config.noise.lateral**2
-        self._fade = math.exp(-WINDOW / config.noise.slope_time)
-        self._slope = config.noise.slope**2 * (1.0 - self._fade * self._fade)
+        road = RoadGrade.estimate("angle")
+        assert road is not None
+        self._fade = math.exp(-WINDOW / road.forgets)
+        slope = begin.p[self._at[SLOPE], self._at[SLOPE]]
+        self._walk[self._at[SLOPE]] = slope * (1.0 - self._fade * self._fade)
 
     def advance(self, x: list[float], p: Array, pairs: Pairs) -> None:
         """x and p, at the mean rates of the window, to its end; both in place."""
-        t, speed, yaw_rate = WINDOW, x[phase.SPEED], x[phase.YAW_RATE]
+        at = self._at
+        at_x, at_y, at_heading, at_slope = at[X], at[Y], at[HEADING], at[SLOPE]
+        t, speed, yaw_rate = WINDOW, x[at[SPEED]], x[at[YAW_RATE]]
         turn = yaw_rate * t
-        course = x[phase.HEADING] + 0.5 * turn
+        course = x[at_heading] + 0.5 * turn
         # The chord of an arc, to the second order of its angle.
         short = 1.0 - turn * turn / 24.0
         chord = speed * t * short
         cos, sin = math.cos(course), math.sin(course)
-        x[phase.X] += chord * cos
-        x[phase.Y] += chord * sin
-        x[phase.HEADING] += turn
-        x[phase.SLOPE] *= self._fade
+        x[at_x] += chord * cos
+        x[at_y] += chord * sin
+        x[at_heading] += turn
+        x[at_slope] *= self._fade
         half = 0.5 * t * chord
         values = [-chord * sin, t * short * cos, -half * sin]
         values += [chord * cos, t * short * sin, half * cos, t, self._fade]
@@ -58,17 +93,17 @@ class WheelMotion:
         p[moved] = new
         p[:, moved] = new.T
         p.ravel()[self._crossings] = new.dot(rows.T)
+        # What a vehicle slides sideways is across its course.
+        rolled = self._lateral * abs(chord)
+        self._walk[at_x], self._walk[at_y] = rolled * sin * sin, rolled * cos * cos
+        p[at_x, at_y] -= rolled * sin * cos
+        p[at_y, at_x] -= rolled * sin * cos
         diagonal = p.ravel()[:: len(x) + 1]
         diagonal += self._walk
-        rolled = self._lateral * abs(chord)
-        p[phase.X, phase.X] += rolled * sin * sin
-        p[phase.Y, phase.Y] += rolled * cos * cos
-        p[phase.X, phase.Y] -= rolled * sin * cos
-        p[phase.Y, phase.X] -= rolled * sin * cos
-        p[phase.SLOPE, phase.SLOPE] += self._slope
         for wheel, window in pairs:
             if window.missing > 0.0:
-                p[wheel.first, wheel.first] += (window.missing * t) ** 2
+                angle = wheel.at[WHEEL_ANGLE]
+                p[angle, angle] += (window.missing * t) ** 2
 
     def transition(self) -> Array:
         """Derivatives of the states at the end of the last window by those at its beginning, (n, n)."""
@@ -78,24 +113,19 @@ class WheelMotion:
 
 
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:
-    """The wheel angle to the end of the window; its derivatives in the order of `_transition_places`."""
-    t, first, side = WINDOW, wheel.first, wheel.geometry.side
-    scale = 1.0 + x[first + phase.SPIN_SCALE]
-    seen = (window.spin / t - x[first + phase.SPIN_BIAS]) / scale
-    lean = x[first + phase.CAMBER]
+    """The wheel angle to the end of the window; its derivatives in the order of `_WHEEL`."""
+    t, at, side = WINDOW, wheel.at, wheel.geometry.side
+    scale = 1.0 + x[at[GYRO_SCALE_Z]]
+    seen = (window.spin / t - x[at[GYRO_BIAS_Z]]) / scale
+    lean, angle = x[at[CAMBER]], at[WHEEL_ANGLE]
     sin = math.sin(lean)
-    rate = seen + x[first + phase.EXCESS] - side * yaw_rate * sin
-    x[first + phase.ANGLE] = math.remainder(x[first + phase.ANGLE] + rate * t, 2.0 * math.pi)
+    rate = seen + x[at[EXCESS]] - side * yaw_rate * sin
+    x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)
     return -seen / scale * t, -t / scale, t, -side * yaw_rate * math.cos(lean) * t, -side * sin * t
 
 
-def _transition_places(firsts: list[int], size: int) -> Array:
+def _transition_places(columns: Columns) -> Array:
     """Places in the kept rows of the transition of all numbers that change from window to window."""
-    heading, speed, yaw = phase.HEADING, phase.SPEED, phase.YAW_RATE
-    places = [(row, column) for row in (0, 1) for column in (heading, speed, yaw)]
-    places += [(2, yaw), (3, phase.SLOPE)]
-    for row, first in enumerate(firsts, 4):
-        own = (phase.SPIN_SCALE, phase.SPIN_BIAS, phase.EXCESS, phase.CAMBER)
-        places += [(row, first + state) for state in own]
-        places.append((row, yaw))
-    return np.array([row * size + column for row, column in places])
+    rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(columns.vehicle, by) for _, by in _VEHICLE]
+    rows += [(at, _WHEEL[1]) for at in columns.wheels]
+    return np.array([row * columns.size + at[entry] for row, (at, by) in enumerate(rows) for entry in by])

@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel import phase
 from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.entries import WHEEL_ANGLE
 from hubodo.fuse.wheel.fixed_lag import gain
-from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES
-from hubodo.fuse.wheel.step import POSE_STATES, Kept, Pose, WheelStep
+from hubodo.fuse.wheel.step import Kept, Pose, WheelStep
 
 if TYPE_CHECKING:
     from hubodo.fuse.wheel.filter import Step
@@ -43,6 +42,7 @@ def smooth(config: WheelConfig, steps: Sequence[Step], needed: int) -> list[Pose
         if index % _STRETCH == 0:
             copies.append(copy.deepcopy(core))
         core.step(step.windows, step.number, step.listen, needed)
+    angles = [wheel.at[WHEEL_ANGLE] for wheel in core.wheels]
     poses: list[Pose] = []
     later: _Record | None = None
     x, p = np.array(core.x), core.p
@@ -52,8 +52,8 @@ def smooth(config: WheelConfig, steps: Sequence[Step], needed: int) -> list[Pose
             if later is None:
                 x, p = np.array(record.kept.x), record.kept.p
             else:
-                x, p = _step_back(record, later, x, p)
-            poses.append(_pose(record, x, p))
+                x, p = _step_back(record, later, x, p, angles)
+            poses.append(_pose(record, x, p, core.pose))
             later = record
     return poses[::-1]
 
@@ -67,19 +67,21 @@ def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]
     return records
 
 
-def _step_back(record: _Record, later: _Record, x: Array, p: Array) -> tuple[Array, Array]:
+def _step_back(
+    record: _Record, later: _Record, x: Array, p: Array, angles: Sequence[int]
+) -> tuple[Array, Array]:
     """Smoothed states after `record`'s measurements, from those (x, p) after the measurements of the
-    `later` one."""
+    `later` one. angles: places of the wheel angles, which are the same a turn further."""
     back = gain(record.kept, record.transition, later.kept)
     ahead = x - np.array(later.kept.prior_x)
-    for angle in range(VEHICLE_STATES + phase.ANGLE, len(ahead), WHEEL_STATES):
+    for angle in angles:
         ahead[angle] = math.remainder(ahead[angle], 2.0 * math.pi)
     smoothed = record.kept.p + back @ (p - later.kept.prior_p) @ back.T
     return np.array(record.kept.x) + back @ ahead, 0.5 * (smoothed + smoothed.T)
 
 
-def _pose(record: _Record, x: Array, p: Array) -> Pose:
-    rows = record.transition[POSE_STATES]
+def _pose(record: _Record, x: Array, p: Array, places: list[int]) -> Pose:
+    rows = record.transition[places]
     change = rows @ (x - np.array(record.kept.x))
     pose = record.pose
     px, py, heading, speed, yaw_rate = (float(a + b) for a, b in zip(pose[1:6], change, strict=True))

@@ -9,30 +9,45 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel import phase
-from hubodo.fuse.wheel.config import WheelConfig, WheelNode, WheelPrior
-from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES, WheelGeometry
+from hubodo.calibration.file import Quantity
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    HEADING,
+    OF_VEHICLE,
+    OF_WHEEL,
+    SLOPE,
+    TIME_OFFSET,
+    WHEEL_ANGLE,
+    Columns,
+    Entry,
+)
+from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
 from hubodo.fuse.wheel.preintegration import Window
-from hubodo.fuse.wheel.zero_velocity import RestDetector
+from hubodo.fuse.wheel.stillness import RestDetector
+from hubodo.vehicle import side_sign
 
 FORGET = 20
-"""Windows without a sample after which a wheel angle is no longer believed."""
-
-ANGLE_SIGMA = 0.3
-"""rad, of an angle read from gravity while the vehicle may accelerate by a third of it."""
-
+"""Windows without a sample, two seconds, after which a wheel angle is no longer believed: at walking pace a
+wheel has then turned by more than can be guessed. Estimated."""
 
 _LOST_ANGLE = 0.7
-"""rad by which gravity may seem to have turned over a gap; beyond it the wheel angle is found anew."""
+"""rad by which gravity may seem to have turned over a gap; beyond it the wheel angle is found anew. Twice
+what hard braking tilts it by (WHEEL_ANGLE's prior), estimated."""
 
 _LOOK = 3
-"""Windows after a gap that are looked at for it."""
+"""Windows after a gap that are looked at for it: a bump fills one. Estimated."""
+
+_OLD, _NEW = 0.8, 0.2
+"""Shares that the direction of gravity before a gap keeps and takes up from window to window: half a second
+of memory, shorter than a manoeuvre and longer than a bump. Estimated."""
 
 
 @dataclass
 class Wheel:
-    """One wheel: its place in the state vector, and counts that a report is made of.
+    """One wheel: where its entries stand in the state, and counts that a report is made of.
 
+    at: column of each entry, its own and the vehicle's. view: its present window, for the measurements.
     joined: its angle is known. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
     the force that points up, in units of g. slips, clipped, unheard_in_all: windows. lost: times that the
     wheel angle was lost over a gap.
@@ -42,7 +57,8 @@ class Wheel:
     node: WheelNode
     geometry: WheelGeometry
     rest: RestDetector
-    first: int
+    at: dict[Entry, int]
+    view: WheelWindow
     joined: bool = False
     trusted: bool = True
     heard: int = 0
@@ -89,7 +105,7 @@ class Wheel:
         level = window.force * cmath.exp(1j * window.clock_angle)
         if self._looked is None or self._before == 0j:
             self._looked = None
-            self._before = 0.8 * self._before + 0.2 * level
+            self._before = _OLD * self._before + _NEW * level
             return
         self._after, self._looked = self._after + level, self._looked + 1
         if self._looked < _LOOK:
@@ -109,83 +125,57 @@ class Wheel:
 
         at_begin: the angle where listening began, else where it ended.
         """
-        first = self.first
+        at = self.at
         angle = -cmath.phase(self.level) + (self.begin if at_begin else self.spin)
-        x[first + phase.ANGLE] = math.remainder(angle, 2.0 * math.pi)
-        if x[first + phase.CAMBER] == 0.0:
-            x[first + phase.CAMBER] = self.geometry.side * math.atan2(self.axial, abs(self.level))
-        place = first + phase.ANGLE
+        x[at[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
+        if x[at[CAMBER]] == 0.0:
+            x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, abs(self.level))
+        place = at[WHEEL_ANGLE]
         p[place, :] = 0.0
         p[:, place] = 0.0
-        p[place, place] = ANGLE_SIGMA**2
+        p[place, place] = WHEEL_ANGLE.prior**2
         self.joined = True
 
 
 @dataclass
-class Start:
-    """The states and their covariance before the first window, and the variance by which each wanders in a
-    second."""
+class InitialState:
+    """States and covariance before the first window, variance by which each state wanders in a second, and
+    where everything stands."""
 
     x: list[float]
     p: Array
     walk: Array
+    columns: Columns
     wheels: list[Wheel] = field(default_factory=list)
 
 
-def start(config: WheelConfig) -> Start:
-    """States at rest at the origin, with the priors and the calibration of `config`."""
-    size = VEHICLE_STATES + len(config.nodes) * WHEEL_STATES
-    made = Start([0.0] * size, np.zeros((size, size)), np.zeros(size))
-    made.x[phase.HEADING], made.x[phase.TRACK] = config.start_heading, config.track_error
-    two = len(config.nodes) == 2
-    vehicle = {
-        phase.HEADING: (config.heading_sigma, 0.0),
-        phase.SPEED: (1.0, 0.0),
-        phase.YAW_RATE: (0.5, 0.0),
-        phase.TRACK: (config.track_sigma, 0.0),
-        phase.CLOCK: (config.clock_sigma, 5e-5) if two else (0.0, 0.0),
-        phase.SLOPE: (config.noise.slope, 0.0),
-    }
-    for state, pair in vehicle.items():
-        _set(made, state, *pair)
+def initial_state(config: WheelConfig) -> InitialState:
+    """At rest at the origin, with the priors of all entries and what `config` knows better."""
+    columns = Columns(len(config.nodes))
+    made = InitialState(
+        [0.0] * columns.size, np.zeros((columns.size, columns.size)), np.zeros(columns.size), columns
+    )
+    alone = len(config.nodes) == 1
+    start = {HEADING: Quantity(config.start_heading, config.heading_sigma)}
+    for entry in OF_VEHICLE:
+        if alone and entry is TIME_OFFSET:
+            continue
+        _begin(made, columns.vehicle[entry], entry, {**config.known, **start}.get(entry))
     for index, (name, node) in enumerate(config.nodes.items()):
-        side = 1.0 if node.side == "left" else -1.0
+        at = columns.wheels[index]
+        side = side_sign(node.side)
         geometry = WheelGeometry(side, config.radius, 0.5 * side * config.track_width, float(index))
-        first = VEHICLE_STATES + index * WHEEL_STATES
-        made.wheels.append(Wheel(name, node, geometry, RestDetector(config.rest), first))
-        for state, pair in _prior(node.prior, config.noise.gyro).items():
-            _set(made, first + state, *pair)
-        for state, quantity in node.known.items():
-            made.x[first + state] = quantity.value
-            made.p[first + state, first + state] = quantity.sigma**2
+        wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, WheelWindow(geometry, at))
+        made.wheels.append(wheel)
+        for entry in OF_WHEEL:
+            _begin(made, at[entry], entry, node.known.get(entry))
+        made.walk[at[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
     return made
 
 
-def _set(made: Start, place: int, sigma: float, wander: float) -> None:
-    made.p[place, place] = sigma * sigma
-    made.walk[place] = wander * wander
-
-
-def _prior(prior: WheelPrior, gyro: float) -> dict[int, tuple[float, float]]:
-    """State -> (1 sigma at the start, wander per square root of a second)."""
-    return {
-        phase.ANGLE: (ANGLE_SIGMA, gyro),
-        phase.SPIN_SCALE: (prior.spin_scale, prior.scale_walk),
-        phase.SPIN_BIAS: (prior.bias, prior.bias_walk),
-        phase.BIAS_X: (prior.bias, prior.bias_walk),
-        phase.BIAS_Y: (prior.bias, prior.bias_walk),
-        phase.TILT_X: (prior.tilt, 1e-6),
-        phase.TILT_Y: (prior.tilt, 1e-6),
-        phase.ARM_X: (prior.arm, 1e-6),
-        phase.ARM_Y: (prior.arm, 1e-6),
-        phase.FORCE_X: (prior.force, prior.force_walk),
-        phase.FORCE_Y: (prior.force, prior.force_walk),
-        phase.FORCE_Z: (prior.force, 10.0 * prior.force_walk),
-        phase.CAMBER: (prior.camber, 1e-5),
-        phase.YAW_SCALE: (prior.yaw_scale, prior.scale_walk),
-        phase.YAW_BIAS: (prior.yaw_bias, 1e-6),
-        phase.RADIUS: (prior.radius, prior.radius_walk),
-        phase.LEAK_X: (prior.tilt, 1e-6),
-        phase.LEAK_Y: (prior.tilt, 1e-6),
-        phase.EXCESS: (0.0, 0.0),
-    }
+def _begin(made: InitialState, place: int, entry: Entry, known: Quantity | None) -> None:
+    begin = known or Quantity(0.0, entry.prior)
+    made.x[place] = begin.value
+    made.p[place, place] = begin.sigma * begin.sigma
+    # A process that forgets does not wander off: its noise is worked out with its memory.
+    made.walk[place] = entry.walk * entry.walk if entry is not SLOPE else 0.0

@@ -4,31 +4,60 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.calibration.file import Quantity
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel import phase, two_wheels
+from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.phase import VEHICLE_STATES, WHEEL_STATES
+from hubodo.fuse.wheel.entries import (
+    EXCESS,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    HEADING,
+    SLOPE,
+    SPEED,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Entry,
+    X,
+    Y,
+)
+from hubodo.fuse.wheel.measurements import Row, centripetal, position, zero_velocity
+from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
-from hubodo.fuse.wheel.state import Wheel, start
+from hubodo.fuse.wheel.state import Wheel, initial_state
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs, WheelUpdate
-from hubodo.fuse.wheel.zero_velocity import Stillness
 
-# How far speed (m/s) and yaw rate (rad/s) may step from window to window: so far that what is measured
-# decides.
 _SPEED_STEP, _YAW_STEP = 0.5, 0.5
-# How still a vehicle is that stands still: 1 sigma of speed and yaw rate.
-_STILL = {Stillness.RESTING: (1e-3, 1e-4), Stillness.LOITERING: (0.03, 0.03)}
+"""m/s and rad/s by which speed and yaw rate may step from window to window: so far that what is measured
+decides. Estimated."""
+
 _EXCESS_STEP = 2.0
-# m/s²; no wheel drives or brakes a vehicle harder.
-_FORCE = 5.0
-POSE_STATES = [phase.X, phase.Y, phase.HEADING, phase.SPEED, phase.YAW_RATE]
+"""rad/s by which the spin beyond a clipped gyro may step from window to window: 3 m/s² on a wheel of 0.15 m.
+Estimated."""
+
+_HARDEST = 5.0
+"""m/s²; no wheel drives or brakes a vehicle harder: half of gravity, the grip of a good tyre on a dry
+road."""
+
+_SYMMETRIC = 16
+"""Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""
+
+_ENOUGH, _TURNING = 300, 1.0
+"""Windows in which the wheel turns, faster than so many rad/s, by which it is seen whether gravity turns with
+it: half a minute. Estimated."""
+
+POSE = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
 class Pose(NamedTuple):
@@ -62,20 +91,25 @@ class Kept(NamedTuple):
 class WheelStep:
     """State vector, covariance and the step that carries both through a window.
 
-    x: list of the states of `phase`, vehicle first. p: their covariance. Copies (copy.deepcopy) go their
-    own ways.
+    x: list of the states, in the order of `columns`. p: their covariance. Copies (copy.deepcopy) go their own
+    ways.
     """
 
     def __init__(self, config: WheelConfig) -> None:
-        begin = start(config)
+        begin = initial_state(config)
         self.config, self.x, self.p, self.wheels = config, begin.x, begin.p, begin.wheels
+        self.columns, self._at = begin.columns, begin.columns.vehicle
         self.agreement = two_wheels.Agreement(config.track_width)
         self.steps = 0
         self.keep = False
         self.kept = Kept([], np.empty(0), [], [], np.empty(0))
-        self._update = WheelUpdate(config)
-        self._motion = WheelMotion(config, self.wheels, begin.walk)
-        self._pose = np.array([[row * len(self.x) + column for column in POSE_STATES] for row in POSE_STATES])
+        self._update = WheelUpdate(config, begin.columns)
+        self._motion = WheelMotion(config, begin)
+        self.pose = [self._at[entry] for entry in POSE]
+        self._of_pose = itemgetter(*self.pose)
+        self._covariance = np.array(
+            [[row * len(self.x) + column for column in self.pose] for row in self.pose]
+        )
         self._renewed: list[int] = []
 
     def begin(self, windows: Sequence[Sequence[Window]]) -> None:
@@ -96,13 +130,13 @@ class WheelStep:
             for wheel, window in pairs:
                 if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
                     wheel.join(self.x, self.p, at_begin=False)
-                    self._renewed.append(wheel.first + phase.ANGLE)
+                    self._renewed.append(wheel.at[WHEEL_ANGLE])
                 wheel.listen(window)
         stillness = self._stillness(pairs)
         if stillness is Stillness.MOVING:
             self._predict_rates(pairs)
         else:
-            self._hold_rates(stillness)
+            self._stand(stillness)
         self._predict_excess(pairs)
         prior = (list(self.x), self.p.copy()) if self.keep else None
         found = self._update.work_in(self.x, self.p, pairs, stillness is Stillness.RESTING)
@@ -115,31 +149,36 @@ class WheelStep:
         if prior is not None:
             self.kept = Kept(prior[0], prior[1], self._renewed, list(self.x), self.p.copy())
         self._motion.advance(self.x, self.p, pairs)
-        if self.steps % 16 == 0:
+        if self.steps % _SYMMETRIC == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
-        x = self.x
-        place, motion = (x[phase.X], x[phase.Y], x[phase.HEADING]), (x[phase.SPEED], x[phase.YAW_RATE])
-        covariance = self.p.take(self._pose)
-        return Pose((number + 1) * WINDOW, *place, *motion, covariance, stillness, found.nis, found.degrees)
+        end, covariance = (number + 1) * WINDOW, self.p.take(self._covariance)
+        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
+        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, found.nis, found.degrees)
 
     def transition(self) -> Array:
         """Derivatives of the states at the end of the last window by those at its beginning, (n, n)."""
         return self._motion.transition()
 
-    def fix(self, x: float, y: float, sigma: float) -> float:
-        """A position from elsewhere at the end of the last window, m; its squared innovation in sigma (2
+    def fix(self, told: Position) -> float:
+        """A position from elsewhere at the end of the last window; its squared innovation in sigma (2
         numbers)."""
-        z = np.array([x - self.x[phase.X], y - self.x[phase.Y]])
-        ph = self.p[:, [phase.X, phase.Y]]
-        s = ph[[phase.X, phase.Y]] + np.eye(2) * sigma**2
+        rows = position.measure(self.x, self._at, told)
+        z, h = (
+            np.array([row[0] for row in rows]),
+            np.array([self._derivatives(row, self._at) for row in rows]),
+        )
+        ph = self.p @ h.T
+        s = h @ ph + np.diag([row[1] for row in rows])
         weight = np.linalg.solve(s, np.column_stack([ph.T, z]))
         self._correct(z @ weight[:, :-1], ph @ weight[:, :-1])
         return float(z @ weight[:, -1])
 
-    def estimate(self, node: str | None, state: int) -> tuple[float, float]:
-        """Value and 1 sigma of a state of `phase`: of the vehicle (node None) or of a node's wheel."""
-        first = 0 if node is None else next(wheel.first for wheel in self.wheels if wheel.name == node)
-        return self.x[first + state], math.sqrt(max(0.0, self.p[first + state, first + state]))
+    def estimate(self, node: str | None, entry: Entry) -> Quantity:
+        """Value and 1 sigma of an entry: of the vehicle (node None) or of a node and its wheel, facing
+        left."""
+        at = self._at if node is None else next(wheel.at for wheel in self.wheels if wheel.name == node)
+        place = at[entry]
+        return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
 
     # -- prediction -----------------------------------------------------------------------------------------
 
@@ -147,9 +186,9 @@ class WheelStep:
         """That of the least still wheel."""
         x, p, found = self.x, self.p, Stillness.RESTING
         for wheel, window in pairs:
-            first = wheel.first
-            spin, bx, by = first + phase.SPIN_BIAS, first + phase.BIAS_X, first + phase.BIAS_Y
-            sigma = math.sqrt(max(p[spin, spin], p[bx, bx], p[by, by]))
+            at = wheel.at
+            spin, bx, by = at[GYRO_BIAS_Z], at[GYRO_BIAS_X], at[GYRO_BIAS_Y]
+            sigma = math.sqrt(max(p.item(spin, spin), p.item(bx, bx), p.item(by, by)))
             still = wheel.rest.stillness(window, x[spin], complex(x[bx], x[by]), sigma)
             if still < found:
                 found = still
@@ -161,54 +200,65 @@ class WheelStep:
         x, p, total, count = self.x, self.p, 0.0, 0
         for wheel, window in pairs:
             if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:
-                first = wheel.first
-                seen = window.spin / WINDOW - x[first + phase.SPIN_BIAS]
-                rate = seen / (1.0 + x[first + phase.SPIN_SCALE])
-                angle = x[first + phase.ANGLE] + 0.5 * rate * WINDOW
+                at = wheel.at
+                seen = window.spin / WINDOW - x[at[GYRO_BIAS_Z]]
+                rate = seen / (1.0 + x[at[GYRO_SCALE_Z]])
+                angle = x[at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
                 total += (window.force * cmath.exp(1j * angle)).imag / WINDOW
                 count += 1
+        speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
         if count:
-            force = total / count - x[phase.SLOPE]
-            x[phase.SPEED] += min(_FORCE, max(-_FORCE, force)) * WINDOW
-        p[phase.SPEED, phase.SPEED] += _SPEED_STEP**2
-        p[phase.YAW_RATE, phase.YAW_RATE] += _YAW_STEP**2
+            force = total / count - x[self._at[SLOPE]]
+            x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
+        p[speed, speed] += _SPEED_STEP**2
+        p[yaw_rate, yaw_rate] += _YAW_STEP**2
 
-    def _hold_rates(self, stillness: Stillness) -> None:
-        """Speed and yaw rate of a vehicle that stands."""
-        x, p = self.x, self.p
-        x[phase.SPEED] = x[phase.YAW_RATE] = 0.0
-        for state, sigma in zip((phase.SPEED, phase.YAW_RATE), _STILL[stillness], strict=True):
-            p[state, :] = 0.0
-            p[:, state] = 0.0
-            p[state, state] = sigma * sigma
-        self._renewed += [phase.SPEED, phase.YAW_RATE]
+    def _stand(self, stillness: Stillness) -> None:
+        """Speed and yaw rate of a vehicle that stands: they are free in each window, so that what is measured
+        takes the place of what was believed."""
+        for row in zero_velocity.measure(self.x, self._at, stillness):
+            residual, variance, derivatives = row
+            for entry in derivatives:
+                place = self._at[entry]
+                self.x[place] += residual
+                self._renew(place, variance)
+
+    def _renew(self, place: int, variance: float) -> None:
+        """Begins a state anew, without memory."""
+        self.p[place, :] = 0.0
+        self.p[:, place] = 0.0
+        self.p[place, place] = variance
+        self._renewed.append(place)
 
     def _predict_excess(self, pairs: Pairs) -> None:
         """The spin that a clipped gyro did not see is a state while it clips, and nothing else."""
         for wheel, window in pairs:
-            place = wheel.first + phase.EXCESS
+            place = wheel.at[EXCESS]
             if window.spin_clipped > 0.0:
                 self.p[place, place] += (_EXCESS_STEP * window.spin_clipped) ** 2
             elif self.p[place, place] > 0.0:
-                self.p[place, :] = 0.0
-                self.p[:, place] = 0.0
                 self.x[place] = 0.0
-                self._renewed.append(place)
+                self._renew(place, 0.0)
 
     # -- what else the windows say --------------------------------------------------------------------------
 
     def _feel_spin(self, wheel: Wheel, window: Window) -> None:
-        states = self.x[wheel.first : wheel.first + WHEEL_STATES]
-        row = phase.centripetal_row(self.x[:VEHICLE_STATES], states, window, wheel.geometry)
+        wheel.view.look(self.x, window, resting=False)
+        row = centripetal.measure(wheel.view, self.config.noise)
         if row is None:
             return
-        h = np.zeros(len(self.x))
-        for state, value in row[1].items():
-            h[wheel.first + state] = value
+        residual, variance, _ = row
+        h = self._derivatives(row, wheel.at)
         ph = self.p @ h
-        s = float(h @ ph) + (1.0 + self.config.noise.vibration**2 * window.axial_variance) * WINDOW**2
-        s = max(s, row[0] ** 2 / two_wheels.GATE**2)
-        self._correct(ph * (row[0] / s), np.outer(ph, ph / s))
+        s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
+        self._correct(ph * (residual / s), np.outer(ph, ph / s))
+
+    def _derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
+        """A row of the Jacobian, (n,)."""
+        h = np.zeros(len(self.x))
+        for entry, value in row[2].items():
+            h[at[entry]] = value
+        return h
 
     def _correct(self, change: Array, drop: Array) -> None:
         self.x = [a + b for a, b in zip(self.x, change.tolist(), strict=True)]
@@ -219,8 +269,13 @@ class WheelStep:
             wheel.turned += abs(rate) * WINDOW
             wheel.forwards += rate * WINDOW
             wheel.clipped += window.spin_clipped > 0.0
-            if wheel.moving < 300 and abs(rate) > 1.0 and wheel.joined and window.force_clipped == 0.0:
-                angle = self.x[wheel.first] + 0.5 * rate * WINDOW
+            if (
+                wheel.moving < _ENOUGH
+                and abs(rate) > _TURNING
+                and wheel.joined
+                and window.force_clipped == 0.0
+            ):
+                angle = self.x[wheel.at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
                 wheel.upright += (window.force * cmath.exp(1j * angle)).real / (STANDARD_GRAVITY * WINDOW)
                 wheel.moving += 1
         if len(pairs) == 2 and self.agreement.open and all(wheel.joined for wheel in self.wheels):
@@ -234,7 +289,7 @@ class WheelStep:
         if blamed is not None:
             # Up to here the wrong wheel may have been believed.
             lost = 2.0 * max(abs(way) for way in self.agreement.travel)
-            self.p[phase.X, phase.X] += lost * lost
-            self.p[phase.Y, phase.Y] += lost * lost
+            for place in (self._at[X], self._at[Y]):
+                self.p[place, place] += lost * lost
             for wheel in self.wheels:
                 wheel.trusted &= blamed != two_wheels.BOTH and blamed != wheel.geometry.side

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
-from hubodo.fuse.wheel import phase, smoother
+from hubodo.fuse.wheel import smoother
 from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, SEEN_BY_TWO, Entry
 from hubodo.fuse.wheel.filter import START, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose
-from hubodo.fuse.wheel.zero_velocity import Stillness
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.recording import Table
-from hubodo.vehicle import facing_sign
 
 _TURN = 2.0 * np.pi
 _DISAGREE = 10
@@ -32,7 +33,7 @@ _DISAGREE = 10
 class WheelTrack:
     """Poses of the body origin, each (N,). t: s on the log's clock. x, y: m from the start; heading: rad,
     unwrapped. speed: m/s and yaw_rate: rad/s, means of the tenth of a second that ends at t. covariance:
-    (N, 5, 5) of x, y, heading, speed, yaw_rate. still: 0 moving, 1 loitering, 2 at rest. nis, degrees: of
+    (N, 5, 5) of x, y, heading, speed, yaw_rate. still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of
     each step.
     """
 
@@ -55,17 +56,18 @@ class WheelTrack:
 
 @dataclass(frozen=True)
 class WheelReport:
-    """What the filter learnt. distance: m along the track. duration: s. method: in words. vehicle and nodes:
-    name -> {"value", "sigma"} in SI units, nodes in their own axes; what one wheel cannot show is not there.
-    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. warnings: one
-    line each.
+    """What the filter learnt. distance: m along the track. duration: s. method: in words. vehicle, and nodes
+    by name: effect -> parameter -> value and sigma, as a calibration file has them, nodes in their own axes;
+    what one wheel cannot show is not there. What the filter knows as a mean of two parameters, each has.
+    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. warnings: one line
+    each.
     """
 
     distance: float
     duration: float
     method: str
-    vehicle: Mapping[str, Mapping[str, float]]
-    nodes: Mapping[str, Mapping[str, Mapping[str, float]]]
+    vehicle: Mapping[str, Mapping[str, Quantity]]
+    nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     counts: Mapping[str, Mapping[str, int]]
     warnings: tuple[str, ...]
 
@@ -75,13 +77,15 @@ class WheelReport:
             "distance": self.distance,
             "duration": self.duration,
             "method": self.method,
-            "vehicle": {key: dict(value) for key, value in self.vehicle.items()},
-            "nodes": {
-                name: {key: dict(item) for key, item in node.items()} for name, node in self.nodes.items()
-            },
+            "vehicle": _plain(self.vehicle),
+            "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
             "warnings": list(self.warnings),
         }
+
+
+def _plain(effects: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
+    return {name: {key: asdict(item) for key, item in found.items()} for name, found in effects.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,11 +184,9 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     if lag > 0.0:
         ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
         how = f"smoothed, each pose from {ahead}: not causal"
-    vehicle = {}
-    if len(wheels) == 2:
-        vehicle["track_width"] = _scaled(made, None, phase.TRACK, made.config.track_width, 1.0)
-        vehicle["clock_offset"] = _scaled(made, None, phase.CLOCK, 1.0, 0.0)
-    nodes = {wheel.name: _node(made, wheel) for wheel in wheels}
+    seen = [entry for entry in OF_VEHICLE if len(wheels) == 2 or entry not in SEEN_BY_TWO]
+    vehicle = _quantities(made, None, seen)
+    nodes = {wheel.name: _quantities(made, wheel, OF_WHEEL) for wheel in wheels}
     counts = {
         wheel.name: {
             "windows_slipping": wheel.slips,
@@ -200,30 +202,20 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
 
 
-def _scaled(
-    made: WheelFilter, node: str | None, state: int, factor: float, offset: float
-) -> dict[str, float]:
-    value, sigma = made.core.estimate(node, state)
-    return {"value": factor * (offset + value), "sigma": abs(factor) * sigma}
-
-
-def _node(made: WheelFilter, wheel: Wheel) -> dict[str, dict[str, float]]:
-    sign = facing_sign(wheel.node.facing)
-    table = (
-        ("gyro_bias_x", phase.BIAS_X, 1.0, 0.0),
-        ("gyro_bias_y", phase.BIAS_Y, sign, 0.0),
-        ("gyro_bias_z", phase.SPIN_BIAS, sign, 0.0),
-        ("spin_scale", phase.SPIN_SCALE, 1.0, 0.0),
-        ("yaw_scale", phase.YAW_SCALE, 1.0, 0.0),
-        ("yaw_rate_from_gravity", phase.YAW_BIAS, 1.0, 0.0),
-        ("tilt_x", phase.TILT_Y, 1.0, 0.0),
-        ("tilt_y", phase.TILT_X, -sign, 0.0),
-        ("lever_arm_x", phase.ARM_X, 1.0, 0.0),
-        ("lever_arm_y", phase.ARM_Y, sign, 0.0),
-        ("camber", phase.CAMBER, 1.0, 0.0),
-        ("wheel_radius", phase.RADIUS, made.config.radius, 1.0),
-    )
-    return {name: _scaled(made, wheel.name, state, factor, offset) for name, state, factor, offset in table}
+def _quantities(
+    made: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
+) -> dict[str, dict[str, Quantity]]:
+    """Effect -> parameter -> value and sigma of the entries that a drive can teach, in the node's own
+    axes."""
+    found: dict[str, dict[str, Quantity]] = {}
+    for entry in entries:
+        if entry.lasts:
+            quantity = made.core.estimate(None if wheel is None else wheel.name, entry)
+            share = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
+            for parameter in entry.parameters:
+                same = Quantity(quantity.value * share, quantity.sigma * abs(share))
+                found.setdefault(entry.effect, {})[parameter] = same
+    return found
 
 
 def _warnings(made: WheelFilter, track: WheelTrack) -> list[str]:

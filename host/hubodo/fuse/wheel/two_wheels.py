@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.phase import YAW, row_place
 from hubodo.fuse.wheel.preintegration import WINDOW
 
 GATE = 3.0
@@ -21,27 +21,32 @@ _SURE = 3000
 
 
 def robust_variances(
-    white: Array, sigma: Array, residuals: Array, variances: Array, complete: bool, wheels: int
+    white: Array,
+    sigma: Array,
+    residuals: Array,
+    variances: Array,
+    compared: Sequence[tuple[int, int]] | None,
 ) -> tuple[Array, int | None]:
     """Variances under which no row stands out by more than three sigma, and the wheel found slipping, if any.
 
     white: innovations, each given the rows before it, in units of `sigma`; residuals: as they are.
-    complete: all rows of all wheels are there. Of two yaw rates that disagree both lose weight alike; of
-    two wheels that roll apart the one that has left the speed which the accelerometers carried over: it
-    slips.
+    compared: where all rows of two wheels are there, those of yaw and rolling of each. Of two yaw rates that
+    disagree both lose weight alike; of two wheels that roll apart the one that has left the speed which the
+    accelerometers carried over: it slips.
     """
     out = np.abs(white) > GATE
     if not out.any():
         return variances, None
     extra = np.where(out, (white * white / GATE**2 - 1.0) * sigma * sigma, 0.0)
     slipping = None
-    if complete and wheels == 2:
-        first, second = row_place(0, YAW, 2), row_place(1, YAW, 2)
-        extra[first] = max(extra[first], extra[second])
-        if out[-1]:
-            slipping = 0 if abs(residuals[-2]) > abs(residuals[-1]) else 1
-            extra[-1] = 0.0
-            extra[len(extra) - 2 + slipping] += residuals[len(extra) - 2 + slipping] ** 2
+    if compared is not None:
+        (first_yaw, first), (second_yaw, second) = compared
+        extra[first_yaw] = max(extra[first_yaw], extra[second_yaw])
+        if out[second]:
+            slipping = 0 if abs(residuals[first]) > abs(residuals[second]) else 1
+            slipped = compared[slipping][1]
+            extra[second] = 0.0
+            extra[slipped] += residuals[slipped] ** 2
     return variances + extra, slipping
 
 

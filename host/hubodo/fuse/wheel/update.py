@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import struct
 from collections.abc import Sequence
 from operator import add
 from typing import NamedTuple
@@ -13,15 +11,22 @@ from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from hubodo.arrays import Array
-from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel import phase, two_wheels
+from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.phase import ROWS, VEHICLE_STATES, WHEEL_STATES
+from hubodo.fuse.wheel.entries import Columns
+from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, WindowNoise, rolling, yaw
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.rows import Rows
 from hubodo.fuse.wheel.state import Wheel
 
 Pairs = Sequence[tuple[Wheel, Window]]
 """Each wheel with its window, in the order of the nodes."""
+
+_GAP = 1e4
+"""How many times the variance grows in a window that is all gap: beyond what any row can tell. Estimated."""
+
+_UNHEARD = 0.5
+"""Share of a window without samples from which on it says nothing at all."""
 
 
 class Updated(NamedTuple):
@@ -38,35 +43,22 @@ class Updated(NamedTuple):
 
 
 class WheelUpdate:
-    """The measurement rows of one window of each wheel, and their Kalman update. It remembers nothing."""
+    """The measurements of one window of each wheel, and their Kalman update. It remembers nothing."""
 
-    def __init__(self, config: WheelConfig) -> None:
-        self._count = len(config.nodes)
-        self._size = VEHICLE_STATES + self._count * WHEEL_STATES
-        self._rows = self._count * ROWS
-        self._noise = _RowNoise(config)
-        # One array for the Jacobian, the residuals and their variances: filled at once for all wheels.
-        places: list[int] = []
-        jacobian = self._rows * self._size
-        for index in range(self._count):
-            for row, column in zip(*phase.jacobian_places(index, self._count), strict=True):
-                places.append(row * self._size + column)
-            own = [phase.row_place(index, row, self._count) for row in range(ROWS)]
-            places += [jacobian + row for row in own]
-            places += [jacobian + self._rows + row for row in own]
-        self._places = np.array(places)
-        self._table = np.zeros(jacobian + 2 * self._rows)
-        # Takes a list of floats into an array in half the time that numpy does.
-        self._packing = f"{len(places)}d"
-        self._values = np.empty(len(places))
+    def __init__(self, config: WheelConfig, columns: Columns) -> None:
+        self._rows = Rows(columns)
+        self._noise = WindowNoise(config.noise, config.radius)
+        self._measures = [measurement.measure for measurement in self._rows.measurements]
+        self._yaw = self._rows.measurements.index(yaw)
+        wheels = range(len(columns.wheels))
+        self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
     def work_in(self, x: list[float], p: Array, pairs: Pairs, resting: bool) -> Updated:
         """x: (n,), p: (n, n), C-contiguous; may be overwritten. resting: the vehicle stands still."""
-        rates, yaws, out = self._gather(x, pairs, resting)
-        h = self._table[: -2 * self._rows].reshape(self._rows, self._size)
-        z, r = self._table[-2 * self._rows : -self._rows], self._table[-self._rows :]
+        values, rates, yaws, out = self._gather(x, pairs, resting)
+        h, z, r = self._rows.fill(values)
         if out:
-            pick = np.delete(np.arange(self._rows), out)
+            pick = np.delete(np.arange(len(z)), out)
             if not len(pick):
                 return Updated(x, p, 0.0, 0, rates, yaws)
             h, z, r = h[pick], z[pick], r[pick]
@@ -79,7 +71,8 @@ class WheelUpdate:
         white = whiten.dot(z)
         if white.dot(white) > two_wheels.GATE**2:
             sigma = 1.0 / whiten.diagonal()
-            wider, slipping = two_wheels.robust_variances(white, sigma, z, r, not out, self._count)
+            compared = self._compared if len(pairs) == 2 and not out else None
+            wider, slipping = two_wheels.robust_variances(white, sigma, z, r, compared)
             if slipping is not None:
                 pairs[slipping][0].slips += 1
             diagonal += wider - r
@@ -93,74 +86,49 @@ class WheelUpdate:
 
     def _gather(
         self, x: list[float], pairs: Pairs, resting: bool
-    ) -> tuple[list[float], list[float], list[int]]:
-        """All rows into the table. Returns the wheels' rates, the yaw rates they feel, rows without a say."""
+    ) -> tuple[list[float], list[float], list[float], list[int]]:
+        """All numbers for the rows, the wheels' rates, the yaw rates they feel, rows without a say."""
         values: list[float] = []
         rates: list[float] = []
         yaws: list[float] = []
         out: list[int] = []
-        vehicle = x[:VEHICLE_STATES]
+        noise, measures = self._noise, self._measures
         for index, (wheel, window) in enumerate(pairs):
-            states = x[wheel.first : wheel.first + WHEEL_STATES]
-            residuals, derivatives, rate = phase.wheel_rows(vehicle, states, window, wheel.geometry)
-            values += derivatives
+            view = wheel.view
+            view.look(x, window, resting)
+            residuals: list[float] = []
+            variances: list[float] = []
+            for measure in measures:
+                residual, variance, derivatives = measure(view, noise)
+                values += derivatives.values()
+                residuals.append(residual)
+                variances.append(variance)
             values += residuals
-            values += self._noise.variances(window, rate, resting)
-            rates.append(rate)
-            yaws.append(
-                vehicle[phase.YAW_RATE] + residuals[phase.YAW] / WINDOW / math.cos(states[phase.CAMBER])
-            )
-            if not (wheel.joined and wheel.trusted) or window.missing or _clipped(window):
-                out += [phase.row_place(index, row, self._count) for row in _unusable(wheel, window)]
-        struct.pack_into(self._packing, self._values.data, 0, *values)
-        self._table[self._places] = self._values
-        return rates, yaws, out
+            if window.missing > 0.0:
+                # Integrals over a gap are straight lines: what they tell falls off with its share.
+                share = 1.0 + _GAP * window.missing
+                variances = [variance * share for variance in variances]
+            values += variances
+            rates.append(view.rate)
+            yaws.append(view.yaw_rate + residuals[self._yaw] / WINDOW / view.cos)
+            if not (wheel.joined and wheel.trusted) or window.missing > 0.0 or _clipped(window):
+                out += self._silent(index, wheel, window)
+        return values, rates, yaws, out
 
-
-class _RowNoise:
-    """Variances of the rows of a wheel's window."""
-
-    def __init__(self, config: WheelConfig) -> None:
-        noise, t = config.noise, WINDOW
-        self._gyro, self._accel = noise.gyro**2 * t, noise.accel**2 * t
-        self._roll, self._flex = (noise.roll * t) ** 2, (noise.flex * t) ** 2
-        self._push, self._sway = (noise.push * t) ** 2, (noise.sway * t) ** 2
-        self._clipped_push = (2.0 * STANDARD_GRAVITY / 10.0 * t) ** 2
-        self._vibration, self._road = (noise.vibration * t) ** 2, noise.road**2 * config.radius * t
-        still = self._accel + (0.02 * t) ** 2
-        self._resting = (self._gyro, self._gyro, still, still, 2e-5**2)
-
-    def variances(self, window: Window, rate: float, resting: bool) -> tuple[float, ...]:
-        """Of the rows of `phase`; rate: rad/s of the wheel."""
-        if resting:
-            return self._resting
-        rates = self._gyro + self._flex * window.axial_variance
-        forces = self._accel + self._vibration * window.axial_variance
-        push = self._push if window.spin_clipped == 0.0 else self._clipped_push
-        road = self._road * abs(rate) + 1e-8
-        made = (rates, rates + self._roll, forces + push, forces + self._sway, road)
-        if window.missing == 0.0:
-            return made
-        share = 1.0 + 1e4 * window.missing
-        return tuple(variance * share for variance in made)
+    def _silent(self, index: int, wheel: Wheel, window: Window) -> list[int]:
+        """The rows of a wheel that say nothing in this window."""
+        return [
+            self._rows.of(measurement, index)
+            for measurement in self._rows.measurements
+            if not wheel.joined
+            or window.missing >= _UNHEARD
+            or not measurement.usable(window)
+            or (measurement in BETWEEN_WHEELS and not wheel.trusted)
+        ]
 
 
 def _clipped(window: Window) -> bool:
     return window.spin_clipped > 0.0 or window.across_clipped > 0.0 or window.force_clipped > 0.0
-
-
-def _unusable(wheel: Wheel, window: Window) -> list[int]:
-    """The rows of a wheel that say nothing in this window."""
-    if not wheel.joined or window.missing >= 0.5:
-        return list(range(ROWS))
-    rows: list[int] = []
-    if window.across_clipped > 0.0:
-        rows += [phase.YAW, phase.ROLL]
-    if window.force_clipped > 0.0:
-        rows.append(phase.FORWARD)
-    if window.force_clipped > 0.0 or window.spin_clipped > 0.0:
-        rows.append(phase.SIDEWAYS)
-    return rows if wheel.trusted else [*rows, phase.ROLLING]
 
 
 def _whitening(s: Array) -> Array:

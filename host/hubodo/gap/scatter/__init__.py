@@ -2,10 +2,10 @@
 
 from hubodo.gap.scatter.base import Look, Proposal
 from hubodo.gap.scatter.limits import look_for_limits
+from hubodo.gap.scatter.outliers import look_for_outliers
 from hubodo.gap.scatter.quantization import look_for_quantization
 from hubodo.gap.scatter.random_walk import look_for_random_walk
 from hubodo.gap.scatter.repeats import look_for_repeats
-from hubodo.gap.scatter.wild import look_for_outliers
 
 LOOKS: tuple[Look, ...] = (
     look_for_random_walk,

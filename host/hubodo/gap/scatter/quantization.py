@@ -7,36 +7,37 @@ from collections.abc import Sequence
 import numpy as np
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
-from hubodo.gap.terms import Term
+from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.scatter.base import Proposal, shared, single_cost
+from hubodo.gap.state.terms import ModelTerm
 
 NAME = "gyro_quantization"
 
 
-def look_for_quantization(rests: Sequence[Rest]) -> list[Proposal]:
+def look_for_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
     """The step is read off the lattice; the gain is that of the variance which rounding adds."""
-    steps = {rest.node.name: lattice_step(rest) for rest in rests if BY_NAME[NAME] not in rest.effects}
+    steps = {one.node.name: lattice_step(one) for one in residuals if BY_NAME[NAME] not in one.effects}
     made = []
-    for scope, members in shared([rest for rest in rests if steps.get(rest.node.name)]):
-        own = [steps[rest.node.name] for rest in members]
+    for scope, members in shared([one for one in residuals if steps.get(one.node.name)]):
+        own = [steps[one.node.name] for one in members]
         if np.ptp(own) > 1e-3 * own[0]:
             continue
         step = float(np.mean(own))
-        gain = sum(_gain(rest, step) for rest in members)
+        gain = sum(_gain(one, step) for one in members)
         if gain > 3.0:
-            term = Term(BY_NAME[NAME](step=step), scope)  # type: ignore[call-arg]
+            term = ModelTerm(BY_NAME[NAME](step=step), scope)  # type: ignore[call-arg]
             where = f"gyro readings are whole multiples of {step:.4g} rad/s, coarse beside the noise"
             made.append(Proposal(term, gain, gain - single_cost(1e4), {"step": 1e-5 * step}, where))
     return made
 
 
-def lattice_step(rest: Rest) -> float:
+def lattice_step(residual: Residual) -> float:
     """The step of which all gyro readings are whole multiples, rad/s; 0 where there is none."""
     found = []
     for row in range(3):
-        if not rest.node.used[row]:
+        if not residual.node.used[row]:
             continue
-        values = np.unique(np.round(rest.node.y[row], 9))
+        values = np.unique(np.round(residual.node.y[row], 9))
         if len(values) < 3:
             continue
         gaps = np.diff(values)
@@ -46,7 +47,7 @@ def lattice_step(rest: Rest) -> float:
             whole = np.round(values / step)
             step = float(values @ whole) / max(float(whole @ whole), 1.0)
         off = np.abs(values / step - np.round(values / step))
-        if np.mean(off < 0.02) < 0.98 or len(values) > 0.5 * rest.node.y.shape[1]:
+        if np.mean(off < 0.02) < 0.98 or len(values) > 0.5 * residual.node.y.shape[1]:
             return 0.0
         found.append(step)
     if not found or np.ptp(found) > 1e-3 * found[0]:
@@ -54,18 +55,18 @@ def lattice_step(rest: Rest) -> float:
     return float(np.mean(found))
 
 
-def _gain(rest: Rest, step: float) -> float:
+def _gain(residual: Residual, step: float) -> float:
     """ln likelihood with the variance of rounding, step²/12, less that with the declared noise alone.
 
     The lattice itself is beyond doubt; the question is whether it matters. Where the noise is larger than
     declared for other reasons, the lattice gets no more credit than its step is worth.
     """
     total, worth = 0.0, 0.0
-    for row in np.flatnonzero(rest.node.used[:3]):
-        ok = rest.noise.fresh & ~rest.node.clipped[row]
-        alone = rest.declared[row][ok] ** 2
+    for row in np.flatnonzero(residual.node.used[:3]):
+        ok = residual.noise.fresh & ~residual.node.clipped[row]
+        alone = residual.declared[row][ok] ** 2
         both = alone + step**2 / 12.0
-        off = rest.residual[row][ok] ** 2
+        off = residual.value[row][ok] ** 2
         # Wild readings are another matter.
         calm = off < 16.0 * both
         total += 0.5 * float(np.sum((off / alone - off / both - np.log(both / alone))[calm]))

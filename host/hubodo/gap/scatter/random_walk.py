@@ -8,11 +8,12 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
-from hubodo.gap.innovations import winsorised
-from hubodo.gap.scatter.base import Proposal, Rest, shared, single_cost
-from hubodo.gap.terms import Term
-from hubodo.gap.walk import scores, walked
-from hubodo.gap.wheel_phase import WINDOW, windows
+from hubodo.gap.process_noise.innovations import winsorised
+from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.process_noise.walk import scores, walked
+from hubodo.gap.process_noise.wheel_phase import WINDOW, windows
+from hubodo.gap.scatter.base import Proposal, shared, single_cost
+from hubodo.gap.state.terms import ModelTerm
 
 NAME = "gyro_rate_random_walk"
 _GRID = np.geomspace(1e-6, 3e-2, 28)
@@ -24,22 +25,22 @@ _RELUCTANCE = 2.0
 _STEADY = 4.0
 
 
-def look_for_random_walk(rests: Sequence[Rest]) -> list[Proposal]:
+def look_for_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
     """k by maximum likelihood; the three axes of a node, or of all nodes, share it."""
-    curves = {rest.node.name: _curve(rest) for rest in rests if BY_NAME[NAME] not in rest.effects}
+    curves = {one.node.name: _curve(one) for one in residuals if BY_NAME[NAME] not in one.effects}
     made = []
-    for scope, members in shared([rest for rest in rests if rest.node.name in curves]):
-        curve = np.sum([curves[rest.node.name] for rest in members], axis=0)
+    for scope, members in shared([one for one in residuals if one.node.name in curves]):
+        curve = np.sum([curves[one.node.name] for one in members], axis=0)
         at = int(np.argmax(curve))
         if curve[at] < _WORTH or at == len(_GRID) - 1:
             continue
         k, sigma = _refined(curve, at)
-        if not all(_steady(rest, k) for rest in members):
+        if not all(_steady(one, k) for one in members):
             continue
-        cost = single_cost(sum(len(windows(rest.node.t)) for rest in members))
+        cost = single_cost(sum(len(windows(one.node.t)) for one in members))
         made.append(
             Proposal(
-                Term(BY_NAME[NAME](k=k), scope),  # type: ignore[call-arg]
+                ModelTerm(BY_NAME[NAME](k=k), scope),  # type: ignore[call-arg]
                 float(curve[at]),
                 float(curve[at]) - cost - _RELUCTANCE,
                 {"k": sigma},
@@ -49,35 +50,35 @@ def look_for_random_walk(rests: Sequence[Rest]) -> list[Proposal]:
     return made
 
 
-def _curve(rest: Rest) -> Array:
+def _curve(residual: Residual) -> Array:
     """(28,) gain of ln likelihood of one node for each k of the grid."""
     total = np.zeros(len(_GRID))
-    for mean, variance, steps in _means(rest):
+    for mean, variance, steps in _means(residual):
         tried = np.array([0.0, *_GRID**2])
         found = scores(mean, variance, steps, tried, tried * WINDOW)
         total += found[1:] - found[0]
     return total
 
 
-def _means(rest: Rest) -> Iterator[tuple[Array, Array, Array]]:
+def _means(residual: Residual) -> Iterator[tuple[Array, Array, Array]]:
     """For each gyro axis in use: mean of each window, (K,), its variance, and the seconds between them."""
-    edges = windows(rest.node.t)
-    steps = np.diff(np.add.reduceat(rest.node.t, edges[:-1]) / np.diff(edges))
-    tamed = winsorised(rest.residual / rest.noise.found) * rest.noise.found
-    for row in np.flatnonzero(rest.node.used[:3]):
-        weight = (rest.noise.fresh & ~rest.node.clipped[row]) / rest.noise.found[row] ** 2
+    edges = windows(residual.node.t)
+    steps = np.diff(np.add.reduceat(residual.node.t, edges[:-1]) / np.diff(edges))
+    tamed = winsorised(residual.value / residual.noise.found) * residual.noise.found
+    for row in np.flatnonzero(residual.node.used[:3]):
+        weight = (residual.noise.fresh & ~residual.node.clipped[row]) / residual.noise.found[row] ** 2
         information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
         mean = np.add.reduceat(weight * tamed[row], edges[:-1]) / information
-        yield mean, 1.0 / information + rest.input_variance[row], steps
+        yield mean, 1.0 / information + residual.input_variance[row], steps
 
 
-def _steady(rest: Rest, k: float) -> bool:
+def _steady(residual: Residual, k: float) -> bool:
     """Whether the innovations are those of a walk: as Gaussian and as large at all times, and in each axis.
 
     A step, a drift that comes and goes with speed or turns, or a channel of its own are something else.
     """
     sizes = []
-    for mean, variance, steps in _means(rest):
+    for mean, variance, steps in _means(residual):
         z = walked(mean, variance, steps, k**2, k**2 * WINDOW).innovation
         slack = _STEADY * np.sqrt(1.0 / len(z))
         if np.mean(z**4) / np.mean(z**2) ** 2 - 3.0 > slack * np.sqrt(24.0) + 0.2:

@@ -17,7 +17,7 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
 from hubodo.ingest.link.link import LinkNews, PortLink
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
-from hubodo.ingest.live.localizer_process import Answer, LocalizerProcess
+from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import RecordResult, View, make_result
@@ -77,7 +77,7 @@ def record(
             log.attach(name, "application/toml", data)
         localizer = None
         if vehicle is not None and gnss:
-            localizer = LocalizerProcess(log.t_zero_ns, news.put)
+            localizer = LocalizerThread(log.t_zero_ns, news.put)
             stack.callback(localizer.stop)
         recorder = Recorder(
             names,

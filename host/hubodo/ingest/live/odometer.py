@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.apply import Correction, left_over
+from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
@@ -53,8 +53,11 @@ class Block:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryRows:
-    """Rows of /odom, each (N, ...): t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s;
-    pose_covariance (N, 3, 3) of x, y, heading; twist_covariance (N, 2, 2) of speed, yaw rate."""
+    """Rows of /odom, each (N, ...).
+
+    t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s; pose_covariance (N, 3, 3) of x, y,
+    heading; twist_covariance (N, 2, 2) of speed, yaw rate.
+    """
 
     t_ns: NDArray[np.int64]
     position: Array
@@ -104,7 +107,7 @@ class Odometer:
         self._t_zero_ns = t_zero_ns
         self._left = None if calibration is None else left_over(calibration)
         known = {} if calibration is None else calibration.nodes
-        self._corrections = {name: Correction.from_calibration(node) for name, node in known.items()}
+        self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(S / rate_hz)

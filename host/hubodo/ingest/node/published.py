@@ -15,8 +15,10 @@ _RATE_WINDOW_NS = 2_000_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Published:
-    """Samples of a node as they went into the log; t_ns: (N,) host time of measurement; power_on_ns: host
-    time at which the node was switched on."""
+    """Samples of a node as they went into the log.
+
+    t_ns: (N,) host time of measurement. power_on_ns: host time at which the node was switched on.
+    """
 
     node: str
     t_ns: NDArray[np.int64]

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from hubodo.errors import InputError
 from hubodo.sensors.allan.covariance import TERMS, covariance_tensor
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
-from hubodo.sensors.allan.fit import NoiseFit, Term, fit_noise
+from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
 from hubodo.sensors.allan.ieee952 import rate_unit, units
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.even_grid import EvenGrid, even_grid
@@ -169,8 +169,10 @@ def _edf(points: AllanPoints, fit: NoiseFit) -> FloatArray:
 
 
 def _minimum(points: AllanPoints, fit: NoiseFit, edf: FloatArray) -> tuple[float | None, float | None]:
-    """Averaging time and value of the smallest fitted deviation, None when nothing rises or levels off "
-    "after it."""
+    """Averaging time and value of the smallest fitted deviation.
+
+    None when nothing rises or levels off after it.
+    """
     rising = [name for name in ("B", "K", "R") if fit.terms[name].value is not None]
     if not rising:
         return None, None
@@ -205,7 +207,9 @@ def _without_slow_terms(fit: NoiseFit, step: TemperatureStep) -> NoiseFit:
         "sensor; record at constant temperature, or take a part with --start and --end"
     )
     slow = ("B", "K", "R")
-    terms = {name: Term(None, None, reason) if name in slow else term for name, term in fit.terms.items()}
+    terms = {
+        name: NoiseTerm(None, None, reason) if name in slow else term for name, term in fit.terms.items()
+    }
     return replace(fit, terms={name: terms[name] for name in TERMS})
 
 

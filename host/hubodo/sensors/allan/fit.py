@@ -44,7 +44,7 @@ _REASONS = (
 
 
 @dataclass(frozen=True)
-class Term:
+class NoiseTerm:
     """One of Q, N, B, K, R in SI; value None with the reason when the record cannot show it.
 
     limit: the term is smaller than this with 95 % confidence (None when shown). needed: record length in s
@@ -69,7 +69,7 @@ class NoiseFit:
     widen all sigmas.
     """
 
-    terms: dict[str, Term]
+    terms: dict[str, NoiseTerm]
     theta: FloatArray
     covariance: FloatArray
     factors: NDArray[np.int64]
@@ -134,7 +134,7 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
     for term, name in enumerate(TERMS):
         if term in active:
             value = float(np.sqrt(fit.theta[term]))
-            terms[name] = Term(value, float(np.sqrt(covariance[term, term])) / (2 * value))
+            terms[name] = NoiseTerm(value, float(np.sqrt(covariance[term, term])) / (2 * value))
         else:
             terms[name] = _not_shown(term, fit, active, slope, points)
     dof = len(tau) - start - len(active)
@@ -143,8 +143,10 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
 
 @dataclass(frozen=True)
 class _Trial:
-    """All terms fitted to the points from one averaging time on, and how badly they fit without a model "
-    "error."""
+    """All terms fitted to the points from one averaging time on.
+
+    chi2: how badly they fit without a model error.
+    """
 
     gls: Gls
     active: list[int]
@@ -191,22 +193,24 @@ def slope_sigma(theta: FloatArray, duration: float) -> float:
     )
 
 
-def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: AllanPoints) -> Term:
+def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: AllanPoints) -> NoiseTerm:
     duration = points.samples * points.dt
     if term == Q and fit.starts_late:
-        return Term(None, None, _NO_SHORTEST)
+        return NoiseTerm(None, None, _NO_SHORTEST)
     if term == R:
         limit = abs(slope) + _LIMIT * slope_sigma(fit.theta, duration)
     else:
         square, spread = fit.estimate_with(term, active)
         limit = float(np.sqrt(square + _LIMIT * spread))
     needed = _needed(term, limit, fit.theta, points)
-    return Term(None, None, _REASONS[term], limit, needed)
+    return NoiseTerm(None, None, _REASONS[term], limit, needed)
 
 
 def _needed(term: int, size: float, theta: FloatArray, points: AllanPoints) -> float | None:
-    """Record length in s, to a factor of 2, in which a term of this size would stand at 3 sigma; None "
-    "beyond 4096."""
+    """Record length in s, to a factor of 2, in which a term of this size would stand at 3 sigma.
+
+    None beyond 4096 times this record.
+    """
     shortest, longest = 1, _DOUBLINGS + 1
     while shortest < longest:
         doublings = (shortest + longest) // 2
@@ -231,8 +235,10 @@ def _seen(term: int, size: float, theta: FloatArray, samples: int, dt: float) ->
 
 @lru_cache(maxsize=2 * _DOUBLINGS)
 def _octaves(samples: int, dt: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Factors, design and covariance tensor of a record of this length; all terms ask for the same "
-    "lengths."""
+    """Factors, design and covariance tensor of a record of this length.
+
+    Kept, as all terms ask for the same lengths.
+    """
     factors = averaging_factors(samples)
     factors = factors[factors <= samples // _PARTS]
     return factors, design(np.asarray(factors * dt, np.float64)), covariance_tensor(factors, samples, dt)

@@ -1,5 +1,4 @@
-"""How a node sits on a turntable, from gravity: which way is up, whether its axis is level, which way it
-turns."""
+"""How a node sits on a turntable, from gravity: which way is up, what is level, which way it turns."""
 
 from __future__ import annotations
 
@@ -8,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError
-from hubodo.sensors.misalignment import EARTH_RATE
-from hubodo.sensors.north.stops import Table
+from hubodo.sensors.north.stops import TableMotion
 
 Array = NDArray[np.float64]
 
@@ -21,8 +20,11 @@ MIN_TURN = np.radians(60)
 
 @dataclass(frozen=True)
 class Mount:
-    """mounting: rad, the axis anticlockwise from table zero at table angle zero. vertical: (N,) rad/s
-    upwards. lean: (N,) sine of the axis's elevation. warnings: one line each."""
+    """How one axis of a node sits on the table.
+
+    mounting: rad, the axis anticlockwise from table zero at table angle zero. vertical: (N,) rad/s upwards.
+    lean: (N,) sine of the axis's elevation. warnings: one line each.
+    """
 
     axis: str
     mounting: float
@@ -65,9 +67,11 @@ def mount_of(gyro: Array, accel: Array, axis: str) -> Mount:
     return Mount(axis, float(mounting), np.asarray(gyro @ up), lean, tuple(warnings))
 
 
-def check_direction(mount: Mount, t: Array, table: Table) -> None:
-    """Raises InputError when the gyro felt other turns than the table's file says: the other way, or in
-    degrees."""
+def check_direction(mount: Mount, t: Array, table: TableMotion) -> None:
+    """Raises InputError when the gyro felt other turns than the table's file says.
+
+    That is the other way, or in degrees.
+    """
     angle = table.angle_at(t)
     step = np.gradient(t)
     steps = np.diff(angle, append=angle[-1])
@@ -89,7 +93,7 @@ def check_direction(mount: Mount, t: Array, table: Table) -> None:
         )
 
 
-def tilt_warning(mount: Mount, t: Array, table: Table, latitude: float) -> list[str]:
+def tilt_warning(mount: Mount, t: Array, table: TableMotion, latitude: float) -> list[str]:
     """A line when the table's axis is so far from the vertical that Earth rate leaks in, else nothing."""
     inside = (t >= table.t[0]) & (t <= table.t[-1])
     angle = (table.angle_at(t) + mount.mounting)[inside]

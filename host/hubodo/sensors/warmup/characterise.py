@@ -1,5 +1,4 @@
-"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model where it is not "
-"white."""
+"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model if not white."""
 
 from __future__ import annotations
 
@@ -10,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import Effect, Quantity
-from hubodo.effects.warmup_models import PARAMETERS
+from hubodo.calibration.file import CalibratedEffect, Quantity
+from hubodo.effects.warmup import PARAMETERS
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.even_grid import EvenGrid, even_grid
@@ -51,9 +50,11 @@ class WarmupReport:
         """The model to use: the next one where there is one."""
         return self.following or self.first
 
-    def effects(self) -> dict[str, Effect]:
-        """Effects of the calibration file that the best model has, for this axis. Raises InputError when "
-        "none is earned."""
+    def effects(self) -> dict[str, CalibratedEffect]:
+        """Effects of the calibration file that the best model has, for this axis.
+
+        Raises InputError when none is earned.
+        """
         axis = self.channel[1]
         if self.reason and self.following is None:
             raise InputError(f"nothing to write to a calibration file: {self.reason}")
@@ -63,12 +64,12 @@ class WarmupReport:
             return Quantity(fit.values[name], fit.sigma[name])
 
         method = f"warm-up at rest, {fit.kind}"
-        made = {"gyro_bias": Effect({axis: quantity("c2")}, method)}
+        made = {"gyro_bias": CalibratedEffect({axis: quantity("c2")}, method)}
         if "c1" in fit.values:
             constant = quantity("time_constant")
-            made["gyro_warmup"] = Effect({axis: quantity("c1"), "time_constant": constant}, method)
+            made["gyro_warmup"] = CalibratedEffect({axis: quantity("c1"), "time_constant": constant}, method)
         if "temperature_coefficient" in fit.values:
-            made["gyro_temperature"] = Effect({axis: quantity("temperature_coefficient")}, method)
+            made["gyro_temperature"] = CalibratedEffect({axis: quantity("temperature_coefficient")}, method)
         return made
 
     def as_json(self) -> dict[str, Any]:

@@ -1,0 +1,42 @@
+"""A byte stream of the processor: standard input and output, or a UART with its buffers and its baud rate."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+from hubodo.emulator.board.link import RX_FIFO, TX_FIFO, HostLink
+
+
+@dataclass
+class ByteStream:
+    """A byte stream of the processor: bytes in, bytes not yet out."""
+
+    received: deque[int] = field(default_factory=deque)
+    to_send: bytearray = field(default_factory=bytearray)
+    link: HostLink | None = None
+    byte_ns: float = 0.0
+    send_buffer: int = TX_FIFO
+    receive_buffer: int = RX_FIFO
+    on_wire: deque[tuple[float, bytes]] = field(default_factory=deque)
+    wire_free: float = 0.0
+
+    def room(self, t: float) -> int:
+        """Bytes that the send buffer of a UART takes at t."""
+        if not self.byte_ns:
+            return self.send_buffer
+        return self.send_buffer - math.ceil(max(0.0, self.wire_free - t) / self.byte_ns)
+
+    def put_on_wire(self, t: float, sent: bytes, size: int) -> float:
+        """Sends at the UART's rate; the time at which the last of `size` bytes is in the send buffer."""
+        self.wire_free = max(self.wire_free, t) + self.byte_ns * size
+        if self.link is not None:
+            self.on_wire.append((self.wire_free, sent))
+        return max(t, self.wire_free - self.byte_ns * self.send_buffer)
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        for queue in (self.received, self.to_send, self.on_wire):
+            queue.clear()
+        self.wire_free = 0.0

@@ -1,0 +1,107 @@
+"""What the processor's peripherals do at a call: I2C, pins, ADC."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+
+from hubodo.emulator.board.bus import I2cBus, Pins
+from hubodo.emulator.board.clock import NS
+from hubodo.emulator.board.hypercall import Handler, Op, Reply
+from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
+
+RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
+FLOATING_V = 0.4
+_CORE_V = 0.706 - 0.001721 * (25.0 - 27.0)
+# The radio's chip select also switches the divider: MicroPython's issue 10406 has the 608 counts.
+_DIVIDER_OFF_V = 0.0306
+
+
+class Peripherals:
+    """Of one board; radio_on: whether its radio has the pins it shares with the battery's divider."""
+
+    def __init__(
+        self, model: BoardModel, bus: I2cBus, battery_mv: float, radio_on: Callable[[], bool]
+    ) -> None:
+        self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
+        self.pins = Pins(bus)
+
+    def reset(self) -> None:
+        """The processor restarts: its pins are as at power-on."""
+        self.pins = Pins(self._bus)
+
+    def handlers(self) -> dict[int, Handler]:
+        """What each call does here."""
+        return {
+            Op.I2C_INIT: self._i2c_init,
+            Op.I2C_READ_MEM: self._i2c_read,
+            Op.I2C_WRITE_MEM: self._i2c_write,
+            Op.I2C_READ: self._i2c_read,
+            Op.I2C_WRITE: self._i2c_write,
+            Op.I2C_SCAN: self._i2c_scan,
+            Op.I2C_START: self._i2c_start,
+            Op.I2C_PUT: self._i2c_put,
+            Op.I2C_TAKE: self._i2c_take,
+            Op.PIN_INIT: self._pin_init,
+            Op.PIN_SET: self._pin_set,
+            Op.PIN_GET: self._pin_get,
+            Op.ADC_READ: self._adc,
+        }
+
+    def _i2c_init(self, a: int, payload: bytes, t: float) -> Reply:
+        frequency, scl, sda = struct.unpack("<Ibb", payload)
+        self._bus.initialise(frequency, scl, sda)
+        return Reply(t)
+
+    def _i2c_read(self, a: int, payload: bytes, t: float) -> Reply:
+        address, size, register, n = struct.unpack("<BBHH", payload)
+        status, data, end = self._bus.read_mem(t * 1e-9, address, register.to_bytes(size, "big"), n)
+        return Reply(end * NS, status, data)
+
+    def _i2c_write(self, a: int, payload: bytes, t: float) -> Reply:
+        address, size, register = struct.unpack_from("<BBH", payload)
+        status, end = self._bus.write(t * 1e-9, address, register.to_bytes(size, "big") + payload[4:])
+        return Reply(end * NS, status)
+
+    def _i2c_scan(self, a: int, payload: bytes, t: float) -> Reply:
+        found, end = self._bus.scan(t * 1e-9)
+        return Reply(end * NS, len(found), found)
+
+    def _i2c_start(self, a: int, payload: bytes, t: float) -> Reply:
+        return Reply(t, self._bus.start(t * 1e-9, payload[0], payload[2:]))
+
+    def _i2c_put(self, a: int, payload: bytes, t: float) -> Reply:
+        self._bus.put(t * 1e-9, payload)
+        return Reply(t)
+
+    def _i2c_take(self, a: int, payload: bytes, t: float) -> Reply:
+        return Reply(t, self._bus.take(t * 1e-9))
+
+    def _pin_init(self, a: int, payload: bytes, t: float) -> Reply:
+        mode, pull = struct.unpack("<bb", payload)
+        self.pins.initialise(t * 1e-9, a, mode, pull)
+        return Reply(t)
+
+    def _pin_set(self, a: int, payload: bytes, t: float) -> Reply:
+        self.pins.set(t * 1e-9, a, payload[0])
+        return Reply(t)
+
+    def _pin_get(self, a: int, payload: bytes, t: float) -> Reply:
+        return Reply(t, self.pins.get(t * 1e-9, a))
+
+    def _adc(self, a: int, payload: bytes, t: float) -> Reply:
+        counts = max(0, min(65535, round(self._volts(a) / 3.3 * 65535)))
+        return Reply(t, payload=struct.pack("<H", counts))
+
+    def _volts(self, channel: int) -> float:
+        """At the pin of an ADC channel; on rp2 the first four are counted from their own, then the core."""
+        model = self._model
+        rp2 = model.platform == "rp2"
+        if rp2 and channel == RP2_CORE_TEMP:
+            return _CORE_V
+        pin = channel + RP2_ADC_PIN if rp2 and channel < RP2_CORE_TEMP else channel
+        if pin != model.battery:
+            return FLOATING_V
+        if model.radio and (self._radio_on() or not self.pins.drives_high(RADIO_SELECT_PIN)):
+            return _DIVIDER_OFF_V
+        return self._battery_mv / 1000 / model.factor

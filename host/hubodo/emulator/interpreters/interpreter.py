@@ -1,0 +1,107 @@
+"""Starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Literal
+
+from hubodo.emulator.interpreters.find import find_micropython, find_node, find_rp2040js
+from hubodo.emulator.interpreters.rp2040.image import find_image
+from hubodo.errors import HubodoError
+
+Kind = Literal["micropython", "cpython", "rp2040"]
+
+_HERE = Path(__file__).parent
+
+
+class InterpreterDied(HubodoError):
+    """The interpreter ended by itself in a way no firmware can bring about."""
+
+
+@dataclass
+class Interpreter:
+    """A running interpreter and the two pipes to it."""
+
+    process: subprocess.Popen[bytes]
+    requests: int
+    responses: int
+    lifeline: int
+    log: IO[bytes]
+
+    def kill(self) -> None:
+        """End it at once, as a reset does, and give the pipes back."""
+        self.process.kill()
+        self.process.wait()
+        self.close()
+
+    def close(self) -> int:
+        """Wait for its end, give the pipes back, return the exit status."""
+        status = self.process.wait()
+        for fd in (self.requests, self.responses, self.lifeline):
+            os.close(fd)
+        self.log.close()
+        return status
+
+    def cpu(self) -> float:
+        """Processor time that it has taken, s; 0 once it is gone."""
+        try:
+            stat = Path(f"/proc/{self.process.pid}/stat").read_text()
+        except OSError:
+            return 0.0
+        fields = stat.rpartition(")")[2].split()
+        return float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def last_words(self) -> str:
+        """The last lines it wrote to standard error."""
+        self.log.seek(0)
+        lines = self.log.read().decode("utf-8", "replace").strip().splitlines()
+        return " / ".join(line[:200] for line in lines[-4:])
+
+
+def require(kind: Kind, image: Path | None = None, bootrom: Path | None = None) -> None:
+    """Sees that what an interpreter needs is there; image, bootrom: see `rp2040.image.find_image`.
+
+    Raises:
+        InterpreterMissing: node or an npm package is absent.
+        ImageMissing: the image of MicroPython for the Pico, or the bootrom.
+    """
+    if kind == "micropython":
+        find_node()
+        find_micropython()
+    elif kind == "rp2040":
+        find_node()
+        find_rp2040js()
+        find_image(image, bootrom)
+
+
+def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpreter:
+    """Start the interpreter with `settings` (see the runners); its standard error goes to `log`."""
+    request_read, request_write = os.pipe()
+    response_read, response_write = os.pipe()
+    life_read, life_write = os.pipe()
+    theirs = (request_write, response_read, life_read)
+    full = dict(settings, pipes=theirs)
+    if kind == "micropython":
+        full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "modules")}
+        command = [find_node(), str(_HERE / "wasm" / "runner.mjs"), json.dumps(full)]
+    elif kind == "rp2040":
+        command = [find_node(), str(_HERE / "rp2040" / "runner.mjs"), json.dumps(full)]
+    else:
+        command = [sys.executable, "-I", "-S", str(_HERE / "cpython" / "runner.py"), json.dumps(full)]
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=log,
+        stderr=log,
+        pass_fds=theirs,
+        start_new_session=True,
+    )
+    for fd in theirs:
+        os.close(fd)
+    return Interpreter(process, request_read, response_write, life_write, log)

@@ -1,0 +1,42 @@
+"""The measurements of the wheel filter, one file each; a new one is a file and a line here."""
+
+from typing import Protocol
+
+from hubodo.fuse.wheel.entries import Entry
+from hubodo.fuse.wheel.measurements import forward, roll, rolling, sideways, yaw
+from hubodo.fuse.wheel.measurements.shared import Row, WheelGeometry, WheelWindow, WindowNoise
+from hubodo.fuse.wheel.preintegration import Window
+
+
+class Measurement(Protocol):
+    """What the file of a measurement holds that is taken from every window of every wheel."""
+
+    @property
+    def STATES(self) -> tuple[Entry, ...]:
+        """The entries that it sees, in the order of the derivatives."""
+
+    def usable(self, window: Window) -> bool:
+        """Whether a window that clipped says anything of it."""
+
+    def measure(self, w: WheelWindow, noise: WindowNoise) -> Row:
+        """Residual, variance and derivatives by entry."""
+
+
+OF_EACH_WHEEL: tuple[Measurement, ...] = (yaw, roll, forward, sideways)
+"""Taken from each wheel by itself."""
+
+BETWEEN_WHEELS: tuple[Measurement, ...] = (rolling,)
+"""By these wheels are compared: their rows stand behind all others, so that they are judged given those."""
+
+MEASUREMENTS = OF_EACH_WHEEL + BETWEEN_WHEELS
+
+__all__ = [
+    "BETWEEN_WHEELS",
+    "MEASUREMENTS",
+    "OF_EACH_WHEEL",
+    "Measurement",
+    "Row",
+    "WheelGeometry",
+    "WheelWindow",
+    "WindowNoise",
+]

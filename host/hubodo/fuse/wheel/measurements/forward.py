@@ -1,0 +1,71 @@
+"""Forward: the specific force along the vehicle's forward axis is what the wheel's acceleration and the road
+make.
+
+    Im[(F - a E - rho L) e^(i theta_m)] = R (w_1 - w_0) + n T
+
+The specific force of the model's README along forward, summed up over the window: F = int (ax + i ay) e^(ic),
+E = int e^(ic), c the angle since the middle, a the bias of the accelerometers, w_0 and w_1 the rate about the
+axle at the edges, n the force of a slope. The force on a lever arm rho is (i w' - w²) rho, which turned is
+the derivative of i w e^(ic) rho: L is the difference of that between the edges, so that centripetal and
+tangential terms leave together. The hub moves at R w, with or without camber.
+"""
+
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
+    CAMBER,
+    EXCESS,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    SLOPE,
+    WHEEL_ANGLE,
+    YAW_RATE,
+)
+from hubodo.fuse.wheel.measurements.shared import STILL, Row, WheelWindow, WindowNoise
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+
+STATES = (
+    *(YAW_RATE, SLOPE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS),
+    *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, CAMBER),
+)
+
+_CLIPPED_PUSH = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW) ** 2
+"""(m/s)²; where gz is clipped the change of the wheel's rate is not known: 2 m/s² hard driving, estimated."""
+
+
+def usable(window: Window) -> bool:
+    """Not where an accelerometer across the axle stood at its limit."""
+    return window.force_clipped == 0.0
+
+
+def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+    """Residual in m/s. Variance: white noise of the accelerometers; at rest, how still a wheel stands; while
+    driving, vibration and the forward force that the wheel's own acceleration does not show."""
+    window = w.window
+    variance = noise.accel + STILL
+    if not w.resting:
+        push = noise.push if window.spin_clipped == 0.0 else _CLIPPED_PUSH
+        variance = noise.accel + noise.vibration * window.axial_variance + push
+    force, lever, carrier = w.force, w.lever, w.carrier
+    # A faster wheel is further by half a window in its middle.
+    by_rate = force.real * (0.5 * WINDOW)
+    return (
+        force.imag - w.geometry.radius * w.change - w.x[w.at[SLOPE]] * WINDOW,
+        variance,
+        {
+            YAW_RATE: -by_rate * w.rate_by_yaw_rate,
+            SLOPE: WINDOW,
+            WHEEL_ANGLE: -force.real,
+            GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
+            GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
+            EXCESS: -by_rate,
+            LEVER_ARM_X: lever.imag,
+            LEVER_ARM_Y: lever.real,
+            ACCEL_BIAS_X: carrier.imag,
+            ACCEL_BIAS_Y: carrier.real,
+            CAMBER: -by_rate * w.rate_by_camber,
+        },
+    )

@@ -1,0 +1,59 @@
+"""Roll: the rates across the axle, turned by the wheel angle, have nothing along the vehicle's forward axis.
+
+    Im[(W - b E - tau G) e^(i theta_m)] = 0
+
+The forward component of the angular rate of the model's README, summed up over the window; symbols as in
+yaw.py. On a body that only yaws it is zero, which holds the wheel angle and the tilt of the spin axis.
+"""
+
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    EXCESS,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    MISALIGNMENT_X,
+    MISALIGNMENT_Y,
+    WHEEL_ANGLE,
+    YAW_RATE,
+)
+from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow, WindowNoise
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+
+STATES = (
+    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, GYRO_BIAS_X, GYRO_BIAS_Y),
+    *(MISALIGNMENT_Y, MISALIGNMENT_X, CAMBER),
+)
+
+
+def usable(window: Window) -> bool:
+    """Not where the gyros across the axle stood at their limit."""
+    return window.across_clipped == 0.0
+
+
+def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+    """Residual in rad. Variance: white noise of the gyros; while driving, what vibration adds to them and
+    the vehicle's own rolling about its forward axis."""
+    variance = noise.gyro
+    if not w.resting:
+        variance = noise.gyro + noise.flex * w.window.axial_variance + noise.roll
+    yaw = w.across.real
+    # A faster wheel is further by half a window in its middle.
+    by_rate = yaw * (0.5 * WINDOW)
+    return (
+        w.across.imag,
+        variance,
+        {
+            YAW_RATE: -by_rate * w.rate_by_yaw_rate,
+            WHEEL_ANGLE: -yaw,
+            GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
+            GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
+            EXCESS: -by_rate,
+            GYRO_BIAS_X: w.carrier.imag,
+            GYRO_BIAS_Y: w.carrier.real,
+            MISALIGNMENT_Y: -w.swing.imag,
+            MISALIGNMENT_X: w.swing.real,
+            CAMBER: -by_rate * w.rate_by_camber,
+        },
+    )

@@ -1,0 +1,131 @@
+"""What several measurements take from one window of a wheel, worked out once under the present states.
+
+Complex numbers are x + iy of node axes; turned by e^(i theta), theta the wheel angle, their real part points
+up and their imaginary part forward (frames: the model's README). The node is taken to face left.
+
+    p = (int gz / T - b_z) / (1 + k) + u - lambda r sin(camber)        the mean rate at which the wheel rolls
+    theta_m = theta + p T / 2                                          its angle at the middle of the window
+
+T is the window, lambda +1 on the left wheel and -1 on the right one, r the yaw rate, k and b_z scale and bias
+of the gyro about the axle, u what it did not see because it was clipped, zero otherwise.
+
+A measurement's residual is measured minus expected; its derivatives are those of what is expected less what
+is measured, by the entries of the state, in the order of its STATES.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from operator import itemgetter
+
+from hubodo.fuse.wheel.config import WheelNoise
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
+    CAMBER,
+    EXCESS,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    MISALIGNMENT_X,
+    MISALIGNMENT_Y,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Entry,
+)
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+
+Row = tuple[float, float, dict[Entry, float]]
+"""Residual, its variance, and the derivatives of what is expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelGeometry:
+    """side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the
+    entry TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0."""
+
+    side: float
+    radius: float
+    contact: float
+    clocked: float = 0.0
+
+
+class WindowNoise:
+    """Variances of what a window's integrals hold by chance, from the densities and sizes of `WheelNoise`.
+
+    gyro: (rad)², accel: (m/s)², white noise summed up over the window. roll: (rad)², the vehicle rolling
+    about its forward axis. flex: (rad)² per (m/s²)² of vibration along the axle. push: (m/s)², forward force
+    that the wheel does not show. sway: (m/s)², sideways. vibration: (m/s)² per (m/s²)² of it. road: m²
+    s/rad, unevenness per rate of the wheel.
+    """
+
+    __slots__ = ("accel", "flex", "gyro", "push", "road", "roll", "sway", "vibration")
+
+    def __init__(self, noise: WheelNoise, radius: float) -> None:
+        t = WINDOW
+        self.gyro, self.accel = noise.gyro**2 * t, noise.accel**2 * t
+        self.roll, self.flex = (noise.roll * t) ** 2, (noise.flex * t) ** 2
+        self.push, self.sway = (noise.push * t) ** 2, (noise.sway * t) ** 2
+        self.vibration, self.road = (noise.vibration * t) ** 2, noise.road**2 * radius * t
+
+
+STILL = (0.02 * WINDOW) ** 2
+"""(m/s)²; force that a wheel at rest still feels, 0.02 m/s² 1 sigma: somebody sits, the ground gives.
+Estimated."""
+
+_SEEN = (
+    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, CAMBER),
+    *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
+    *(ACCEL_BIAS_X, ACCEL_BIAS_Y, LEVER_ARM_X, LEVER_ARM_Y),
+)
+
+
+class WheelWindow:
+    """One window of one wheel under the present states; `look` fills it anew for each window.
+
+    window: the integrals; resting: whether the vehicle stands still. x: states of the filter; at: the column
+    of each entry of this wheel and the vehicle. yaw_rate: rad/s. sin, cos: of the camber. about_axle: rad/s
+    that the gyro about the axle feels; rate: rad/s at which the wheel rolls, and its derivatives by scale
+    and bias of that gyro, camber and yaw rate (by EXCESS it is 1). Turned by e^(i theta_m): turn itself;
+    carrier, swing, lever of the window; across, rad, and force, m/s, with the node's errors taken out.
+    change: rad/s by which the gyro about the axle changes over the window.
+    """
+
+    __slots__ = (
+        *("_pick", "about_axle", "across", "at", "carrier", "change", "cos", "force", "geometry", "lever"),
+        *("rate", "rate_by_bias", "rate_by_camber", "rate_by_scale", "rate_by_yaw_rate", "resting", "sin"),
+        *("swing", "turn", "window", "x", "yaw_rate"),
+    )
+
+    def __init__(self, geometry: WheelGeometry, at: Mapping[Entry, int]) -> None:
+        self.geometry, self.at = geometry, at
+        self._pick = itemgetter(*(at[entry] for entry in _SEEN))
+
+    def look(self, x: list[float], window: Window, resting: bool) -> None:
+        """Everything above for the states x and a window."""
+        r, angle, k, b, excess, camber, *rest = self._pick(x)
+        bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = rest
+        self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r
+        self.sin, self.cos = sin, cos = math.sin(camber), math.cos(camber)
+        side, stretch = self.geometry.side, 1.0 + k
+        seen = (window.spin / WINDOW - b) / stretch
+        self.about_axle = seen + excess
+        self.rate = self.about_axle - side * r * sin
+        self.rate_by_scale, self.rate_by_bias = -seen / stretch, -1.0 / stretch
+        self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
+        self.turn = turn = cmath.exp(1j * (angle + self.rate * (0.5 * WINDOW)))
+        self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn
+        self.lever = lever = window.lever * turn
+        # A node turned by the small vector m reads Omega - m x Omega: gx gains -m_y, gy gains m_x of the
+        # spin.
+        self.across = (
+            window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * swing
+        )
+        self.force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
+        self.change = window.rate_end - window.rate_start

@@ -1,0 +1,66 @@
+"""Sideways: the specific force along the axle is what gravity on a leaning wheel and the curve make.
+
+    int (az - l_x ax + l_y ay) = (lambda g sin(camber) + cos(camber) r R w + a_z) T + 2 w rho . int (gx, gy)
+
+The specific force of the model's README along the axle, summed up over the window: w is the rate about the
+axle, r R w the centripetal acceleration of the hub in a curve, the last term that of the lever arm rho, which
+the spin carries round within the yawing body. l_x and l_y are how much of the forces across leaks into the
+axial accelerometer (accel_nonorthogonality zy and zx), a_z its bias.
+"""
+
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_Z,
+    AXIAL_LEAK_X,
+    AXIAL_LEAK_Y,
+    CAMBER,
+    EXCESS,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    YAW_RATE,
+)
+from hubodo.fuse.wheel.measurements.shared import STILL, Row, WheelWindow, WindowNoise
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+
+STATES = (
+    *(YAW_RATE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, ACCEL_BIAS_Z, CAMBER),
+    *(AXIAL_LEAK_X, AXIAL_LEAK_Y, LEVER_ARM_X, LEVER_ARM_Y),
+)
+
+
+def usable(window: Window) -> bool:
+    """Not where the accelerometers across or the gyro about the axle stood at their limits."""
+    return window.force_clipped == 0.0 and window.spin_clipped == 0.0
+
+
+def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+    """Residual in m/s. Variance: white noise of the accelerometer; at rest, how still a wheel stands; while
+    driving, vibration and the swaying of the vehicle."""
+    x, at, window = w.x, w.at, w.window
+    variance = noise.accel + STILL
+    if not w.resting:
+        variance = noise.accel + noise.vibration * window.axial_variance + noise.sway
+    r, radius, about_axle = w.yaw_rate, w.geometry.radius, w.about_axle
+    leak, sway = window.raw_force, 2.0 * window.spin / WINDOW * window.raw_across
+    lateral, level = w.cos * r * radius, w.geometry.side * STANDARD_GRAVITY
+    residual = window.axial - x[at[AXIAL_LEAK_X]] * leak.real + x[at[AXIAL_LEAK_Y]] * leak.imag
+    residual = residual - x[at[LEVER_ARM_X]] * sway.real - x[at[LEVER_ARM_Y]] * sway.imag
+    residual -= (level * w.sin + lateral * about_axle + x[at[ACCEL_BIAS_Z]]) * WINDOW
+    return (
+        residual,
+        variance,
+        {
+            YAW_RATE: w.cos * radius * about_axle * WINDOW,
+            GYRO_SCALE_Z: lateral * w.rate_by_scale * WINDOW,
+            GYRO_BIAS_Z: lateral * w.rate_by_bias * WINDOW,
+            EXCESS: lateral * WINDOW,
+            ACCEL_BIAS_Z: WINDOW,
+            CAMBER: (level * w.cos - w.sin * r * radius * about_axle) * WINDOW,
+            AXIAL_LEAK_X: leak.real,
+            AXIAL_LEAK_Y: -leak.imag,
+            LEVER_ARM_X: sway.real,
+            LEVER_ARM_Y: sway.imag,
+        },
+    )

@@ -1,0 +1,1 @@
+"""What is to be explained: a log and a model brought together."""

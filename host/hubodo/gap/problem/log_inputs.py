@@ -1,0 +1,164 @@
+"""The inputs of a model as a log has them: speed, yaw rate and temperature, and how noisy they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.errors import InputError
+from hubodo.model.model_file import Model, split_input
+from hubodo.recording import Recording, Table
+from hubodo.smooth import Smooth, constant, smooth
+from hubodo.vehicle import facing_sign
+
+# White noise scatters no more than this beside its steps from sample to sample.
+_LEVEL = 1.04
+# An input may scatter by so many times what is declared; less than so much of a gyro's noise is not felt.
+_MORE, _FELT = 1.5, 0.1
+
+
+@dataclass(frozen=True)
+class LogInputs:
+    """speed m/s, yaw_rate rad/s: of the vehicle, None where the model file has a number.
+
+    first, last: s, between which the log has both; infinite where it needs neither. measured_by: nodes whose
+    z gyro is the speed."""
+
+    speed: Smooth | None
+    yaw_rate: Smooth | None
+    first: float
+    last: float
+    measured_by: tuple[str, ...]
+
+
+def read_inputs(recording: Recording, model: Model, origin: float, where: str) -> LogInputs:
+    """What the log has of the inputs that the model asks for. origin: s, when the log began.
+
+    Raises InputError when it lacks one.
+    """
+    speed, first, last, measured_by = _speed(recording, model, origin, where)
+    yaw_rate, yaw_first, yaw_last = _yaw_rate(recording, model, origin, where)
+    return LogInputs(speed, yaw_rate, max(first, yaw_first), min(last, yaw_last), measured_by)
+
+
+def input_noises(
+    model: Model, speed: Smooth, yaw_rate: Smooth, measured_by: tuple[str, ...], warnings: list[str]
+) -> tuple[float, float]:
+    """1 sigma of a sample of the speed, m/s, and of the yaw rate, rad/s."""
+    gyro, radius = model.noise.gyro, model.vehicle.wheel_radius
+    of_gyros = radius * gyro / len(measured_by) ** 0.5 if measured_by else 0.0
+    declared = model.inputs.speed_noise or of_gyros
+    speed_noise = _input_noise(model.inputs.speed, "m/s", speed, declared, _FELT * radius * gyro, warnings)
+    declared = model.inputs.yaw_rate_noise or (gyro if _is_gyro(model.inputs.yaw_rate) else 0.0)
+    yaw_noise = _input_noise(model.inputs.yaw_rate, "rad/s", yaw_rate, declared, _FELT * gyro, warnings)
+    return speed_noise, yaw_noise
+
+
+def _is_gyro(name: str | float) -> bool:
+    return isinstance(name, str) and split_input(name)[0] != "reference"
+
+
+def _input_noise(
+    name: str | float, unit: str, source: Smooth, declared: float, felt: float, warnings: list[str]
+) -> float:
+    """1 sigma of a sample of an input; none is left where it is one level.
+
+    What gyros measured has the noise of gyros where nothing is declared. Where the samples scatter more than
+    declared, and enough to be felt, they are believed, and that is said.
+    """
+    if source.noise <= 0.0:
+        return 0.0
+    if source.noise <= max(_MORE * declared, felt):
+        return declared
+    warnings.append(
+        f"{name} scatters by {source.noise:.2g} {unit} from sample to sample, more than the {declared:.2g} "
+        "that [inputs] declares: taken for its noise; correct it there"
+    )
+    return source.noise
+
+
+def _speed(
+    recording: Recording, model: Model, origin: float, where: str
+) -> tuple[Smooth | None, float, float, tuple[str, ...]]:
+    name = model.inputs.speed
+    if not isinstance(name, str):
+        return None, -np.inf, np.inf, ()
+    nodes = [
+        n for n in recording.nodes if n in model.vehicle.nodes and model.vehicle.nodes[n].side is not None
+    ]
+    if name == "nodes":
+        sources = nodes
+        sides = {model.vehicle.nodes[n].side for n in sources}
+        if not sources or len(sides) < min(2, len(sources)):
+            raise InputError(
+                f'{where}: speed = "nodes" needs a node on each wheel; it has {", ".join(sources) or "none"}'
+            )
+    elif name.startswith("nodes.") and name.endswith(".gz"):
+        sources = [name.split(".")[1]]
+    else:
+        made, first, last = _column(recording, name, origin, where)
+        return made, first, last, ()
+    parts = []
+    for source in sources:
+        if source not in nodes:
+            raise InputError(f"{where}: speed = {name!r}: no wheel node {source!r} in log and model")
+        table = recording.nodes[source]
+        sign = facing_sign(model.vehicle.nodes[source].facing or "left")
+        parts.append((table.t - origin, sign * model.vehicle.wheel_radius * table["gz"]))
+    first, last = max(p[0][0] for p in parts), min(p[0][-1] for p in parts)
+    t = parts[0][0][(parts[0][0] >= first) & (parts[0][0] <= last)]
+    mean = np.mean([np.interp(t, *part) for part in parts], axis=0)
+    return smooth(t, mean), float(first), float(last), tuple(sources)
+
+
+def _yaw_rate(
+    recording: Recording, model: Model, origin: float, where: str
+) -> tuple[Smooth | None, float, float]:
+    name = model.inputs.yaw_rate
+    if not isinstance(name, str):
+        return None, -np.inf, np.inf
+    return _column(recording, name, origin, where)
+
+
+def _column(recording: Recording, name: str, origin: float, where: str) -> tuple[Smooth, float, float]:
+    """A column of a file of the log by its name, `reference.speed` or `frame.gz`, smooth."""
+    stem, _, column = name.removeprefix("nodes.").partition(".")
+    table = recording.files().get(stem)
+    if table is None or column not in table:
+        has = ", ".join(recording.files())
+        raise InputError(
+            f"{where}: the model's input {name!r} is not in it (it has {has}); change [inputs] or the log"
+        )
+    if len(table) < 10:
+        raise InputError(f"{where}: the model's input {name!r} has {len(table)} rows; too few")
+    t = table.t - origin
+    return _behind(t, table[column]), float(t[0]), float(t[-1])
+
+
+def _behind(t: Array, values: Array) -> Smooth:
+    """The function of time behind an input; a level in white noise is that level and nothing of the noise."""
+    white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
+    if float(np.std(values)) <= _LEVEL * white or not np.ptp(values):
+        mean = float(np.mean(values))
+        still = abs(mean) < 4.0 * white / np.sqrt(len(values))
+        return constant(0.0 if still else mean, float(t[0]), float(t[-1]))
+    return smooth(t, values)
+
+
+def input_period(recording: Recording, name: str | float) -> float:
+    """s between samples of an input."""
+    stem = name.removeprefix("nodes.").partition(".")[0] if isinstance(name, str) else ""
+    table = recording.files().get(stem) or next(iter(recording.nodes.values()))
+    return float(np.median(np.diff(table.t)))
+
+
+def log_temperature(recording: Recording, names: Iterable[str], origin: float) -> tuple[Array, Array]:
+    """Times, s, and °C, (M,) each, of the first table that has them; 25 °C where none has."""
+    tables: list[Table | None] = [recording.reference, *(recording.nodes[name] for name in names)]
+    for table in tables:
+        if table is not None and "temperature" in table:
+            return table.t - origin, table["temperature"]
+    return np.zeros(1), np.full(1, 25.0)

@@ -1,0 +1,64 @@
+"""What a node reads beyond a model, and how large that is: the gap, in units of the noise it declares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.effects import Effect
+from hubodo.gap.problem.problem import NodeData
+from hubodo.gap.state.noise import ChannelNoise
+
+Masks = Mapping[str, NDArray[np.bool_]]
+"""For each node (N,), which of its samples."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One node at one point of the search; (6, N) where nothing else is said.
+
+    value: measured minus predicted, with what walks at random followed. declared: 1 sigma that the model file
+    asks for, of sensors and inputs. noise: as the channels show it. input_sigma: the part of `declared` that
+    the inputs have. of_inputs: what of the value their noise may have made; input_variance: (6,) of that in a
+    window's mean. effects: what the model gives the node.
+    """
+
+    node: NodeData
+    value: Array
+    declared: Array
+    noise: ChannelNoise
+    input_sigma: Array
+    of_inputs: Array
+    input_variance: Array
+    effects: Mapping[type[Effect], Effect]
+
+    @property
+    def predicted(self) -> Array:
+        """(6, N): what the model reads."""
+        return self.node.y - self.value
+
+
+def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float:
+    """Root mean square of residual over declared noise, all channels measured; `inside`: samples."""
+    total, count = 0.0, 0
+    for name, one in residuals.items():
+        at = slice(None) if inside is None else inside[name]
+        z = (one.value / one.declared)[one.node.used][:, at]
+        total, count = total + float(np.sum(z**2)), count + z.size
+    return float(np.sqrt(total / count)) if count else float("nan")
+
+
+def floor(residuals: Mapping[str, Residual]) -> float:
+    """The gap that would be left if nothing but noise were.
+
+    That is the scatter from sample to sample, and that of the inputs as it is declared.
+    """
+    total, count = 0.0, 0
+    for one in residuals.values():
+        spare = (np.hypot(one.noise.found, one.input_sigma) / one.declared)[one.node.used]
+        total, count = total + float(np.sum(spare**2)), count + spare.size
+    return float(np.sqrt(total / count)) if count else float("nan")

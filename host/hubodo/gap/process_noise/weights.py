@@ -1,0 +1,48 @@
+"""What residuals are weighed with: the noise of each channel, and how much each wheel wanders."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.gap.problem.problem import NodeData, Problem
+from hubodo.gap.state.noise import ChannelNoise, channel_noise, sensor_noise
+from hubodo.gap.state.state import State
+
+# rad²/s: no wheel is known better than this, whatever is declared of the inputs.
+_LEAST_WALK = 1e-10
+
+
+@dataclass(frozen=True)
+class Weights:
+    """noise: 1 sigma of the channels, by node. walks: rad²/s, intensity of the walk of each wheel."""
+
+    noise: Mapping[str, ChannelNoise]
+    walks: Mapping[str, float]
+
+
+def declared_weights(problem: Problem, walks: Mapping[str, float]) -> Weights:
+    """With the noise that the model file declares."""
+    noise = {}
+    for node in problem.nodes:
+        found = np.broadcast_to(sensor_noise(problem), node.y.shape)
+        noise[node.name] = ChannelNoise(found, np.ones(len(node.t), bool))
+    return Weights(noise, walks)
+
+
+def weights_of(state: State, walks: Mapping[str, float]) -> Weights:
+    """With the noise that the residuals of a state show."""
+    noise = {
+        node.name: channel_noise(state.problem, node, state.readings[node.name], state.residuals[node.name])
+        for node in state.problem.nodes
+    }
+    return Weights(noise, walks)
+
+
+def declared_walk(problem: Problem, node: NodeData) -> float:
+    """rad²/s: how much a wheel's angle wanders when the noise of the inputs is integrated."""
+    across, along = 0.5 * node.forward.track_width * problem.yaw_rate_noise, problem.speed_noise
+    both = along**2 * problem.speed_period + across**2 * problem.yaw_rate_period
+    return max(both / node.forward.wheel_radius**2, _LEAST_WALK)

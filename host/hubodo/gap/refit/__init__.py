@@ -1,0 +1,1 @@
+"""The second look: the best candidates fitted in full."""

@@ -1,0 +1,132 @@
+"""Outliers: lonely readings far from their neighbours, more than Gaussian noise makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import chi2
+
+from hubodo.arrays import Array
+from hubodo.effects import BY_NAME
+from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.scatter.base import Proposal, shared, single_cost
+from hubodo.gap.state.terms import ModelTerm
+
+NAME = "outliers"
+_SIGMAS = np.geomspace(2.5, 100.0, 40)
+_SHARES = np.geomspace(1e-5, 0.3, 40)
+# Gain of ln likelihood that makes spikes of one channel worth a word.
+_SPIKY = 15.0
+_FAR, _UNLIKELY = 5.0, 1e-5
+
+
+def look_for_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
+    """A mixture of the noise and of wider noise, against it alone: probability and sigma by likelihood."""
+    tables = {one.node.name: _table(one) for one in residuals if BY_NAME[NAME] not in one.effects}
+    made = []
+    for scope, members in shared([one for one in residuals if one.node.name in tables]):
+        channels = [tables[one.node.name][0] for one in members]
+        table = np.sum([part for one in channels for part in one], axis=0)
+        count = sum(tables[one.node.name][1] for one in members)
+        at = np.unravel_index(int(np.argmax(table)), table.shape)
+        gain = float(table[at])
+        if gain < 3.0 or not all(_everywhere(one) and _lonely(one) for one in members):
+            continue
+        share, sigma = float(_SHARES[at[0]]), float(_SIGMAS[at[1]])
+        hits = max(share * count, 1.0)
+        term = ModelTerm(BY_NAME[NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
+        sigmas = {"probability": share / np.sqrt(hits), "sigma": sigma / np.sqrt(2.0 * hits)}
+        where = f"about {hits:.0f} lonely readings, {sigma:.0f} times wider than the noise"
+        made.append(Proposal(term, gain, gain - 2.0 * single_cost(count) - 2.0, sigmas, where))
+    return made
+
+
+def spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
+    """Channels with wild readings of their own: row, how many, and how large in the middle of them."""
+    tables, _ = _table(residual)
+    rows = np.flatnonzero(residual.node.used)
+    if _everywhere(residual) and _lonely(residual):
+        return []
+    made = []
+    for row, table in zip(rows, tables, strict=True):
+        at = np.unravel_index(int(np.argmax(table)), table.shape)
+        if table[at] > _SPIKY:
+            z = np.abs(_standing_out(residual, int(row)))
+            far = z[z > 6.0]
+            if len(far):
+                made.append((int(row), len(far), float(np.median(far))))
+    return made
+
+
+def _everywhere(residual: Residual) -> bool:
+    """Whether all channels of a node are hit alike (G-test of the numbers of readings far out)."""
+    counts = np.array(
+        [
+            int((np.abs(_standing_out(residual, int(row))) > _FAR).sum())
+            for row in np.flatnonzero(residual.node.used)
+        ]
+    )
+    total = int(counts.sum())
+    if total < 8 or len(counts) < 2:
+        return True
+    hit = counts[counts > 0]
+    statistic = 2.0 * float(np.sum(hit * np.log(hit * len(counts) / total)))
+    return bool(chi2.sf(statistic, len(counts) - 1) > _UNLIKELY)
+
+
+def _lonely(residual: Residual) -> bool:
+    """Whether wild readings come one by one: no more of them side by side than chance puts there."""
+    near, hits, total = 0, 0, 0
+    for row in np.flatnonzero(residual.node.used):
+        far = np.abs(_standing_out(residual, int(row))) > 4.5
+        hits, total = hits + int(far.sum()), total + len(far)
+        near += int((far[2:] & far[:-2]).sum()) + int((far[3:] & far[:-3]).sum())
+    expected = 2.0 * hits * hits / max(total, 1)
+    return bool(near < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0)
+
+
+def _standing_out(residual: Residual, row: int) -> Array:
+    """Residual of a channel beside its neighbours, in its own sigma."""
+    ok = residual.noise.fresh & ~residual.node.clipped[row]
+    z = (residual.value[row] / residual.noise.found[row])[ok]
+    z = z - _neighbourhood(z)
+    return np.asarray(z / max(float(np.median(np.abs(z))) / 0.6745, 1e-9))
+
+
+def _table(residual: Residual) -> tuple[list[Array], int]:
+    """For each channel in use (40, 40) gain of ln likelihood by share and sigma; the number of readings."""
+    tables, count = [], 0
+    for row in np.flatnonzero(residual.node.used):
+        ok = residual.noise.fresh & ~residual.node.clipped[row]
+        z = (residual.value[row] / residual.noise.found[row])[ok]
+        # A burst of misfit is no outlier: only what stands out from its own neighbours counts.
+        z = z - _neighbourhood(z)
+        one = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)
+        z = z / one
+        count += len(z)
+        edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
+        filled, _ = np.histogram(np.minimum(np.abs(z), 399.0), edges)
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        # The noise alone, as it is: its own scale is free.
+        own = np.linspace(0.9, 1.3, 21)[:, None]
+        alone = float(np.max(np.sum(filled * (-0.5 * (middle / own) ** 2 - np.log(own)), axis=1)))
+        # Beside neighbours with noise of their own, and beside noise that is not as declared.
+        size = _SIGMAS * np.mean(residual.declared[row] / residual.noise.found[row]) / one
+        total = np.zeros((len(_SHARES), len(_SIGMAS)))
+        wide = 1.0 / np.sqrt(1.0 + size**2)
+        narrow = np.exp(-0.5 * middle**2)
+        for j, share in enumerate(wide):
+            far = share * np.exp(-0.5 * (middle * share) ** 2)
+            mixed = (1.0 - _SHARES[:, None]) * narrow + _SHARES[:, None] * far
+            total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ filled - alone
+        tables.append(total)
+    return tables, count
+
+
+def _neighbourhood(z: Array) -> Array:
+    """The median of the two samples before and the two after each."""
+    padded = np.pad(z, 2, mode="reflect")
+    around = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
+    around.sort(axis=0)
+    return np.asarray(0.5 * (around[1] + around[2]))

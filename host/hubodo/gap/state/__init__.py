@@ -1,0 +1,1 @@
+"""A model as it stands in the search, and what it predicts."""

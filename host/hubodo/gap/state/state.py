@@ -1,0 +1,166 @@
+"""The model as it stands: its terms, the start of each node, the path of each wheel; and what it predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects import Effect
+from hubodo.gap.problem.problem import NodeData, Problem
+from hubodo.gap.state.noise import InputAnswers, input_answers
+from hubodo.gap.state.terms import ModelTerm, effects_on
+from hubodo.model.forward import Reading, Start
+from hubodo.model.inputs import Later, MotionCorrection, SpeedCorrection
+from hubodo.vehicle import facing_sign
+
+# rad, or of ATTITUDE_SCALE: half of a central difference; its cube is below the rounding of a log.
+_STEP = 1e-3
+# s: the same for the stamps.
+_LATE_STEP = 1e-4
+# rad: a turn of a node on the body that would not surprise anybody.
+ATTITUDE_SCALE = 0.05
+
+Effects = Mapping[str, Mapping[type[Effect], Effect]]
+"""What each node has, by its name and then by the kind of effect."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A model of a problem; what it predicts is worked out once, when it is asked for.
+
+    terms: the effects. starts: wheel angle or attitude of each node. paths: for each wheel node (N,) rad, the
+    angle that the wheel turned and the model with its inputs does not know. late: for each node (N,) s, by
+    how much its stamps are late, where clocks are declared to differ.
+    """
+
+    problem: Problem
+    terms: tuple[ModelTerm, ...] = ()
+    starts: Mapping[str, Start] = field(default_factory=dict)
+    paths: Mapping[str, Array] = field(default_factory=dict)
+    late: Mapping[str, Array] = field(default_factory=dict)
+
+    def with_terms(self, terms: Sequence[ModelTerm]) -> State:
+        return replace(self, terms=tuple(terms))
+
+    def with_term(self, term: ModelTerm) -> State:
+        """With one term more; it takes the place of a given one of the same effect and scope."""
+        return self.with_terms([*(other for other in self.terms if other.key != term.key), term])
+
+    def afresh(self, terms: Sequence[ModelTerm]) -> State:
+        """With other terms, wheels and clocks not yet followed: where they went under these may mislead."""
+        return replace(self, terms=tuple(terms), paths={}, late={})
+
+    def start(self, node: NodeData) -> Start:
+        return self.starts.get(node.name, Start())
+
+    @cached_property
+    def effects(self) -> Effects:
+        """What each node has of the terms."""
+        return {node.name: effects_on(node, self.terms) for node in self.problem.nodes}
+
+    @cached_property
+    def correction(self) -> SpeedCorrection | None:
+        """Of the speed input, where gyros measured it."""
+        return speed_correction(self.problem, self.effects)
+
+    @cached_property
+    def readings(self) -> Mapping[str, Reading]:
+        """What each node should have read."""
+        return {
+            node.name: self.reading(node, self.effects[node.name].values(), self.correction)
+            for node in self.problem.nodes
+        }
+
+    @cached_property
+    def residuals(self) -> Mapping[str, Array]:
+        """(6, N) of each node: measured minus predicted."""
+        return {node.name: node.y - stacked(self.readings[node.name]) for node in self.problem.nodes}
+
+    @cached_property
+    def input_answers(self) -> Mapping[str, InputAnswers]:
+        """What an error of the inputs does to each node."""
+        nodes = self.problem.nodes
+        return {node.name: input_answers(node, self.readings[node.name], self.start(node)) for node in nodes}
+
+    @cached_property
+    def phase_columns(self) -> Mapping[str, Array]:
+        """For each node on a wheel (6, N) per rad: change of the channels when the wheel is further round."""
+        made = {}
+        for node in self.problem.nodes:
+            if node.on_wheel:
+                path = self.paths.get(node.name, np.zeros(1))
+                made[node.name] = self._slope(node, partial(self._further, node.name, path))
+        return made
+
+    @cached_property
+    def late_columns(self) -> Mapping[str, Array]:
+        """(6, N) per s of each node: change of the channels when its stamps are later than they seem."""
+        made = {}
+        for node in self.problem.nodes:
+            own = self.effects[node.name].values()
+            late, early = (
+                stacked(self.reading(node, own, Later(by, self.correction)))
+                for by in (_LATE_STEP, -_LATE_STEP)
+            )
+            made[node.name] = (late - early) / (2.0 * _LATE_STEP)
+        return made
+
+    def attitude_columns(self, node: NodeData) -> Array:
+        """(3, 6, N): change of the channels for turns of a node on the body by ATTITUDE_SCALE, each axis."""
+        axes = np.eye(3) * ATTITUDE_SCALE
+        return np.stack([self._slope(node, partial(self._turned, node, axis)) for axis in axes])
+
+    def reading(
+        self, node: NodeData, effects: Iterable[Effect], correction: MotionCorrection | None = None
+    ) -> Reading:
+        """What one node should have read, (3, N) each, with these effects in place of its own."""
+        path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
+        return node.forward.mean(effects, self.start(node), path, correction, late)
+
+    def _further(self, name: str, path: Array, by: float) -> State:
+        return replace(self, paths={**self.paths, name: path + by})
+
+    def _turned(self, node: NodeData, axis: Array, by: float) -> State:
+        x, y, z = (np.array(self.start(node).attitude) + by * axis).tolist()
+        return replace(self, starts={**self.starts, node.name: Start(attitude=(x, y, z))})
+
+    def _slope(self, node: NodeData, at: Callable[[float], State]) -> Array:
+        """(6, N): change of the channels of a node along `at`, per unit; its effects stay what they are."""
+        own = self.effects[node.name].values()
+        ahead, behind = (stacked(at(by).reading(node, own, self.correction)) for by in (_STEP, -_STEP))
+        return (ahead - behind) / (2.0 * _STEP)
+
+
+def stacked(reading: Reading) -> Array:
+    """(6, N): gyro over accel."""
+    return np.concatenate([reading.gyro, reading.accel])
+
+
+def speed_correction(problem: Problem, effects: Effects) -> SpeedCorrection | None:
+    """Where gyros measured the speed: what the errors that the model gives them did to it.
+
+    The input took nominal radius times what the z gyros read for the speed.
+    """
+    if not problem.measured_by:
+        return None
+    sources = [node for node in problem.nodes if node.name in problem.measured_by]
+    parts = []
+    for node in sources:
+        reading = node.forward.mean([e for e in effects[node.name].values() if e.shows == "mean"], Start())
+        rolling, body = reading.rolling, reading.body
+        if rolling is None:
+            continue
+        nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
+        y = 0.5 * side * node.forward.track_width
+        beside = facing_sign(node.mount.facing or "left") * reading.gyro[2] - rolling.spin
+        contact = body.speed - body.yaw_rate * y
+        turning = np.abs(rolling.spin) > 1e-2
+        radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
+        wrong = (radius / nominal - 1.0) * contact - radius * beside
+        parts.append((node.t, wrong if len(sources) > 1 else wrong + body.yaw_rate * y))
+    t = parts[0][0]
+    return SpeedCorrection(t, np.mean([np.interp(t, *part) for part in parts], axis=0))

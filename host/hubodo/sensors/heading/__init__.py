@@ -1,0 +1,1 @@
+"""Heading from one gyro axis."""

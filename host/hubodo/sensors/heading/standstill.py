@@ -1,0 +1,69 @@
+"""When a gyro stood still while its heading was taken, and how white it was then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.errors import CalibrationError, InputError
+from hubodo.recording import Table
+from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.north.stops import TableMotion, split_stops
+
+Array = NDArray[np.float64]
+Spans = tuple[tuple[int, int], ...]
+"""First sample and one past the last of each standstill."""
+
+_FEWEST_MEANS = 16
+
+
+def given_rests(t: Array, rests: Sequence[Sequence[float]]) -> Spans:
+    """Those that the user names, (from, to) in s of the log. Raises InputError for a span without samples."""
+    spans = []
+    for begin, end in sorted(map(tuple, rests)):
+        i, j = (int(k) for k in np.searchsorted(t, [begin, end]))
+        if j - i < 2:
+            raise InputError(f"no samples between {begin:g} and {end:g} s, where a rest was said to be")
+        spans.append((i, j))
+    if any(b[0] < a[1] for a, b in pairwise(spans)):
+        raise InputError("two rests that were given overlap; give each standstill once")
+    return tuple(spans)
+
+
+def found_rests(t: Array, gyro: Array, accel: Array, rate: Array, table: Table | None) -> Spans:
+    """Those that the table's file tells, else those in which all six channels stay near their noise floor.
+
+    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². rate: (N,) rad/s, about the vertical, which proves that
+    the table stood. Empty where it never rests. Raises InputError when the table moved while it was still.
+    """
+    if table is not None and bool((table["moving"] < 0.5).any()):
+        motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
+        stops = split_stops(t, rate, motion, vertical=rate)
+        return tuple(zip(map(int, stops.start), map(int, stops.end), strict=True))
+    try:
+        rests = find_rests(t, gyro, accel)
+    except CalibrationError:
+        return ()
+    return tuple(zip(map(int, rests.start), map(int, rests.end), strict=True))
+
+
+def angle_random_walk(t: Array, rate: Array, spans: Spans) -> float | None:
+    """N, rad/√s, from how neighbouring means within the standstills differ; None where they are too short.
+
+    The means are over a second, or a sixteenth of the longest standstill: long enough for the gyro's
+    bandwidth, short enough for its bias not to move. This is the Allan deviation there, times √tau.
+    """
+    step = float(np.median(np.diff(t)))
+    longest = max((j - i for i, j in spans), default=0)
+    width = min(max(1, round(1.0 / step)), longest // _FEWEST_MEANS)
+    if width < 1:
+        return None
+    squares = []
+    for i, j in spans:
+        count = (j - i) // width
+        squares.append(np.diff(rate[i : i + count * width].reshape(count, width).mean(axis=1)) ** 2)
+    tau = width * step
+    return float(np.sqrt(np.mean(np.concatenate(squares)) / 2.0 * tau)) or None

@@ -1,0 +1,34 @@
+"""Each of the 28 effects, hidden in a short drive by the foreign generator, is the first that `gap` names."""
+
+import numpy as np
+import pytest
+
+from gap_matrix import cases, effects, recording
+from gap_matrix.dose import STRONG, Meter
+from hubodo.effects import BY_NAME
+from hubodo.gap.workflow import find_gap
+from hubodo.log.csv_folder import read_folder
+from hubodo.model.model_file import read_model
+
+# A development seed, the shortest drive that the generator makes, and half the usual rate: a strong effect
+# shows as much in it as in any other log, and it takes a second.
+SEED, SECONDS, RATE_HZ = 11, 33.0, 50.0
+# In half a minute a walk may go where a warm-up would: it has to turn back first.
+LONGER = {"gyro_rate_random_walk": 60.0}
+
+
+def test_no_effect_is_left_out():
+    assert sorted(effects.KINDS) == sorted(BY_NAME)
+    assert SEED in effects.DEVELOPMENT_SEEDS
+
+
+@pytest.mark.parametrize("name", effects.KINDS)
+def test_an_effect_is_named_first(name, tmp_path):
+    setup = cases.setup(SEED, duration=LONGER.get(name, SECONDS))
+    setup = cases.sampled_at(setup, RATE_HZ, np.random.default_rng(SEED))
+    hidden, nats = Meter(setup).dose(cases.hidden_effect(setup, name), STRONG)
+    recording.write(setup, [hidden], tmp_path, {})
+    result = find_gap(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
+    named = [(it.effect, it.scope) for it in result.found]
+    print(f"seed {SEED}, {hidden.scope}: {dict(hidden.parameters)}, {nats:.0f} nats; named: {named}")
+    assert named[:1] == [(name, hidden.scope)]

@@ -1,0 +1,147 @@
+"""Heading from a gyro whose warm-up is known: against filterpy, and with honest sigmas."""
+
+import math
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+
+from generators import start_gyro as start
+from hubodo.effects.warmup import WarmupModel
+from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
+
+DEG = math.pi / 180.0
+MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
+
+
+def driven(case, seeds):
+    """(M, 6000) errors in degrees, all runs at once, and the state at the end."""
+    runs = [start.run(case, np.random.default_rng(seed)) for seed in seeds]
+    output = np.array([made for _, made, _ in runs])
+    noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
+    ours = WarmHeading(MODEL, noise, age=start.AGES[case], shape=(len(runs),))
+    heading = []
+    for k, values in enumerate(output.T):
+        ours.handle(values * DEG, start.DT, at_rest=k < start.AVERAGED)
+        heading.append(ours.state().heading)
+    truth = np.cumsum([rate[start.AVERAGED :] for rate, _, _ in runs], axis=1) * start.DT
+    return np.array(heading[start.AVERAGED :]).T / DEG - truth, ours.state()
+
+
+@pytest.mark.parametrize("case", start.DRIFTS_DEG)
+def test_the_error_is_ten_times_smaller_and_as_large_as_the_filter_says(case):
+    seeds = range(16)
+    errors, state = driven(case, seeds)
+    ends, sigma = errors[:, -1], state.sigma_heading / DEG
+    bound = start.NOISE / math.sqrt(start.AVERAGED) * start.RUN * start.DT
+    print(f"{case}, {seeds}: rms {np.sqrt(np.mean(ends**2)):.2f} deg, sigma {sigma:.2f}, bound {bound:.2f}")
+    assert abs(start.DRIFTS_DEG[case]) / np.median(np.abs(ends)) > 10
+    assert bound < sigma < 2 * bound
+    # Chi-square with 16 degrees of freedom lies between 3.9 and 38 in 99.8 % of cases.
+    assert 3.9 < np.sum((ends / sigma) ** 2) < 38
+
+
+def test_a_step_of_the_rate_leaves_no_peak():
+    errors, _ = driven("random rates", [3])
+    parts = errors[0].reshape(10, -1)
+    jumps = np.abs(parts[1:, :100] - parts[:-1, -1:]).max()
+    # Five seconds of white noise: 0.2 deg/s sqrt(0.05 s 5 s) = 0.1 deg, and the drift of the bias.
+    assert jumps < 0.6
+
+
+def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
+    noise, dt, walk = 0.01, 0.1, 0.001
+    ours = WarmHeading(WarmupModel(0.0), BiasNoise(noise * math.sqrt(dt), rate_random_walk=walk, offset=0.1))
+    theirs = KalmanFilter(2, 1, dim_u=1)
+    theirs.x, theirs.P = np.zeros((2, 1)), np.diag([0.0, 0.1**2])
+    theirs.H, theirs.R = np.array([[0.0, 1.0]]), np.array([[noise**2]])
+    # The bias walks before the sample is taken, the heading moves with the bias after that walk.
+    walked, turned = np.diag([0.0, walk**2 * dt]), np.array([[1.0, -dt], [0.0, 1.0]])
+    rng = np.random.default_rng(5)
+    for k in range(300):
+        z, rest = rng.normal(0.02, noise), k % 100 < 60
+        ours.handle(z, dt, at_rest=rest)
+        theirs.predict(F=np.eye(2), Q=walked)
+        if rest:
+            theirs.update(z)
+        else:
+            read = np.diag([(noise * dt) ** 2, 0.0])
+            theirs.predict(u=np.array([[z]]), B=np.array([[dt], [0.0]]), F=turned, Q=read)
+        agree(ours, theirs.x, theirs.P, [0.0, 1.0])
+
+
+def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
+    """All states, at uneven intervals: the offset, c1, T, the temperature, four Markov processes and more."""
+    model = WarmupModel(0.002, 0.02, 300.0, temperature_coefficient=1e-4)
+    sigmas = {"c1": 0.004, "time_constant": 40.0, "temperature_coefficient": 3e-5}
+    n, b, k_walk = 1e-3, 2e-3, 1e-5
+    ours = WarmHeading(model, BiasNoise(n, b, k_walk, 0.01, sigmas), age=20.0)
+    # Time constants of 1, 5, 25, .. s up to 1e5 s, B^2 ln 5 / pi each.
+    constants = 5.0 ** np.arange(8)
+    count = 5 + len(constants)
+    theirs = KalmanFilter(count, 1)
+    each = b**2 * math.log(5.0) / math.pi
+    theirs.x = np.zeros((count, 1))
+    theirs.P = np.diag([0.0, 0.01**2, 0.004**2, 40.0**2, 3e-5**2, *[each] * len(constants)])
+    rng, age = np.random.default_rng(8), 20.0
+    for k in range(200):
+        dt, warm = rng.uniform(0.5, 2.0), rng.uniform(20.0, 30.0)
+        z, rest, doubt = rng.normal(0.02, 0.01), k % 100 < 40, 0.003 if k % 7 == 0 else 0.0
+        ours.handle(z, dt, at_rest=rest, temperature=warm, sigma=doubt)
+        t, age = age + 0.5 * dt, age + dt
+        gone = math.exp(-t / 300.0)
+        course = 0.002 + 0.02 * (1.0 - gone) + 1e-4 * (warm - 25.0)
+        h = [0.0, 1.0, 1.0 - gone, -0.02 * t / 300.0**2 * gone, warm - 25.0, *[1.0] * len(constants)]
+        keep = np.exp(-dt / constants)
+        fade = np.diag([*[1.0] * 5, *keep])
+        theirs.predict(F=fade, Q=np.diag([0.0, k_walk**2 * dt, 0, 0, 0, *each * (1.0 - keep**2)]))
+        if rest:
+            theirs.update(z - course, H=np.array([h]), R=n**2 / dt + doubt**2)
+        else:
+            turned = np.eye(count)
+            turned[0] -= np.array(h) * dt
+            read = np.zeros((count, count))
+            read[0, 0] = n**2 * dt + (doubt * dt) ** 2
+            theirs.predict(F=turned, Q=read)
+            theirs.x[0, 0] += (z - course) * dt
+        agree(ours, theirs.x, theirs.P, h, course)
+
+
+def agree(ours, x, p, h, course=0.0):
+    """Heading and bias, and the sigma of both."""
+    state = ours.state()
+    assert (state.heading, state.bias) == pytest.approx((x[0, 0], course + h @ x[:, 0]), rel=1e-9, abs=1e-15)
+    spread = math.sqrt(max(p[0, 0], 0.0)), math.sqrt(h @ p @ np.array(h))
+    assert (state.sigma_heading, state.sigma_bias) == pytest.approx(spread, rel=1e-6, abs=1e-12)
+
+
+def test_many_runs_at_once_are_each_as_alone():
+    noise = BiasNoise(1e-3, 1e-4, 1e-5)
+    rates = np.random.default_rng(9).normal(0.1, 0.01, (50, 3))
+    together = WarmHeading(MODEL, noise, shape=(3,))
+    alone = [WarmHeading(MODEL, noise) for _ in range(3)]
+    for k, row in enumerate(rates):
+        together.handle(row, 0.1, at_rest=k < 20)
+        for filter_, rate in zip(alone, row.tolist(), strict=True):
+            filter_.handle(rate, 0.1, at_rest=k < 20)
+    ends = [filter_.state() for filter_ in alone]
+    assert together.state().heading == pytest.approx([float(end.heading) for end in ends], rel=1e-12)
+    assert together.state().bias == pytest.approx([float(end.bias) for end in ends], rel=1e-12)
+
+
+def test_a_standstill_after_the_drive_mends_the_heading_of_the_drive():
+    """With a bias that walks, ten seconds of rest before and after tell more than those before alone."""
+    noise = BiasNoise(1e-4, rate_random_walk=1e-3)
+    before, both = (WarmHeading(WarmupModel(0.0), noise) for _ in range(2))
+    for filter_ in (before, both):
+        for k in range(1100):
+            filter_.handle(0.0, 0.1, at_rest=k < 100)
+    for _ in range(100):
+        both.handle(0.0, 0.1, at_rest=True)
+    # A bridge of a walk over T has a quarter of the variance of its integral: K^2 T^3 / 12 of K^2 T^3 / 3.
+    assert both.state().sigma_heading / before.state().sigma_heading == pytest.approx(0.5, rel=0.02)
+
+
+def test_a_parameter_that_the_model_has_not_is_refused():
+    with pytest.raises(ValueError, match="tau"):
+        WarmHeading(MODEL, BiasNoise(1e-3, warmup={"tau": 1.0})).handle(0.0, 0.1)

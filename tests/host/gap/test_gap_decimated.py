@@ -1,0 +1,49 @@
+"""A log at 400 Hz is searched with some of its samples first, and loses nothing by it."""
+
+import numpy as np
+import pytest
+
+from gap_matrix import cases, effects, recording
+from gap_runs import gap
+from hubodo.gap.problem.build import build
+from hubodo.log.csv_folder import read_folder
+from hubodo.model.model_file import read_model
+
+SEED, SECONDS, RATE_HZ = 9, 40.0, 400.0
+
+
+@pytest.fixture(scope="module")
+def fast(tmp_path_factory):
+    """A folder: 400 Hz, a sensor off the axle, and samples that come twice."""
+    folder = tmp_path_factory.mktemp("fast")
+    setup = cases.setup(SEED, duration=SECONDS)
+    setup = cases.sampled_at(setup, RATE_HZ, np.random.default_rng(SEED), jitter=0.02)
+    hidden = [
+        cases.hidden_effect(setup, "lever_arm", "left"),
+        cases.hidden_effect(setup, "sample_repeat", "left"),
+    ]
+    hidden[1] = effects.scaled(hidden[1], 5.0)
+    recording.write(setup, hidden, folder, {})
+    return folder
+
+
+def problem_of(folder):
+    return build(read_folder(folder), read_model(folder / "model.toml"))
+
+
+def test_every_fourth_sample_stays_and_the_inputs_are_left_whole(fast):
+    whole = problem_of(fast)
+    light = whole.decimated()
+    for few, all_of_them in zip(light.nodes, whole.nodes, strict=True):
+        assert (few.t == all_of_them.t[::4]).all()
+        assert (few.y == all_of_them.y[:, ::4]).all()
+        assert few.forward.inputs is all_of_them.forward.inputs
+    assert light.decimated() is None
+
+
+def test_what_shows_in_the_mean_and_what_shows_from_sample_to_sample_are_both_found(fast, tmp_path):
+    made = gap(tmp_path / "out", fast / "model.toml", fast)
+    assert sorted(made.names) == [("lever_arm", "left"), ("sample_repeat", "left")]
+    repeated = next(it for it in made.result["found"] if it["effect"] == "sample_repeat")
+    value = repeated["parameters"]["probability"]
+    assert abs(value["value"] - 0.05) < 4.0 * value["sigma"]

@@ -1,0 +1,128 @@
+"""What is simulated is what was asked for: times, rates, temperatures, noise, the path."""
+
+import numpy as np
+import pytest
+
+from hubodo.effects import Noise
+from hubodo.errors import InputError
+from hubodo.model import experiments
+from hubodo.model.bench import eased
+from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
+from hubodo.model.experiments import Experiment
+from hubodo.model.inputs import Inputs
+from hubodo.model.model_file import InputNames, Model
+from hubodo.smooth import constant
+from hubodo.vehicle import NodeMount, Vehicle
+
+SEED = 411
+
+
+def model(**inputs):
+    vehicle = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "frame": NodeMount()})
+    return Model(vehicle, Noise(0.004, 0.05), InputNames(**inputs))
+
+
+def circle(duration=20.0, speed=2.0, yaw_rate=0.25):
+    return Experiment("drive", Inputs(constant(speed, 0.0, duration), constant(yaw_rate, 0.0, duration)))
+
+
+@pytest.mark.parametrize(("seconds", "count"), [(74.0, 9), (84.0, 10), (100.0, 12)])
+def test_there_are_as_many_poses_as_fit(seconds, count):
+    """Each rests for six seconds, and there are turns of 2.5 s between."""
+    made = experiments.poses(seconds, np.random.default_rng(SEED), None)
+    assert len(made.carried.attitudes) == count
+    assert count * 6.0 + (count - 1) * 2.5 <= seconds < (count + 1) * 6.0 + count * 2.5
+
+
+def test_nine_poses_are_the_least():
+    with pytest.raises(InputError, match="8 poses"):
+        experiments.poses(73.9, np.random.default_rng(SEED), None)
+
+
+def test_nodes_warm_up_evenly_or_as_they_are_told():
+    t = np.array([0.0, 5.0, 12.5, 20.0])
+    even = experiments.warming(circle(), 20.0, 30.0, None).inputs
+    np.testing.assert_allclose(np.interp(t, even.temperature_t, even.temperature), 20.0 + t / 2.0, atol=1e-12)
+    settling = experiments.warming(circle(), 20.0, 30.0, 4.0).inputs
+    wanted = 30.0 - 10.0 * np.exp(-settling.temperature_t / 4.0)
+    np.testing.assert_allclose(settling.temperature, wanted, atol=1e-12)
+    assert np.diff(settling.temperature_t).max() <= 1.0
+
+
+def test_rates_and_noise_are_those_that_were_asked_for():
+    made = experiments.simulate(
+        model(speed_noise=0.05, yaw_rate_noise=0.002), circle(), rate=125.0, reference_rate=50.0, seed=SEED
+    )
+    for name in ("left", "frame"):
+        np.testing.assert_allclose(np.diff(made.nodes[name].t), 1 / 125.0, atol=2e-9)
+        assert made.nodes[name].t[-1] == pytest.approx(20.0 - 1 / 125.0)
+    reference = made.reference
+    assert len(reference) == 1000
+    # A standard deviation of 1000 draws is known to 2.2 %; four of these.
+    assert np.std(reference["speed"] - 2.0) == pytest.approx(0.05, rel=0.09)
+    assert np.std(reference["yaw_rate"] - 0.25) == pytest.approx(0.002, rel=0.09)
+    assert abs(np.mean(reference["speed"]) - 2.0) < 4 * 0.05 / 1000**0.5
+
+
+def test_an_input_that_is_a_node_has_no_noise_of_its_own():
+    names = model(speed="nodes.left.gz", yaw_rate=0.25, speed_noise=0.05, yaw_rate_noise=0.002)
+    made = experiments.reference(names, circle(), 50.0, SEED)
+    np.testing.assert_allclose(made["speed"], 2.0, rtol=1e-12)
+    np.testing.assert_allclose(made["yaw_rate"], 0.25, rtol=1e-12)
+
+
+def test_the_truth_of_a_circle_is_a_circle():
+    made = experiments.truth(circle())
+    t = made.t
+    np.testing.assert_allclose(t, np.arange(401) / 20.0, atol=1e-9)
+    np.testing.assert_allclose(made["heading"], 0.25 * t, atol=1e-9)
+    np.testing.assert_allclose(made["x"], 8.0 * np.sin(0.25 * t), atol=1e-7)
+    np.testing.assert_allclose(made["y"], 8.0 * (1.0 - np.cos(0.25 * t)), atol=1e-7)
+
+
+def test_a_turn_is_eased_with_the_derivatives_that_it_says():
+    """Held against differences; at rest at both ends, and beyond them."""
+    share = np.linspace(-0.2, 1.2, 1401)
+    value, first, second = eased(share)
+    np.testing.assert_allclose(np.gradient(value, share)[2:-2], first[2:-2], atol=1e-5)
+    np.testing.assert_allclose(np.gradient(first, share)[2:-2], second[2:-2], atol=0.07)
+    inner = (share > 0.01) & (share < 0.99)
+    np.testing.assert_allclose(np.gradient(first, share)[inner], second[inner], atol=1e-4)
+    assert value[0] == 0.0
+    assert value[-1] == 1.0
+    assert not first[[0, -1]].any()
+
+
+def test_a_scripted_drive_goes_through_the_middle_of_its_legs():
+    drive = scripted([Leg(5.0, 0.0), Leg(6.0, 1.5, 0.2), Leg(4.0, -0.5, 0.0)])
+    assert drive.speed.end == pytest.approx(15.0)
+    middle = np.array([2.5, 8.0, 13.0])
+    np.testing.assert_allclose(drive.speed(middle), [0.0, 1.5, -0.5], atol=1e-6)
+    np.testing.assert_allclose(drive.yaw_rate(middle), [0.0, 0.2, 0.0], atol=1e-6)
+    # Rounded by a Gaussian of 0.4 s: 16 % of the step is left one of its widths before the edge.
+    np.testing.assert_allclose(
+        drive.speed(np.array([5.0 - 0.4, 5.0, 5.0 + 0.4])), 1.5 * np.array([0.159, 0.5, 0.841]), atol=0.02
+    )
+    with pytest.raises(ValueError, match="positive duration"):
+        scripted([Leg(0.0, 1.0)])
+
+
+@pytest.mark.parametrize("seed", range(SEED, SEED + 8))
+def test_random_drives_keep_to_their_limits_and_rest_at_both_ends(seed):
+    drive = random_drive(np.random.default_rng(seed), 60.0, fastest=2.5)
+    t = np.linspace(0.0, 60.0, 6001)
+    speed, yaw_rate = drive.speed(t), drive.yaw_rate(t)
+    assert drive.speed.end == pytest.approx(60.0, abs=0.011)
+    assert np.abs(speed).max() <= 2.5 + 1e-6
+    assert np.abs(yaw_rate).max() <= 1.2 + 1e-6
+    assert np.abs(speed[[0, -1]]).max() < 1e-3
+    assert speed.max() > 0.7
+
+
+@pytest.mark.parametrize("seed", range(SEED, SEED + 8))
+def test_a_loop_comes_round_about_once(seed):
+    drive = loop_drive(np.random.default_rng(seed))
+    assert drive.speed.end == pytest.approx(8.0 + 60.0 + 4.0, abs=0.011)
+    _, _, _, heading = path(drive)
+    # Some ten legs, each up to 0.1 rad/s off for some 6 s: 1.2 rad, 1 sigma at the most.
+    assert heading[-1] == pytest.approx(2.0 * np.pi, abs=3.6)
