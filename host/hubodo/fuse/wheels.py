@@ -97,9 +97,8 @@ def wheel_odometry(
 
     lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
     calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
-    that a node told of itself where the calibration has none. Raises InputError for
-    nodes that are missing, for two on one wheel, and for a log too short, CalibrationError for a calibration
-    of another node.
+    that a node told of itself where the calibration has none. Raises InputError for nodes that are missing,
+    for two on one wheel, and for a log too short, CalibrationError for a calibration of another node.
     """
     if (
         recording.wheels is not None
