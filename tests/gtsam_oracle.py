@@ -1,28 +1,14 @@
 """GTSAM as a foreign solver of the graph's problem: its elimination, relinearisation and robust losses."""
 
-import importlib
 import math
-import os
 
 import numpy as np
-import pytest
 
+import wanted
 from hubodo.fuse.graph.factors.constants import COUNT
-from shared_data import where
 
 CONSTANTS_KEY = 1 << 60
 """Key of the vector of constants; poses are numbered from 0."""
-
-
-def load_gtsam():
-    """The module; skips the test where it is not installed, fails it where CI is set or recordings are."""
-    try:
-        return importlib.import_module("gtsam")
-    except ImportError:
-        text = "GTSAM, the foreign solver of the graph, is not installed: pip install gtsam"
-        if os.environ.get("CI") or where("").is_dir():
-            pytest.fail(text)
-        pytest.skip(text)
 
 
 def solve_with_gtsam(graph, poses, constants):
@@ -30,7 +16,7 @@ def solve_with_gtsam(graph, poses, constants):
 
     Sequential elimination, for the default recursion overflows the stack on long chains.
     """
-    gtsam = load_gtsam()
+    gtsam = wanted.module("gtsam")
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setLinearSolverType("SEQUENTIAL_QR")
     parameters.setRelativeErrorTol(1e-12)
@@ -46,7 +32,7 @@ def solve_with_gtsam(graph, poses, constants):
 
 def covariances_of_gtsam(graph, poses, constants):
     """(n, 3, 3) of each pose in the world's axes, and that of the constants, at given values."""
-    gtsam = load_gtsam()
+    gtsam = wanted.module("gtsam")
     values = gtsam_values(gtsam, poses, constants)
     marginals = gtsam.Marginals(gtsam_graph(gtsam, graph), values)
     turns = [_turn(heading) for heading in poses[:, 2]]

@@ -13,6 +13,7 @@ from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
+from hubodo.fuse.node_bias import with_node_biases
 from hubodo.fuse.odometry import OdometryConfig, integrate
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
@@ -95,7 +96,8 @@ def wheel_odometry(
     A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
 
     lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
-    calibration: applied to the samples; what only the filter can use becomes its prior. Raises InputError for
+    calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
+    that a node told of itself where the calibration has none. Raises InputError for
     nodes that are missing, for two on one wheel, and for a log too short, CalibrationError for a calibration
     of another node.
     """
@@ -120,6 +122,7 @@ def wheel_odometry(
         calibration, used, told = applied.left, dict(applied.used), applied.warnings
     if method == "differential":
         return _differential(recording, vehicle, names, log)
+    calibration, told_bias = with_node_biases(calibration, recording, names)
     used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
     names = tuple(name for name in names if len(used_nodes[name]) > _FEW) or names
     try:
@@ -135,6 +138,8 @@ def wheel_odometry(
     warnings = told + screenings + tuple(report.pop("warnings")) + _missing(recording, vehicle, names, nodes)
     if used:
         report["calibrated"] = used
+    if told_bias:
+        report["bias_from_node"] = list(told_bias)
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
     return WheelOdometry(
         track,

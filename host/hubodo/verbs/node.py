@@ -15,8 +15,8 @@ from hubodo.errors import InputError
 from hubodo.ingest.link.ports import parse_port
 from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
-from hubodo.ingest.node.decoder import RAD_PER_NANO_DEG
 from hubodo.ingest.node.identity import hello_metadata, known_name
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
 from hubowire.messages import (
