@@ -106,7 +106,8 @@ SLOPE = _of("vehicle", RoadGrade, "angle", factor=STANDARD_GRAVITY)
 WHEEL_ANGLE = Entry("wheel", "rolling", "angle", 0.3, 0.0)
 """rad, of the node's x axis from upright, as gravity tells it.
 
-The vehicle may accelerate by a third of gravity meanwhile. The angle wanders by the noise of the gyro that carries it.
+The vehicle may accelerate by a third of gravity meanwhile. The angle wanders by the noise of the gyro that
+carries it.
 """
 
 GYRO_SCALE_Z = _of("wheel", GyroScaleFactor, "z")
