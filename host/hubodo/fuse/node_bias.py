@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hubodo.calibration.file import XYZ, Calibration, Effect, Quantity
+from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
+from hubodo.effects.triad import XYZ
 from hubodo.recording import Recording, Table
 from hubowire.messages import FilterState
 
@@ -32,7 +33,7 @@ def with_node_biases(
     return calibration, tuple(used)
 
 
-def _last_bias(table: Table) -> Effect | None:
+def _last_bias(table: Table) -> CalibratedEffect | None:
     tracking = table["state"] == FilterState.TRACKING
     if not tracking.any():
         return None
@@ -40,4 +41,4 @@ def _last_bias(table: Table) -> Effect | None:
     for axis in XYZ:
         bias, sigma = (float(table[f"{what}_{axis}"][tracking][-1]) for what in ("bias", "sigma"))
         found[axis] = Quantity(bias, 0.0 if math.isnan(sigma) else sigma)
-    return Effect(found, method="the node's own filter")
+    return CalibratedEffect(found, method="the node's own filter")

@@ -109,7 +109,7 @@ def _run(
     links: Mapping[str, PortLink],
     news: queue.SimpleQueue[LinkNews | Answer],
     recorder: Recorder,
-    localizer: LocalizerProcess | None,
+    localizer: LocalizerThread | None,
     log: McapLog,
     view: View,
     now_ns: Callable[[], int],
