@@ -34,10 +34,11 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found,
-    as fuse.json has it. warnings: one line each. heading_from_speeds: it is the difference of the wheels'
-    speeds, not a gyro's. constants: what the graph is to expect of its errors. full: the filter's own track,
-    None for differential odometry.
+    """A track from wheel nodes.
+
+    nodes: the names used. method: in words. learnt: what the estimator found, as fuse.json has it. warnings:
+    one line each. heading_from_speeds: it is the difference of the wheels' speeds, not a gyro's. constants:
+    what the graph is to expect of its errors. full: the filter's own track, None for differential odometry.
     """
 
     track: Track

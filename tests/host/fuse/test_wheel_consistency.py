@@ -43,8 +43,10 @@ def test_innovations_and_errors_are_inside_their_chi_square_bands() -> None:
 def test_the_pose_is_as_sure_as_it_says_with_the_noise_that_users_have(
     names: tuple[str, ...], nis_band: tuple[float, float]
 ) -> None:
-    """Noise settings as they are shipped, errors of nodes and vehicle drawn as the priors declare them. 16
-    drives of 100 m, seeds 600..615."""
+    """Noise settings as they are shipped, errors of nodes and vehicle drawn as the priors declare them.
+
+    16 drives of 100 m, seeds 600..615.
+    """
     errors = wheel_drives.Errors(radius=WHEEL_RADIUS.prior, track=TRACK_WIDTH.prior)
     normalised, nis = _consistency(range(600, 616), 100.0, errors, names)
     low, high = chi2.ppf([0.005, 0.995], 3 * len(normalised))
@@ -62,8 +64,10 @@ def _consistency(
     names: tuple[str, ...],
     **settings: object,
 ) -> tuple[list[float], float]:
-    """Squared errors at the end over their covariance for each seed, and the mean of all squared innovations
-    over theirs while moving."""
+    """Squared errors at the end over their covariance for each seed.
+
+    Besides, the mean of all squared innovations over theirs while moving.
+    """
     normalised, nis, degrees = [], 0.0, 0
     for seed in seeds:
         rng = np.random.default_rng(seed)

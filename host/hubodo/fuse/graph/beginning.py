@@ -22,8 +22,11 @@ _FEWEST = 3
 
 @dataclass(slots=True)
 class Underway:
-    """A live graph that has begun. growth: times which the fixes' sigma is widened; fix_t: s of the newest
-    fix that counted; warnings: what the start had to say."""
+    """A live graph that has begun.
+
+    growth: times which the fixes' sigma is widened; fix_t: s of the newest fix that counted; warnings: what
+    the start had to say.
+    """
 
     window: Window
     frame: LocalFrame
@@ -38,10 +41,10 @@ def begin(
     config: GraphConfig,
     heading_sigma: float,
 ) -> Underway | None:
-    """The window over a whole path and what was measured on it; None while there is too little, or the newest
-    heading is not known to heading_sigma, rad.
+    """The window over a whole path and what was measured on it.
 
-    samples: one each, by time. Raises InputError when there are fixes and none is usable.
+    None while there is too little, or the newest heading is not known to heading_sigma, rad. samples: one
+    each, by time. Raises InputError when there are fixes and none is usable.
     """
     fixes = [sample for sample in samples if isinstance(sample, Fixes)]
     if len(fixes) < _FEWEST:

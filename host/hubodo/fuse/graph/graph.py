@@ -96,8 +96,10 @@ def _all(local: LocalFixes | None, beside: Sequence[Measurement]) -> list[Measur
 
 
 def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
-    """Fixes with sigmas that their scatter bears out and by what they grew, without those that jumped further
-    than the wheels rolled; and what is to be said."""
+    """The fixes that did not jump further than the wheels rolled, with sigmas that their scatter bears out.
+
+    Besides, by what the sigmas grew, and what is to be said.
+    """
     rolled = np.append(0.0, np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y))))
     way = np.interp(local.t, path.t, rolled)
     said = []
@@ -124,8 +126,10 @@ def _delay(
     drive: DriveGraph,
     solution: Solution,
 ) -> tuple[float, DriveGraph, Solution]:
-    """The offset of the fixes' time stamps, in seconds, if they plainly show one, with the graph that has
-    it undone; else 0 with the graph in which it is as small as configured."""
+    """The offset of the fixes' time stamps, in seconds, if they plainly show one.
+
+    With it comes the graph that has it undone; else 0 with the graph in which it is as small as configured.
+    """
     wide = replace(config, constants=replace(config.constants, gnss_delay=_WIDE_DELAY))
     without = replace(drive, graph=_with_prior(drive.graph, prior_of(config))), solution
     shift = 0.0

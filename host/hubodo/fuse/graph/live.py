@@ -83,11 +83,10 @@ class _Seen:
 
 
 class LiveGraph:
-    """Feed `odometry`, `fix`, `heading` and `measured` in any order of kinds; `state` is the newest pose,
-    None before the start.
+    """Feed `odometry`, `fix`, `heading` and `measured` in any order of kinds.
 
-    Begins when a batch solution over the last measurements tells the heading; its factors are the window's
-    first.
+    `state` is the newest pose, None before the start. It begins when a batch solution over the last
+    measurements tells the heading; its factors are the window's first.
     """
 
     def __init__(self, config: GraphConfig | None = None, limits: LiveLimits | None = None) -> None:
@@ -108,8 +107,10 @@ class LiveGraph:
     def odometry(
         self, t: float, x: float, y: float, heading: float, covariance: Array | None = None
     ) -> Reception:
-        """A pose of the odometry; covariance: (3, 3) of what is random since the one before, as
-        OdometryPath's."""
+        """A pose of the odometry.
+
+        covariance: (3, 3) of what is random since the one before, as OdometryPath's.
+        """
         if not all(math.isfinite(v) for v in (t, x, y, heading)):
             return Reception.IMPOSSIBLE
         if t <= self._trail.newest:

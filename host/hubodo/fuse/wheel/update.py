@@ -30,9 +30,11 @@ _UNHEARD = 0.5
 
 
 class Updated(NamedTuple):
-    """x, p: the states and their covariance with the measurements. nis, degrees: squared innovations over
-    their variance, and how many there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each
-    wheel's gyro feels it."""
+    """The states with the measurements, and what those said.
+
+    x, p: the states and their covariance. nis, degrees: squared innovations over their variance, and how many
+    there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each wheel's gyro feels it.
+    """
 
     x: list[float]
     p: Array
@@ -132,9 +134,11 @@ def _clipped(window: Window) -> bool:
 
 
 def _whitening(s: Array) -> Array:
-    """Inverse of the lower Cholesky factor of the innovation covariance: makes each innovation, given those
-    before it, a number of sigma 1. (Solving with the factor instead wakes the threads of BLAS, a hundred
-    times slower.)"""
+    """Inverse of the lower Cholesky factor of the innovation covariance.
+
+    It makes each innovation, given those before it, a number of sigma 1. (Solving with the factor instead
+    wakes the threads of BLAS, a hundred times slower.)
+    """
     factor, _ = dpotrf(s, lower=1, clean=1)
     inverse: Array
     inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)

@@ -47,8 +47,11 @@ Row = tuple[float, float, dict[Entry, float]]
 
 @dataclass(frozen=True, slots=True)
 class WheelGeometry:
-    """side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the
-    entry TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0."""
+    """How a wheel stands on the vehicle.
+
+    side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the entry
+    TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0.
+    """
 
     side: float
     radius: float
