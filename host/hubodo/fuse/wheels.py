@@ -192,8 +192,8 @@ def _missing(
         for name in on_wheels
         if name not in names
     }
-    rest = " and ".join(names)
-    return tuple(f"{name}: {text}; the track comes from {rest} alone" for name, text in why.items())
+    heard = " and ".join(names)
+    return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())
 
 
 def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str) -> WheelOdometry:

@@ -95,12 +95,14 @@ def test_two_wheels_are_not_worse_than_the_better_one() -> None:
     assert rms[BOTH] / min(rms["left",], rms["right",]) < 1.0
 
 
-def test_errors_of_the_node_are_found_while_driving() -> None:
-    """Spin scale, tilt, lever arm and biases of a 100 m drive, within four of their sigmas. Seed 30."""
+@pytest.mark.parametrize("facing", [{}, {"right": "right"}])
+def test_errors_of_the_node_are_found_while_driving(facing: dict[str, str]) -> None:
+    """Spin scale, tilt, lever arm and biases of a 100 m drive, in the node's own axes whichever way it faces,
+    within four of their sigmas. Seed 30."""
     rng = np.random.default_rng(30)
     errors = replace(wheel_drives.Errors(), warmup=0.0, vibration=0.0)
-    drive = wheel_drives.drive(wheel_drives.loop(rng, 100.0, 6.0), rng, errors)
-    found = run(config(drive), tables(drive))
+    drive = wheel_drives.drive(wheel_drives.loop(rng, 100.0, 6.0), rng, errors, facing=facing)
+    found = run(config(drive, facing=facing), tables(drive))
     for name, node in drive.nodes.items():
         quantities = found.report.nodes[name]
         for key, effect, parameter in (
@@ -109,6 +111,9 @@ def test_errors_of_the_node_are_found_while_driving() -> None:
             ("arm_y", "lever_arm", "y"),
             ("tilt_x", "node_misalignment", "x"),
             ("tilt_y", "node_misalignment", "y"),
+            ("bias_x", "gyro_bias", "x"),
+            ("bias_y", "gyro_bias", "y"),
+            ("bias_z", "gyro_bias", "z"),
         ):
             found_one = quantities[effect][parameter]
             off = abs(found_one.value - node.truth[key])

@@ -112,8 +112,8 @@ class WheelWindow:
 
     def look(self, x: list[float], window: Window, resting: bool) -> None:
         """Everything above for the states x and a window."""
-        r, angle, k, b, excess, camber, *rest = self._pick(x)
-        bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = rest
+        r, angle, k, b, excess, camber, *errors = self._pick(x)
+        bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
         self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r
         self.sin, self.cos = sin, cos = math.sin(camber), math.cos(camber)
         side, stretch = self.geometry.side, 1.0 + k
