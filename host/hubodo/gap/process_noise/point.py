@@ -98,7 +98,7 @@ class Point:
         speed, yaw_rate = window_variances(problem)
         made = {}
         for node in problem.nodes:
-            answers = state.input_answers[node.name]
+            answers = state.input_answers(node)
             input_sigma = input_noise(problem, answers)
             made[node.name] = Residual(
                 node,
