@@ -8,12 +8,8 @@ from wire import (
     BIAS_KIND_GRAVITY,
     BIAS_KIND_MEAN,
     FILTER_KIND_KALMAN,
-    FILTER_KIND_OFF,
     FILTER_KIND_RLS,
 )
-
-FILTER_KINDS = (FILTER_KIND_OFF, FILTER_KIND_KALMAN, FILTER_KIND_RLS)
-"""What FILTER_KIND may be."""
 
 _LIMIT_Q18 = const((1 << 29) - 1)
 
@@ -32,7 +28,7 @@ def estimator(s):
 
 
 def initialisation(s, clock):
-    """A new `Start` as the settings say. clock: has `period_ns`."""
+    """A new `BiasInitialiser` as the settings say. clock: has `period_ns`."""
     kind = s["bias_kind"]
     if kind == BIAS_KIND_MEAN:
         return StaticInit()

@@ -16,7 +16,7 @@ _WATCHDOG_MS = const(8000)
 _UART_BUFFER = const(512)
 
 
-class Board:
+class Hardware:
     """The node's hardware, made from its settings."""
 
     def __init__(self, settings):

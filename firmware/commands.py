@@ -3,9 +3,9 @@
 import struct
 from time import ticks_us
 
-import bias_choice
 import reports
 import settings
+from drivers.chip import nearest
 from framing import PAYLOAD
 from static_init import LEAST_SAMPLES
 from wire import (
@@ -151,7 +151,7 @@ class Commands:
             return
         _, name, least, most = row
         choices = self._choices(key)
-        if not least <= value <= most or (choices is not None and value not in choices):
+        if not least <= value <= most or (choices is not None and nearest(choices, value)[0] != value):
             self.nack(SET_CONFIG, seq, REASON_BAD_VALUE, value)
             return
         node.settings[name] = value
@@ -166,9 +166,8 @@ class Commands:
             node.make_filter()
 
     def _choices(self, key):
+        """The table that a value has to be in, or None."""
         chip = self._node.parts.chip
-        if key == CONFIG_KEY_FILTER_KIND:
-            return bias_choice.FILTER_KINDS
         if chip is None:
             return None
         if key == CONFIG_KEY_RATE_HZ:

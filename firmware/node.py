@@ -11,7 +11,7 @@ import machine
 import micropython
 import reports
 import settings as configuration
-from board import Board
+from board import Hardware
 from buffers import shared
 from commands import Commands
 from framing import PAYLOAD
@@ -62,7 +62,7 @@ class Node:
         self.leave = None
         self.estimator: Any = None
         self.init: Any = None
-        """The bias at the start: a `static_init.Start`."""
+        """The bias at the start: a `static_init.BiasInitialiser`."""
         self.warm: Any = None
         self._running = True
         self._next_index = self._lsb_ndps = 0
@@ -257,7 +257,7 @@ def main():
             return
     except OSError:
         pass
-    board = Board(configuration.load())
+    board = Hardware(configuration.load())
     link = board.open_link()
     if not link.ON_CONSOLE:
         # Frames do not come this way: whoever sends ctrl-C means it.

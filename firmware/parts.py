@@ -3,6 +3,7 @@
 import gc
 from time import ticks_add, ticks_diff, ticks_ms, ticks_us
 
+from drivers.chip import nearest
 from drivers.lis3mdl import LIS3MDL
 from micropython import const
 from wire import (
@@ -60,7 +61,7 @@ class Parts:
         self.was_running: Any = None
         """Whether the first IMU that was found ran already when the processor started; None before."""
         self.batch = 8
-        self._shaped = self._id_register = 0
+        self._shaped = 0
         self.i2c_errors = self.recoveries = self.failures = 0
         self.paused = False
         """Whether the bus is left alone for a while."""
@@ -89,7 +90,6 @@ class Parts:
                 driver = getattr(__import__(module, None, None, (name,)), name)
                 if imu is None and (who_am_i in driver.WHO_AM_I or driver.ANY_WHO_AM_I):
                     imu = (driver, address, who_am_i)
-                    self._id_register = register
                 else:
                     wrong = (address, who_am_i, 0)
                     self.found.append(wrong)
@@ -101,9 +101,9 @@ class Parts:
                 self.chip = driver(
                     i2c,
                     address,
-                    odr_hz=_nearest(driver.RATES_HZ, s["rate_hz"]),
-                    range_dps=_nearest(driver.RANGES_DPS, s["gyro_range_dps"]),
-                    range_g=_nearest(driver.RANGES_G, s["accel_range_g"]),
+                    odr_hz=nearest(driver.RATES_HZ, s["rate_hz"])[0],
+                    range_dps=nearest(driver.RANGES_DPS, s["gyro_range_dps"])[0],
+                    range_g=nearest(driver.RANGES_G, s["accel_range_g"])[0],
                     fifo=self._wants_fifo(),
                 )
                 if self.chip.uses_fifo and not self._wants_fifo():
@@ -182,7 +182,7 @@ class Parts:
             part = 0
             if who_am_i in LIS3MDL.WHO_AM_I and rate_hz and self.mag is None:
                 try:
-                    self.mag = LIS3MDL(i2c, address, odr_hz=_nearest(LIS3MDL.RATES_HZ, rate_hz))
+                    self.mag = LIS3MDL(i2c, address, odr_hz=nearest(LIS3MDL.RATES_HZ, rate_hz)[0])
                     part = LIS3MDL.PART
                 except OSError:
                     self.i2c_errors += 1
@@ -196,7 +196,7 @@ class Parts:
         chip = self.chip
         try:
             if always or not chip.intact():
-                if _who_am_i(self._board.i2c, chip.address, self._id_register) not in (
+                if _who_am_i(self._board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (
                     chip.who_am_i,
                     -1,
                 ):
@@ -272,10 +272,6 @@ def _who_am_i(i2c, address, register):
     except OSError:
         return -1
     return one[0]
-
-
-def _nearest(choices, wanted):
-    return min(choices, key=lambda value: abs(value - wanted))
 
 
 def _batch(rate_mhz):

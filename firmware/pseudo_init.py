@@ -3,7 +3,7 @@
 from micropython import const
 from pseudo_filter import PseudoFilter
 from small_float import integer, number, root
-from static_init import BIAS_DPS, Start, StaticInit
+from static_init import BIAS_DPS, BiasInitialiser, StaticInit
 from wire import BIAS_KIND_REST, FILTER_STATE_TRACKING, REASON_WHEEL_RESTS, REASON_WHEEL_TURNS
 
 TYPE_CHECKING = False
@@ -66,7 +66,7 @@ class MeanSums:
         return True
 
 
-class PseudoInit(Start):
+class PseudoInit(BiasInitialiser):
     """An initialisation by `PseudoFilter` over stretches of samples: BIAS_KIND_REST or BIAS_KIND_TABLE.
 
     At rest `StaticInit` watches that the wheel does not turn, and refuses; the filter begins at the mean of

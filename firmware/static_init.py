@@ -20,7 +20,7 @@ _LOW_10 = const((1 << 10) - 1)
 _LOW_20 = const((1 << 20) - 1)
 
 
-class Start:
+class BiasInitialiser:
     """The bias that filters begin with, and how it was found.
 
     bias_q14: as it was found; `now_q14` has the warm-up since. samples: behind it, 0 when it comes from the
@@ -77,7 +77,7 @@ class Start:
         return True
 
 
-class StaticInit(Start):
+class StaticInit(BiasInitialiser):
     """Bias and variance of a wheel at rest, from plain sums over at least 2000 samples.
 
     A wheel that turns is refused: by a gyro mean or sample beyond what a bias can be (30 deg/s), by gyro

@@ -39,13 +39,13 @@ def unique_motion(seconds):
     return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
 
 
-def stepped(seconds, motion, flash, *, script=(), clock=_CLOCK, **settings):
-    """A node whose virtual time runs as fast as it can, without a host; script: (s, bytes) that reach it."""
+def stepped(seconds, motion, flash, *, script=(), deaf=(), clock=_CLOCK, **settings):
+    """A node whose virtual time runs as fast as it can; script, deaf: what its host says, when it is deaf."""
     return VirtualNode(
         motion,
         flash,
         clock=replace(clock, kind="stepped", run_for=seconds),
-        host=Host("memory", script=tuple(script)),
+        host=Host("memory", script=tuple(script), deaf=tuple(deaf)),
         own_process=False,
         **settings,
     )

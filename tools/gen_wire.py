@@ -1,6 +1,5 @@
 """Writes what follows from the message table: firmware/wire.py and the tables in protocol/README.md."""
 
-import argparse
 import struct
 import sys
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "protocol"))
 
+from generated import fill, write_or_check  # noqa: E402
 from hubowire import budget, framing  # noqa: E402
 from hubowire.codec import layout  # noqa: E402
 from hubowire.fingerprint import FINGERPRINT  # noqa: E402
@@ -172,45 +172,13 @@ def _budget_table() -> str:
     return "\n".join(lines)
 
 
-def fill(text: str, blocks: dict[str, str]) -> str:
-    """`text` with each block between its markers replaced.
-
-    Raises ValueError when a block has no pair of markers in the text.
-    """
-    for name, block in blocks.items():
-        begin, end = f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
-        head, found_begin, rest = text.partition(begin)
-        _, found_end, tail = rest.partition(end)
-        if not (found_begin and found_end):
-            raise ValueError(f"no markers {begin} .. {end}")
-        text = f"{head}{begin}\n{block}\n{end}{tail}"
-    return text
-
-
 def outputs() -> dict[Path, str]:
     """Every generated file with the text it should have."""
     return {WIRE: wire_module(), README: fill(README.read_text(encoding="utf-8"), readme_blocks())}
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing; exit 1 when a file is out of date"
-    )
-    check = parser.parse_args(arguments).check
-    stale = [
-        path
-        for path, text in outputs().items()
-        if not path.exists() or path.read_text(encoding="utf-8") != text
-    ]
-    names = ", ".join(str(path.relative_to(ROOT)) for path in stale)
-    if check and stale:
-        print(f"out of date: {names}; run tools/gen_wire.py", file=sys.stderr)
-        return 1
-    for path in stale:
-        path.write_text(outputs()[path], encoding="utf-8")
-        print(f"wrote {path.relative_to(ROOT)}")
-    return 0
+    return write_or_check(outputs, ROOT, "tools/gen_wire.py", __doc__, arguments)
 
 
 if __name__ == "__main__":

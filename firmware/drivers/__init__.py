@@ -1,1 +1,1 @@
-"""Chips a node can read: one flat file each."""
+"""Chips a node can read: one file each, on what they share."""

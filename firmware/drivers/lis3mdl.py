@@ -10,7 +10,8 @@ from buffers import shared
 from micropython import const
 from wire import PART_LIS3MDL
 
-_WHO_AM_I = const(0x0F)
+from drivers.chip import Chip, setting
+
 _CTRL1 = const(0x20)
 _CTRL2 = const(0x21)
 _CTRL3 = const(0x22)
@@ -25,37 +26,22 @@ _CONTINUOUS = const(0x00)
 _BDU = const(0x40)
 _ZYXDA = const(0x08)
 
-_RATES_HZ = ((5, 0x0C), (10, 0x10), (20, 0x14), (40, 0x18), (80, 0x1C))
-# (public value, step in 1e-15 T from 6842, 3421, 2281, 1711 steps per gauss, code)
-_RANGES_GAUSS = ((4, 14615610, 0x00), (8, 29231219, 0x20), (12, 43840421, 0x40), (16, 58445354, 0x60))
 
-
-def _setting(table, value, name):
-    for row in table:
-        if row[0] == value:
-            return row
-    raise ValueError("{} {}: one of {}".format(name, value, [row[0] for row in table]))
-
-
-class LIS3MDL:
+class LIS3MDL(Chip):
     """Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one."""
 
     PART = PART_LIS3MDL
     ADDRESSES = (0x1E, 0x1C)
-    RATES_HZ = tuple(row[0] for row in _RATES_HZ)
-    WHO_AM_I_REGISTER = _WHO_AM_I
+    RATES_HZ = ((5, 0x0C), (10, 0x10), (20, 0x14), (40, 0x18), (80, 0x1C))
+    # (public value, step in 1e-15 T from 6842, 3421, 2281, 1711 steps per gauss, code)
+    RANGES_GAUSS = ((4, 14615610, 0x00), (8, 29231219, 0x20), (12, 43840421, 0x40), (16, 58445354, 0x60))
     WHO_AM_I = (0x3D,)
 
     def __init__(self, i2c, address=0x1E, *, odr_hz=10, range_gauss=4):
-        self.rate_hz, rate_code = _setting(_RATES_HZ, odr_hz, "odr_hz")
-        self.range_gauss, self.lsb_ft, range_code = _setting(_RANGES_GAUSS, range_gauss, "range_gauss")
-        self.i2c = i2c
-        self.address = address
-        self._byte = bytearray(1)
-        self.who_am_i = self._read(_WHO_AM_I)
-        if self.who_am_i not in self.WHO_AM_I:
-            raise OSError("chip 0x{:02x} at 0x{:02x}: not a LIS3MDL".format(self.who_am_i, address))
-        self._settings = (
+        self.rate_hz, rate_code = setting(self.RATES_HZ, odr_hz)
+        self.range_gauss, self.lsb_ft, range_code = setting(self.RANGES_GAUSS, range_gauss)
+        super().__init__(i2c, address)
+        self._settings = self._standing = (
             (_CTRL1, _HIGH_PERFORMANCE_XY | rate_code),
             (_CTRL2, range_code),
             (_CTRL4, _HIGH_PERFORMANCE_Z),
@@ -68,18 +54,6 @@ class LIS3MDL:
         self._burst = memoryview(raw)[1:8]
         self.configure()
 
-    def configure(self):
-        """Writes every setting; sampling starts."""
-        for register, value in self._settings:
-            self._write(register, value)
-
-    def intact(self):
-        """Whether the settings still stand in the chip: a dip of its supply resets them."""
-        for register, value in self._settings:
-            if self._read(register) != value:
-                return False
-        return True
-
     def read_into(self, words, at):
         """One burst; 1 and the field x, y, z at words[at], or 0 while none is new."""
         self.i2c.readfrom_mem_into(self.address, _STATUS | _AUTO_INCREMENT, self._burst)
@@ -90,11 +64,3 @@ class LIS3MDL:
         words[at + 1] = burst[2]
         words[at + 2] = burst[3]
         return 1
-
-    def _read(self, register):
-        self.i2c.readfrom_mem_into(self.address, register, self._byte)
-        return self._byte[0]
-
-    def _write(self, register, value):
-        self._byte[0] = value
-        self.i2c.writeto_mem(self.address, register, self._byte)

@@ -6,11 +6,11 @@ if chip.read_into(words, 0):
     print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
 """
 
-import time
-
 from buffers import shared
 from micropython import const
 from wire import PART_LSM6DS33
+
+from drivers.chip import Chip, setting
 
 _FIFO_CTRL3 = const(0x08)
 _FIFO_CTRL5 = const(0x0A)
@@ -33,69 +33,50 @@ _OVERRUN = const(0x40)
 _PATTERN = const(6)
 _NEAR_CARRY = const(250)
 
-# (public value, what it truly is, code)
-_RATES_HZ = (
-    (13, 12500, 1),
-    (26, 26000, 2),
-    (52, 52000, 3),
-    (104, 104000, 4),
-    (208, 208000, 5),
-    (416, 416000, 6),
-    (833, 833000, 7),
-    (1660, 1660000, 8),
-)
-# One step is not range / 32768: the label and the step disagree by up to 17 %.
-_RANGES_DPS = (
-    (125, 4375000, 0x02),
-    (245, 8750000, 0x00),
-    (500, 17500000, 0x04),
-    (1000, 35000000, 0x08),
-    (2000, 70000000, 0x0C),
-)
-_RANGES_G = ((2, 61000, 0x00), (4, 122000, 0x08), (8, 244000, 0x0C), (16, 488000, 0x04))
 
-
-def _setting(table, value, name):
-    for row in table:
-        if row[0] == value:
-            return row
-    raise ValueError("{} {}: one of {}".format(name, value, [row[0] for row in table]))
-
-
-class LSM6DS33:
+class LSM6DS33(Chip):
     """fifo: samples through the FIFO at 208 Hz and below too; above, always.
 
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
     """
 
     PART = PART_LSM6DS33
-    RATES_HZ = tuple(row[0] for row in _RATES_HZ)
-    RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
-    RANGES_G = tuple(row[0] for row in _RANGES_G)
+    # (public value, what it truly is, code)
+    RATES_HZ = (
+        (13, 12500, 1),
+        (26, 26000, 2),
+        (52, 52000, 3),
+        (104, 104000, 4),
+        (208, 208000, 5),
+        (416, 416000, 6),
+        (833, 833000, 7),
+        (1660, 1660000, 8),
+    )
+    # One step is not range / 32768: the label and the step disagree by up to 17 %.
+    RANGES_DPS = (
+        (125, 4375000, 0x02),
+        (245, 8750000, 0x00),
+        (500, 17500000, 0x04),
+        (1000, 35000000, 0x08),
+        (2000, 70000000, 0x0C),
+    )
+    RANGES_G = ((2, 61000, 0x00), (4, 122000, 0x08), (8, 244000, 0x0C), (16, 488000, 0x04))
+    RESET = (_CTRL3_C, _SW_RESET, 100)
     FIFO_SAMPLES = 682
     """Whole samples that the FIFO holds."""
     WHO_AM_I = (0x69,)
-    ANY_WHO_AM_I = False
-    """Whether another id at this address is taken for a variant, rather than refused."""
 
     def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False):
-        odr, self.rate_mhz, odr_code = _setting(_RATES_HZ, odr_hz, "odr_hz")
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = _setting(_RANGES_DPS, range_dps, "range_dps")
-        self.range_g, self.accel_lsb_ng, accel_code = _setting(_RANGES_G, range_g, "range_g")
+        odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
         self.temperature_lsb_udegc = 62500
         self.temperature_offset_udegc = 25000000
-        self.i2c = i2c
-        self.address = address
+        super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 208
-        self.temperature_raw = 0
-        self.realigned = 0
-        self._byte = bytearray(1)
-        # WHO_AM_I, CTRL1_XL, CTRL2_G
-        found = bytearray(3)
-        i2c.readfrom_mem_into(address, _WHO_AM_I, found)
-        self.who_am_i = found[0]
-        if self.who_am_i not in self.WHO_AM_I:
-            raise OSError("chip 0x{:02x} at 0x{:02x}: not an LSM6DS33".format(self.who_am_i, address))
+        self.temperature_raw = self.realigned = 0
+        self.was_running = self._read(_CTRL2_G) != 0
+        """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
         self._settings = (
             (_FIFO_CTRL3, _NO_DECIMATION if self.uses_fifo else 0),
             (_CTRL3_C, _BDU_IF_INC),
@@ -105,35 +86,12 @@ class LSM6DS33:
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
-        self.was_running = found[2] != 0
-        """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         self._level = memoryview(self._status)[:2]
         stray = memoryview(bytearray(2 * _PATTERN))
         self._stray = tuple(stray[: 2 * i] for i in range(_PATTERN))
         self.configure()
-
-    def configure(self):
-        """Resets the chip and writes every setting; sampling starts."""
-        self._write(_CTRL3_C, _SW_RESET)
-        for _ in range(10):
-            time.sleep_us(100)
-            if not self._read(_CTRL3_C) & _SW_RESET:
-                break
-        else:
-            raise OSError("LSM6DS33 at 0x{:02x}: reset does not end".format(self.address))
-        for register, value in self._settings:
-            self._write(register, value)
-        if self.uses_fifo:
-            self.fifo_flush()
-
-    def intact(self):
-        """Whether id and settings still stand in the chip: a dip of its supply resets them."""
-        for register, value in self._standing:
-            if self._read(register) != value:
-                return False
-        return True
 
     def ready(self):
         """Whether a new sample of both triads is there.
@@ -209,11 +167,3 @@ class LSM6DS33:
         self.i2c.readfrom_mem_into(self.address, _OUT_TEMP, raw)
         value = raw[0] | raw[1] << 8
         self.temperature_raw = value - 65536 if value & 0x8000 else value
-
-    def _read(self, register):
-        self.i2c.readfrom_mem_into(self.address, register, self._byte)
-        return self._byte[0]
-
-    def _write(self, register, value):
-        self._byte[0] = value
-        self.i2c.writeto_mem(self.address, register, self._byte)

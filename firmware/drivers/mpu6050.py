@@ -6,10 +6,10 @@ if chip.read_into(words, 0):
     print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
 """
 
-import time
-
 from micropython import const
 from wire import PART_MPU6050, PART_MPU6500
+
+from drivers.chip import Chip, setting
 
 _SMPLRT_DIV = const(0x19)
 _CONFIG = const(0x1A)
@@ -35,33 +35,8 @@ _FIFO_RESET = const(0x04)
 _SAMPLE = const(12)
 _FIFO_SIZE = const(1024)
 
-# (public value, what it truly is, divider of 1 kHz minus 1, low-pass code below half the rate)
-_RATES_HZ = (
-    (50, 50000, 19, 5),
-    (100, 100000, 9, 3),
-    (125, 125000, 7, 3),
-    (200, 200000, 4, 2),
-    (250, 250000, 3, 2),
-    (500, 500000, 1, 1),
-    (1000, 1000000, 0, 1),
-)
-_RANGES_DPS = (
-    (250, 7633588, 0x00),
-    (500, 15267176, 0x08),
-    (1000, 30487805, 0x10),
-    (2000, 60975610, 0x18),
-)
-_RANGES_G = ((2, 61035, 0x00), (4, 122070, 0x08), (8, 244141, 0x10), (16, 488281, 0x18))
 
-
-def _setting(table, value, name):
-    for row in table:
-        if row[0] == value:
-            return row
-    raise ValueError("{} {}: one of {}".format(name, value, [row[0] for row in table]))
-
-
-class MPU6050:
+class MPU6050(Chip):
     """fifo: samples through the FIFO at 250 Hz and below too; above, always.
 
     Raises ValueError for a setting outside the tables, OSError when nothing answers.
@@ -70,26 +45,37 @@ class MPU6050:
     """
 
     PART = PART_MPU6050
-    RATES_HZ = tuple(row[0] for row in _RATES_HZ)
-    RANGES_DPS = tuple(row[0] for row in _RANGES_DPS)
-    RANGES_G = tuple(row[0] for row in _RANGES_G)
+    # (public value, what it truly is, divider of 1 kHz minus 1, low-pass code below half the rate)
+    RATES_HZ = (
+        (50, 50000, 19, 5),
+        (100, 100000, 9, 3),
+        (125, 125000, 7, 3),
+        (200, 200000, 4, 2),
+        (250, 250000, 3, 2),
+        (500, 500000, 1, 1),
+        (1000, 1000000, 0, 1),
+    )
+    RANGES_DPS = (
+        (250, 7633588, 0x00),
+        (500, 15267176, 0x08),
+        (1000, 30487805, 0x10),
+        (2000, 60975610, 0x18),
+    )
+    RANGES_G = ((2, 61035, 0x00), (4, 122070, 0x08), (8, 244141, 0x10), (16, 488281, 0x18))
+    RESET = (_PWR_MGMT_1, _DEVICE_RESET, 10000)
     FIFO_SAMPLES = 85
     """Whole samples that the FIFO holds."""
+    WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
     ANY_WHO_AM_I = True
-    """Whether another id at this address is taken for a variant, rather than refused."""
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False):
-        odr, self.rate_mhz, divider, low_pass = _setting(_RATES_HZ, odr_hz, "odr_hz")
-        self.range_dps, self.gyro_lsb_ndps, gyro_code = _setting(_RANGES_DPS, range_dps, "range_dps")
-        self.range_g, self.accel_lsb_ng, accel_code = _setting(_RANGES_G, range_g, "range_g")
-        self.i2c = i2c
-        self.address = address
+        odr, self.rate_mhz, divider, low_pass = setting(self.RATES_HZ, odr_hz)
+        self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
+        self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
+        super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 250
-        self.temperature_raw = 0
-        self.realigned = 0
-        self._byte = bytearray(1)
-        self.who_am_i = self._read(_WHO_AM_I)
+        self.temperature_raw = self.realigned = 0
         if self.who_am_i in (0x70, 0x71, 0x73):
             self.PART = PART_MPU6500
             self.temperature_lsb_udegc = 2995
@@ -116,27 +102,6 @@ class MPU6050:
         self._count = bytearray(2)
         self._ready = 0
         self.configure()
-
-    def configure(self):
-        """Resets the chip, wakes it and writes every setting; sampling starts."""
-        self._write(_PWR_MGMT_1, _DEVICE_RESET)
-        for _ in range(20):
-            time.sleep_ms(10)
-            if not self._read(_PWR_MGMT_1) & _DEVICE_RESET:
-                break
-        else:
-            raise OSError("MPU-6050 at 0x{:02x}: reset does not end".format(self.address))
-        for register, value in self._settings:
-            self._write(register, value)
-        if self.uses_fifo:
-            self.fifo_flush()
-
-    def intact(self):
-        """Whether id and settings still stand in the chip: a dip of its supply resets them."""
-        for register, value in self._standing:
-            if self._read(register) != value:
-                return False
-        return True
 
     def ready(self):
         """Whether a new sample is there."""
@@ -194,14 +159,6 @@ class MPU6050:
         raw = self._count
         self.i2c.readfrom_mem_into(self.address, _TEMP_OUT, raw)
         self.temperature_raw = _signed(raw[0] << 8 | raw[1])
-
-    def _read(self, register):
-        self.i2c.readfrom_mem_into(self.address, register, self._byte)
-        return self._byte[0]
-
-    def _write(self, register, value):
-        self._byte[0] = value
-        self.i2c.writeto_mem(self.address, register, self._byte)
 
 
 def _signed(value):

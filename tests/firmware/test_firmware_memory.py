@@ -15,7 +15,7 @@ HEAP = 96 * 1024
 
 MODULES = [
     *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "look", "sampler", "static_init"),
-    *("drivers.lis3mdl", "parts", "settings", "bias_choice"),
+    *("drivers.chip", "drivers.lis3mdl", "parts", "settings", "bias_choice"),
     *("board", "link", "reports", "commands", "node"),
 ]
 FIFO, POLLED = ("fifo_samples",), ("polled_samples",)

@@ -12,7 +12,7 @@ import warm_up
 from small_int import SmallInt
 
 from fakes.fake_port import PORT_TICKS, TICKS
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from papers.filters.warmup_recursion import BiasRecursion
 
 CHIP = SimpleNamespace(gyro_lsb_ndps=70_000_000)

@@ -1,9 +1,9 @@
 """Drives with an odometer that errs, a GNSS receiver and a compass, made without the model under test.
 
 The path is the integral of a smooth speed and yaw rate at 1 kHz (Simpson's rule, own code). Fixes get their
-latitude and longitude by way of Earth-centred coordinates on the WGS 84 ellipsoid, never by a map
-projection. The odometer measures distance and turn per step with a scale each, a drift with time and one
-with the way, and white noise.
+latitude and longitude by geodesics on the WGS 84 ellipsoid (Karney 2013), never by a map projection.
+The odometer measures distance and turn per step with a scale each, a drift with time and one with the way,
+and white noise.
 """
 
 from __future__ import annotations
@@ -11,16 +11,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pyproj
 
 STEP = 1e-3
-A, F = 6378137.0, 1.0 / 298.257223563
-E2 = F * (2.0 - F)
+WGS84 = pyproj.Geod(ellps="WGS84")
 
 
 @dataclass(frozen=True)
 class Errors:
-    """What the odometer gets wrong: fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white
-    noise: along and sideways m per sqrt(m), heading rad per sqrt(s)."""
+    """What the odometer gets wrong.
+
+    Fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white noise: along and sideways m per
+    sqrt(m), heading rad per sqrt(s).
+    """
 
     scale: float = 0.0
     turn: float = 0.0
@@ -39,8 +42,11 @@ def drawn(rng: np.random.Generator) -> Errors:
 
 @dataclass(frozen=True)
 class GnssDrive:
-    """t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: the
-    odometer's poses in its own frame, from 0, 0, 0. fix_*: fixes. length: m."""
+    """A drive with its odometry and its fixes.
+
+    t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: the
+    odometer's poses in its own frame, from 0, 0, 0. fix_*: fixes. length: m.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -111,25 +117,14 @@ def drive(
 
 
 def geodetic(east, north, latitude_deg, longitude_deg):
-    """Latitude and longitude in degrees of points on the ellipsoid, `east` and `north` metres from an
-    origin in its tangent plane."""
-    phi, lam = np.radians(latitude_deg), np.radians(longitude_deg)
-    n = A / np.sqrt(1.0 - E2 * np.sin(phi) ** 2)
-    m = A * (1.0 - E2) / (1.0 - E2 * np.sin(phi) ** 2) ** 1.5
-    # The plane is curved back onto the ellipsoid, so that a metre stays a metre.
-    up = -0.5 * (east**2 / n + north**2 / m)
-    centre = np.array(
-        [n * np.cos(phi) * np.cos(lam), n * np.cos(phi) * np.sin(lam), n * (1.0 - E2) * np.sin(phi)]
-    )
-    e = np.array([-np.sin(lam), np.cos(lam), 0.0])
-    u = np.array([np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)])
-    place = centre[:, None] + e[:, None] * east + np.cross(u, e)[:, None] * north + u[:, None] * up
-    rho = np.hypot(place[0], place[1])
-    latitude = np.arctan2(place[2], rho * (1.0 - E2))
-    for _ in range(6):
-        big = A / np.sqrt(1.0 - E2 * np.sin(latitude) ** 2)
-        latitude = np.arctan2(place[2] + E2 * big * np.sin(latitude), rho)
-    return np.degrees(latitude), np.degrees(np.arctan2(place[1], place[0]))
+    """Latitude and longitude in degrees of points `east` and `north` metres from origins.
+
+    That is as far along the geodesic and in the direction that both say. All scalars or (N,).
+    """
+    east, north, lat, lon = np.broadcast_arrays(east, north, latitude_deg, longitude_deg)
+    azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)
+    longitude, latitude, _ = WGS84.fwd(lon, lat, azimuth, distance)
+    return np.asarray(latitude), np.asarray(longitude)
 
 
 def _odometer(rng, t, x, y, heading, way, errors):
@@ -149,8 +144,10 @@ def _odometer(rng, t, x, y, heading, way, errors):
 
 
 def _integral(value):
-    """By Simpson's rule on pairs of steps, the trapezoid between: exact far below a micrometre for smooth
-    motion."""
+    """By Simpson's rule on pairs of steps, the trapezoid between.
+
+    Exact far below a micrometre for smooth motion.
+    """
     trapezoid = 0.5 * STEP * (value[1:] + value[:-1])
     bend = np.zeros(len(value))
     bend[1:-1] = value[2:] - 2.0 * value[1:-1] + value[:-2]

@@ -1,5 +1,4 @@
-"""`hubodo fuse` on logs in which something is wrong: a track with larger sigma that says why, or one clear
-line."""
+"""`hubodo fuse` on logs in which something is wrong: larger sigmas that say why, or one clear line."""
 
 import csv
 import json
@@ -229,8 +228,9 @@ def test_a_clock_that_jumps_by_more_than_an_hour_costs_what_comes_after(folder, 
 @pytest.mark.parametrize(("begin", "end"), [(20.0, 28.0), (20.0, 99.0), (20.0, 20.2)])
 def test_fixes_that_jump_by_100_m_are_left_out_said_and_missed(folder, with_fixes, begin, end):
     fixes = with_fixes.gnss
-    away = np.where((fixes.t > begin) & (fixes.t <= end), 100.0 / 111_000.0, 0.0)
-    moved = changed(fixes, latitude_deg=fixes["latitude_deg"] + away)
+    away = np.where((fixes.t > begin) & (fixes.t <= end), 100.0, 0.0)
+    latitude, _ = geodetic(0.0, away, fixes["latitude_deg"], fixes["longitude_deg"])
+    moved = changed(fixes, latitude_deg=latitude)
     found = folder.fuse(replace(with_fixes, gnss=moved))
     assert "jumped, by 1" in found.warnings
     assert found.sigma > folder.fuse(with_fixes).sigma

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.log.convert import write_recording
 from hubodo.recording import Recording, Table
@@ -184,9 +185,7 @@ def with_gnss(recording: Recording, sigma: float = 1.5) -> Recording:
     truth = recording.truth
     t = np.arange(truth.t[0], truth.t[-1], 0.2)
     x, y = (np.interp(t, truth.t, truth[c]) + rng.normal(0, sigma, len(t)) for c in ("x", "y"))
-    # Radii of curvature of WGS 84 at 47 degrees: 6 367 400 m along the meridian, 6 389 600 m across.
-    latitude = 47.0 + np.degrees(y / 6_369_600.0)
-    longitude = 8.0 + np.degrees(x / (6_389_600.0 * np.cos(np.radians(47.0))))
+    latitude, longitude = geodetic(x, y, 47.0, 8.0)
     gnss = {"t": t, "latitude_deg": latitude, "longitude_deg": longitude, "altitude": 400 + 0 * t}
     return replace(recording, gnss=Table({**gnss, "sigma": np.full(len(t), sigma)}))
 

@@ -14,7 +14,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import start_gyro as start
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import fit_warmup

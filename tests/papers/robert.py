@@ -1,5 +1,4 @@
-"""Robert 2014, thesis beside ours: how well two MEMS gyros measure Earth rate at Fort Worth, and find north
-with it.
+"""Robert 2014, thesis beside ours: how well two MEMS gyros measure Earth rate, and find north with it.
 
 .venv/bin/python tests/papers/robert.py [--seeds N] [--static FOLDER]
 """
@@ -23,10 +22,11 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
 from hubodo.sensors.north.circle import fuse, wrap
 from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.east import seek_east
 from hubodo.sensors.north.filters import FILTERS, opposite_pairs
 from hubodo.sensors.north.find import find_north, horizontal_rate
+from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
-from hubodo.sensors.north.table import SimulatedTable, seek_east, simulate_stops
 
 LATITUDE = np.radians(32.7574)
 DT, TURN, SETTLE = 0.1, 2.0, 1.5

@@ -1,8 +1,9 @@
-"""Two rides take their time: they begin with the first test here and run beside the others."""
+"""Three rides take their time: they begin with the session and run beside the other tests, two at a time."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from demo_ride import run
 from hidden_ride import begin
 from wheelchair_ride import drive
 
@@ -36,3 +37,19 @@ def wheelchair_ride(request, tmp_path_factory):
         return
     with ThreadPoolExecutor(1) as pool:
         yield pool.submit(drive, data, tmp_path_factory.mktemp("ride")) if data.is_dir() else None
+
+
+@pytest.fixture(scope="session", autouse=True)
+def demo_ride(request, hidden_ride, tmp_path_factory):
+    """The future of the demo, which begins when the ride with hidden effects is over."""
+    if not wanted(request, "test_demo.py"):
+        yield None
+        return
+
+    def drive():
+        if hidden_ride is not None:
+            hidden_ride[0].wait(150)
+        return run(tmp_path_factory.mktemp("demo"))
+
+    with ThreadPoolExecutor(1) as pool:
+        yield pool.submit(drive)

@@ -24,6 +24,7 @@ def _needs_an_image():
     pico_or_skip()
 
 
+@pytest.mark.real_time
 def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_path):
     """On that clock its samples are as far apart as on its own, not twice as far."""
     port, log = tmp_path / "ttyACM0", tmp_path / "pico.mcap"

@@ -1,51 +1,25 @@
 """A host that holds the port open and stops reading for ten seconds: the newest data wait for it."""
 
-import os
-import time
-
 import numpy as np
-import pytest
 
 import hubowire
-from hubodo.emulator.board.settings import Clock, Flash, Host
-from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.emulator.board.settings import Flash
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
+from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, stepped, unique_motion
 
-STALL_S = 10.0
+BEGIN_S, STALL_S, SECONDS = 3.0, 10.0, 17.0
 DRIVER_US = 520_000
 """A Pico's USB driver waits for half a second, once, when more is written than fits."""
 
 
-def read_for(port, seconds):
-    data, end = b"", time.monotonic() + seconds
-    while time.monotonic() < end:
-        try:
-            data += os.read(port, 1 << 16)
-        except BlockingIOError:
-            time.sleep(0.01)
-    return data
-
-
-@pytest.mark.real_time
 def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_the_loss_counted():
     micropython_or_skip()
     # FIFO: above 250 Hz by itself, and 680 samples deep: the driver's wait is ridden out.
-    node = VirtualNode(
-        unique_motion(60), Flash(FIRMWARE, {"rate_hz": 416}), clock=Clock("paced"), host=Host(wait=True)
-    )
-    port = None
-    with node:
-        port = os.open(node.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        try:
-            data = read_for(port, 3)
-            before = len(data)
-            time.sleep(STALL_S)
-            data += read_for(port, 4)
-        finally:
-            node.power_off()
-            os.close(port)
-        truth, stats = node.chip.truth(), node.stats
+    deaf = [(BEGIN_S, BEGIN_S + STALL_S)]
+    with stepped(SECONDS, unique_motion(SECONDS), Flash(FIRMWARE, {"rate_hz": 416}), deaf=deaf) as node:
+        node.wait(100)
+        data, arrivals, truth, stats = node.output, node.arrivals(), node.chip.truth(), node.stats
+    before = max(count for t, count in arrivals if t < BEGIN_S)
     decoder = hubowire.FrameDecoder()
     sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(data)]
     told = of(sent, m.Health)

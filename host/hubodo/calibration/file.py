@@ -20,44 +20,28 @@ Effects of the vehicle as a whole stand under [vehicle.effects.<name>] in the sa
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import math
-import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
-from hubodo.errors import ConfigError, InputError
-from hubodo.toml_file import toml_key, toml_number, toml_text, write_whole
-
-XYZ = ("x", "y", "z")
-NONORTHOGONALITY = ("xz", "xy", "yz", "yx", "zy", "zx")
-
-PARAMETERS: Mapping[str, tuple[str, ...]] = {
-    "gyro_bias": XYZ,
-    "gyro_warmup": (*XYZ, "time_constant"),
-    "gyro_temperature": XYZ,
-    "gyro_g_sensitivity": (*XYZ, "xx", "xy", "xz", "yx", "yy", "yz"),
-    "gyro_rate_random_walk": ("k",),
-    "gyro_scale_factor": XYZ,
-    "gyro_nonorthogonality": NONORTHOGONALITY,
-    "gyro_cubic": ("z",),
-    "accel_bias": XYZ,
-    "accel_scale_factor": XYZ,
-    "accel_nonorthogonality": NONORTHOGONALITY,
-    "node_misalignment": XYZ,
-    "lever_arm": XYZ,
-    "wheel_radius": ("error",),
-    "track_width": ("error",),
-}
-"""Effects that a calibration file may hold, and their parameters, in the units of the model.
-
-`gyro_g_sensitivity` has the model's x, y, z for the z gyro; xy and so on say how the x gyro answers f_y.
-"""
-
-_PROVENANCE = ("method", "source_sha256", "date", "temperature_min", "temperature_max")
+from hubodo.effects import Effect, effect_of, in_order
+from hubodo.effects.base import Level
+from hubodo.errors import CalibrationError, ConfigError
+from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
+from hubodo.toml_file import (
+    as_table,
+    load_toml,
+    only_keys,
+    parse_toml,
+    read_table,
+    toml_key,
+    toml_number,
+    toml_text,
+    write_whole,
+)
 
 
 @dataclass(frozen=True)
@@ -113,32 +97,56 @@ class Calibration:
         return replace(self, vehicle={**self.vehicle, **effects})
 
 
+def known_effects(found: Mapping[str, CalibratedEffect]) -> list[Effect]:
+    """What was found as effects of the model, in the order of the chain; what was not determined is zero.
+
+    Raises CalibrationError for a value that its parameter cannot have.
+    """
+    made = []
+    for name, one in found.items():
+        kind = effect_of(name)
+        values = {parameter: one.value(parameter) for parameter in kind.parameters()}
+        for parameter, value in values.items() if one.parameters else ():
+            says = kind.problem(parameter, value)
+            if says:
+                raise CalibrationError(
+                    f"the calibration's {name} {parameter} = {value:g}: {says} ({kind.unit(parameter)}); "
+                    "add or correct it"
+                )
+        if one.parameters:
+            made.append(kind(**values))
+    return in_order(made)
+
+
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file. Raises ConfigError: not TOML, unknown or missing key, a value that is no
-    number."""
-    try:
-        return parse_calibration(path.read_text(encoding="utf-8"), path)
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: is no TOML: {error}; write it with hubodo calibrate") from None
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; give an existing calibration file") from None
+    """Read a calibration file.
+
+    Raises ConfigError with file, table, key and the nearest known word: no such file, not TOML, unknown
+    tables, keys, effects or parameters, a value that its parameter cannot have.
+    """
+    return _calibration(load_toml(path), path)
 
 
 def parse_calibration(text: str, path: Path) -> Calibration:
     """The calibration in the text of a file; path: where it stood. Errors as of `read_calibration`."""
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{path}: is no TOML: {error}; write it with hubodo calibrate") from None
-    _check(path, "the file", document, ("nodes", "vehicle"))
+    return _calibration(parse_toml(text, path), path)
+
+
+def _calibration(document: Mapping[str, Any], path: Path) -> Calibration:
+    only_keys(document, ("nodes", "vehicle"), str(path))
     nodes = {}
-    for name, body in _table(path, "nodes", document.get("nodes", {})).items():
-        _check(path, f"nodes.{name}", body, ("serial", "effects"))
-        effects = _effects(path, f"nodes.{name}.effects", body.get("effects", {}))
-        nodes[name] = NodeCalibration(effects, str(body.get("serial", "")))
-    vehicle = _table(path, "vehicle", document.get("vehicle", {}))
-    _check(path, "vehicle", vehicle, ("effects",))
-    return Calibration(nodes, _effects(path, "vehicle.effects", vehicle.get("effects", {})))
+    for name, body in as_table(document.get("nodes", {}), f"{path}: [nodes]").items():
+        where = f"{path}: [nodes.{toml_key(name)}"
+        only_keys(body, ("serial", "effects"), f"{where}]")
+        refused: dict[Level, str] = {
+            "vehicle": "this is an effect of the vehicle; move it to [vehicle.effects.{name}]"
+        }
+        nodes[name] = NodeCalibration(
+            dict(_found(body, f"{where}.effects", refused)), str(body.get("serial", ""))
+        )
+    vehicle = as_table(document.get("vehicle", {}), f"{path}: [vehicle]")
+    only_keys(vehicle, ("effects",), f"{path}: [vehicle]")
+    return Calibration(nodes, dict(_found(vehicle, f"{path}: [vehicle.effects", {})))
 
 
 def write_calibration(calibration: Calibration, path: Path) -> None:
@@ -176,10 +184,10 @@ def source_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _effect_lines(prefix: str, effects: Mapping[str, CalibratedEffect]) -> list[str]:
+def _effect_lines(place: str, effects: Mapping[str, CalibratedEffect]) -> list[str]:
     lines: list[str] = []
     for name, effect in effects.items():
-        lines += ["", f"[{prefix}.{toml_key(name)}]"]
+        lines += ["", effect_heading(place, name)]
         texts = {"method": effect.method, "source_sha256": effect.source_sha256, "date": effect.date}
         lines += [f"{key} = {toml_text(text)}" for key, text in texts.items() if text]
         if effect.temperature is not None:
@@ -192,47 +200,37 @@ def _effect_lines(prefix: str, effects: Mapping[str, CalibratedEffect]) -> list[
     return lines
 
 
-def _effects(path: Path, where: str, body: Any) -> dict[str, CalibratedEffect]:
-    found = {}
-    for name, table in _table(path, where, body).items():
-        if name not in PARAMETERS:
-            raise ConfigError(f"{path}: {where}.{name} is no effect{_near(name, PARAMETERS)}")
-        _check(path, f"{where}.{name}", table, (*_PROVENANCE, *PARAMETERS[name]))
+@dataclass(frozen=True)
+class _Provenance:
+    method: str = ""
+    source_sha256: str = ""
+    date: str = ""
+    temperature_min: float | None = None
+    temperature_max: float | None = None
+
+
+def _found(
+    table: Mapping[str, Any], where: str, refused: Mapping[Level, str]
+) -> Iterator[tuple[str, CalibratedEffect]]:
+    about = [item.name for item in fields(_Provenance)]
+    for kind, values, here in effect_tables(table, where, refused):
+        only_keys(values, (*about, *kind.parameters()), here)
         parameters = {
-            parameter: _quantity(path, f"{where}.{name}.{parameter}", table[parameter])
-            for parameter in PARAMETERS[name]
-            if parameter in table
+            name: _quantity(kind, name, values[name], f"{here} {name}")
+            for name in kind.parameters()
+            if name in values
         }
-        span = (table.get("temperature_min"), table.get("temperature_max"))
-        temperature = None if None in span else (float(span[0]), float(span[1]))
-        method, source, date = (str(table.get(key, "")) for key in _PROVENANCE[:3])
-        found[name] = CalibratedEffect(parameters, method, source, date, temperature)
-    return found
+        said = read_table({key: values[key] for key in about if key in values}, _Provenance, here)
+        low, high = said.temperature_min, said.temperature_max
+        span = None if low is None or high is None else (low, high)
+        yield kind.name, CalibratedEffect(parameters, said.method, said.source_sha256, said.date, span)
 
 
-def _quantity(path: Path, where: str, body: Any) -> Quantity:
-    _check(path, where, _table(path, where, body), ("value", "sigma"))
-    numbers = [body.get(key) for key in ("value", "sigma")]
-    for key, number in zip(("value", "sigma"), numbers, strict=True):
-        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
-            raise ConfigError(f"{path}: {where}.{key} must be a finite number, is {number!r}")
-    if numbers[1] < 0:
-        raise ConfigError(f"{path}: {where}.sigma is negative; it is a standard deviation")
-    return Quantity(float(numbers[0]), float(numbers[1]))
-
-
-def _table(path: Path, where: str, body: Any) -> Mapping[str, Any]:
-    if not isinstance(body, Mapping):
-        raise ConfigError(f"{path}: {where} must be a table, is {body!r}")
-    return body
-
-
-def _check(path: Path, where: str, body: Any, known: Iterable[str]) -> None:
-    for key in _table(path, where, body):
-        if key not in known:
-            raise ConfigError(f"{path}: unknown key {key!r} in {where}{_near(key, known)}")
-
-
-def _near(name: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(known), 1)
-    return f"; did you mean {close[0]!r}?" if close else f"; known are {', '.join(known)}"
+def _quantity(kind: type[Effect], name: str, body: object, where: str) -> Quantity:
+    quantity = read_table(body, Quantity, where)
+    check_value(kind, name, quantity.value, f"{where} value")
+    if not math.isfinite(quantity.sigma):
+        raise ConfigError(f"{where} sigma = {quantity.sigma}: must be a finite number")
+    if quantity.sigma < 0.0:
+        raise ConfigError(f"{where} sigma = {quantity.sigma}: is negative; it is a standard deviation")
+    return quantity

@@ -16,11 +16,11 @@ from hubodo.effects.gyro import (
     GyroSaturation,
     GyroScaleFactor,
     GyroTemperature,
-    GyroWarmup,
 )
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.vehicle import RoadGrade, TrackWidth
+from hubodo.effects.warmup import GyroWarmup
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
 
 EFFECTS: tuple[type[Effect], ...] = (
@@ -69,4 +69,22 @@ def in_order(effects: Iterable[Effect]) -> list[Effect]:
     return sorted(effects, key=lambda effect: place.get(type(effect), len(place)))
 
 
-__all__ = ["BY_NAME", "EFFECTS", "Chain", "Effect", "Geometry", "Noise", "effect_of", "in_order"]
+def told_apart(one: str, other: str) -> str:
+    """The manoeuvre that tells two effects apart that a drive may not; "" where neither says one."""
+    for name, beside in ((one, other), (other, one)):
+        if name in BY_NAME and beside in BY_NAME[name].alike:
+            return BY_NAME[name].alike[beside]
+    return ""
+
+
+__all__ = [
+    "BY_NAME",
+    "EFFECTS",
+    "Chain",
+    "Effect",
+    "Geometry",
+    "Noise",
+    "effect_of",
+    "in_order",
+    "told_apart",
+]

@@ -1,13 +1,14 @@
 """Effects of the accelerometer triad: offset, scale, cross-axis, limits."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from hubodo.effects.base import Chain, Effect, Estimate, Shows, parameter
-from hubodo.effects.triad import CrossAxis, ScaleFactor
+from hubodo.effects.triad import CrossAxis, ScaleFactor, Sensor
 
 _OFFSET = "zero-g tolerance of the MPU-6050, 50 mg"
 _ACROSS = Estimate(0.4, 1e-3, f"{_OFFSET}; walk: vibration and temperature, 6 mg in an hour")
@@ -24,6 +25,8 @@ class AccelBias(Effect):
     """A constant offset."""
 
     name: ClassVar[str] = "accel_bias"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the accelerometer reads an offset"
     x: float = parameter("m/s²", 0.1, estimate=_ACROSS)
     y: float = parameter("m/s²", 0.1, turned=True, estimate=_ACROSS)
     z: float = parameter("m/s²", 0.1, turned=True, estimate=_ALONG)
@@ -37,9 +40,11 @@ class AccelScaleFactor(ScaleFactor):
     """Reads (1 + e) times the specific force, each axis its own e."""
 
     name: ClassVar[str] = "accel_scale_factor"
-
-    def respond(self, chain: Chain) -> None:
-        chain.accel += self.more(chain.force)
+    sensor: ClassVar[Sensor] = "accel"
+    meaning: ClassVar[str] = "the accelerometer reads too much or too little, in proportion"
+    alike: ClassVar[Mapping[str, str]] = {
+        "accel_nonorthogonality": "accelerate and turn hard, both ways",
+    }
 
 
 @dataclass(frozen=True)
@@ -47,11 +52,10 @@ class AccelNonorthogonality(CrossAxis):
     """Cross-axis terms of the accelerometer after Avrutov."""
 
     name: ClassVar[str] = "accel_nonorthogonality"
+    sensor: ClassVar[Sensor] = "accel"
+    meaning: ClassVar[str] = "the axes of the accelerometer are not square"
     zy: float = parameter("rad", 0.01, turned=True, estimate=_LEAK)
     zx: float = parameter("rad", 0.01, estimate=_LEAK)
-
-    def respond(self, chain: Chain) -> None:
-        chain.accel += self.matrix() @ chain.force
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,7 @@ class AccelSaturation(Effect):
 
     name: ClassVar[str] = "accel_saturation"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "the accelerometer cannot read forces beyond a limit"
     limit: float = parameter("m/s²", 30.0, positive=True, default=math.inf)
 
     def clip(self, chain: Chain) -> None:

@@ -14,6 +14,10 @@ from hubodo.vehicle import Facing, Side, facing_sign
 
 Level = Literal["vehicle", "wheel", "node"]
 Shows = Literal["mean", "scatter"]
+Follows = Literal["age", "temperature"]
+
+REFERENCE_CELSIUS = 25.0
+"""Temperature at which nothing that follows the temperature adds anything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,14 +113,20 @@ def parameter(
 class Effect:
     """One way in which a measured wheel differs from an ideal one; its fields are its parameters.
 
-    name: as in the model file. level: what has one, the vehicle, each wheel or each node. shows: in the mean
-    of the channels, or only in how they scatter. scale of a parameter: its usual size, the width of what is
-    expected before data is seen.
+    name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
+    has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
+    scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
+    of samples; its stage is inverted then. alike: effect that a drive may not tell from this one -> the
+    manoeuvre that does; it stands in one of the two.
     """
 
     name: ClassVar[str]
+    meaning: ClassVar[str]
     level: ClassVar[Level] = "node"
     shows: ClassVar[Shows] = "mean"
+    follows: ClassVar[Follows | None] = None
+    undone: ClassVar[bool] = False
+    alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
@@ -136,6 +146,11 @@ class Effect:
         return float(cls._about(parameter)["scale"])
 
     @classmethod
+    def default(cls, parameter: str) -> float:
+        """What a parameter is where nothing says it: zero, or else what makes the effect absent."""
+        return float(cls.__dataclass_fields__[parameter].default)  # type: ignore[arg-type]
+
+    @classmethod
     def sign(cls, parameter: str, facing: Facing) -> float:
         """-1 where a node facing right has the negated value of one facing left, else +1.
 
@@ -149,6 +164,19 @@ class Effect:
         """What the odometry believes of a parameter beforehand; None where it does not estimate it."""
         found: Estimate | None = cls._about(parameter)["estimate"]
         return found
+
+    @classmethod
+    def problem(cls, parameter: str, value: float) -> str:
+        """What is wrong with a value of a parameter, in words; "" where nothing is."""
+        about = cls._about(parameter)
+        if not math.isfinite(value):
+            return "must be a finite number"
+        # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
+        if about["positive"] and (value < 0.0 or (value == 0.0 and cls.default(parameter) != 0.0)):
+            return "must be above 0"
+        if abs(value) > about["within"]:
+            return f"must lie within ±{about['within']:g}"
+        return ""
 
     @classmethod
     def _about(cls, parameter: str) -> Mapping[str, Any]:
@@ -232,3 +260,20 @@ class Effect:
 
     def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
         """Replace samples by their predecessors."""
+
+    # The stages backwards, of effects that are `undone`. What `offset` adds is taken off; the matrices of
+    # a triad (`Linear`) are inverted together; the rest is here.
+
+    def irreversible(self) -> str:
+        """Why its numbers cannot be undone, in words; "" where they can."""
+        return ""
+
+    def straighten(self, rate: Array, inverse: Array) -> Array:
+        """Undo what `respond` adds to the gyro beyond proportion.
+
+        rate: (3, N) that the inverse of the gyro's matrix, (3, 3), makes of its reading.
+        """
+        return rate
+
+    def unmount(self, chain: Chain) -> None:
+        """Turn back what `mount` turned."""

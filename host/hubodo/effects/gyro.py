@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -10,11 +11,15 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Chain, Effect, Estimate, Noise, Shows, parameter
+from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Estimate, Follows, Noise, Shows, parameter
 from hubodo.effects.one_pole import one_pole
-from hubodo.effects.triad import CrossAxis, ScaleFactor
+from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, times
 
+_FASTEST = 36.0
+"""rad/s, a little beyond the widest range of the gyros, 2000 deg/s."""
+_NEWTON_STEPS = 6
 _PER_FORCE = "(rad/s)/(m/s²)"
+_TWO_SPEEDS = "drive slowly and fast for as long each"
 _TURN = "drive on: the wheel must turn many times"
 _CURVES = "drive curves: turns that add up to well over 180 degrees, to both sides"
 _STAND = "stand still for ten seconds, and drive at several speeds"
@@ -43,6 +48,11 @@ class GyroLag(Effect):
     """A low-pass of one pole in the gyro."""
 
     name: ClassVar[str] = "gyro_lag"
+    meaning: ClassVar[str] = "the gyro answers late"
+    alike: ClassVar[Mapping[str, str]] = {
+        "time_offset": "change speed briskly: the accelerometer is late only with the clock",
+        "wheel_slip": "change speed briskly, and turn: only a lag shows across the axle",
+    }
     time_constant: float = parameter("s", 0.005, positive=True)
 
     def low_pass(self, chain: Chain) -> None:
@@ -58,12 +68,16 @@ class GyroScaleFactor(ScaleFactor):
     """Reads (1 + e) times the rate, each axis its own e."""
 
     name: ClassVar[str] = "gyro_scale_factor"
+    sensor: ClassVar[Sensor] = "gyro"
+    meaning: ClassVar[str] = "the gyro reads too much or too little, in proportion"
+    alike: ClassVar[Mapping[str, str]] = {
+        "tyre_growth": _TWO_SPEEDS,
+        "gyro_cubic": _TWO_SPEEDS,
+        "clock_skew": "change speed briskly: a skew is late at every change",
+    }
     x: float = parameter("1", 0.01, estimate=_YAW_SCALE)
     y: float = parameter("1", 0.01, estimate=_YAW_SCALE)
     z: float = parameter("1", 0.01, estimate=_SPIN_SCALE)
-
-    def respond(self, chain: Chain) -> None:
-        chain.gyro += self.more(chain.rate)
 
 
 @dataclass(frozen=True)
@@ -71,9 +85,8 @@ class GyroNonorthogonality(CrossAxis):
     """Cross-axis terms of the gyro after Avrutov."""
 
     name: ClassVar[str] = "gyro_nonorthogonality"
-
-    def respond(self, chain: Chain) -> None:
-        chain.gyro += self.matrix() @ chain.rate
+    sensor: ClassVar[Sensor] = "gyro"
+    meaning: ClassVar[str] = "the axes of the gyro are not square"
 
 
 @dataclass(frozen=True)
@@ -81,10 +94,26 @@ class GyroCubic(Effect):
     """The z gyro reads c ω³ more."""
 
     name: ClassVar[str] = "gyro_cubic"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro bends at high rates"
     z: float = parameter("1/(rad/s)²", 1e-5)
 
     def respond(self, chain: Chain) -> None:
         chain.gyro[2] += self.z * chain.rate[2] ** 3
+
+    def irreversible(self) -> str:
+        if abs(3.0 * self.z * _FASTEST**2) > 0.5:
+            return f"z = {self.z:g} would turn the scale around within the range of the gyro"
+        return ""
+
+    def straighten(self, rate: Array, inverse: Array) -> Array:
+        # w = rate - inverse[:, 2] c w_z³; its z row alone is a cubic for w_z, by Newton's steps.
+        spin, cubic = rate[2], inverse[2, 2] * self.z
+        for _ in range(_NEWTON_STEPS):
+            spin = spin - (spin + cubic * (spin * spin * spin) - rate[2]) / (
+                1.0 + 3.0 * cubic * (spin * spin)
+            )
+        return rate - np.outer(inverse[:, 2], self.z * (spin * spin * spin))
 
 
 @dataclass(frozen=True)
@@ -92,6 +121,8 @@ class GyroBias(Effect):
     """A constant offset."""
 
     name: ClassVar[str] = "gyro_bias"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro reads an offset"
     x: float = parameter("rad/s", 0.01, estimate=_BIAS_ACROSS)
     y: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ACROSS)
     z: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ALONG)
@@ -101,56 +132,22 @@ class GyroBias(Effect):
 
 
 @dataclass(frozen=True)
-class GyroWarmup(Effect):
-    """C1 (1 - e^(-t/T)) with t since power-on.
-
-    Coordinates: C1 of each axis and ln T, so that T stays positive.
-    """
-
-    name: ClassVar[str] = "gyro_warmup"
-    x: float = parameter("rad/s", 0.01)
-    y: float = parameter("rad/s", 0.01, turned=True)
-    z: float = parameter("rad/s", 0.01, turned=True)
-    time_constant: float = parameter("s", 60.0, positive=True, default=60.0)
-
-    @classmethod
-    def seeds(cls) -> tuple[GyroWarmup, ...]:
-        return tuple(cls(time_constant=t) for t in (8.0, 25.0, 80.0, 250.0, 1000.0))
-
-    @classmethod
-    def coordinate_scales(cls) -> Array:
-        return np.array([cls.scale("x"), cls.scale("y"), cls.scale("z"), 1.5])
-
-    def coordinates(self) -> Array:
-        return np.array([self.x, self.y, self.z, math.log(self.time_constant)])
-
-    def at(self, coordinates: Array) -> GyroWarmup:
-        x, y, z, log_t = map(float, coordinates)
-        return GyroWarmup(x, y, z, math.exp(min(max(log_t, math.log(2.0)), math.log(1e5))))
-
-    def surprise(self) -> float:
-        """A minute is usual, a factor of three is not rare; else a warm-up could pass for a bias or a ramp.
-
-        The chance of one that is at least as unusual.
-        """
-        off = abs(math.log(self.time_constant / 60.0)) / math.log(3.0)
-        return -math.log(max(math.erfc(off / math.sqrt(2.0)), 1e-300))
-
-    def offset(self, chain: Chain) -> None:
-        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * -np.expm1(-chain.t / self.time_constant)
-
-
-@dataclass(frozen=True)
 class GyroTemperature(Effect):
     """An offset in proportion to the temperature above 25 °C."""
 
     name: ClassVar[str] = "gyro_temperature"
+    follows: ClassVar[Follows | None] = "temperature"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro's offset follows the temperature"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gyro_bias": "let the temperature change by some degrees",
+    }
     x: float = parameter("rad/s/°C", 1e-3)
     y: float = parameter("rad/s/°C", 1e-3, turned=True)
     z: float = parameter("rad/s/°C", 1e-3, turned=True)
 
     def offset(self, chain: Chain) -> None:
-        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - 25.0)
+        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
 
 
 @dataclass(frozen=True)
@@ -162,6 +159,14 @@ class GyroGSensitivity(Effect):
     """
 
     name: ClassVar[str] = "gyro_g_sensitivity"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro feels acceleration"
+    alike: ClassVar[Mapping[str, str]] = {
+        "wheel_eccentricity": (
+            "drive at two speeds: eccentricity grows with spin and shows in the accelerometer"
+        ),
+        "gyro_bias": "turn at speed: the force across the wheel changes, a bias does not",
+    }
     x: float = parameter(_PER_FORCE, 1e-3, turned=True)
     y: float = parameter(_PER_FORCE, 1e-3)
     z: float = parameter(_PER_FORCE, 1e-3)
@@ -172,12 +177,15 @@ class GyroGSensitivity(Effect):
     yy: float = parameter(_PER_FORCE, 1e-3, fitted=False, estimate=_FROM_GRAVITY)
     yz: float = parameter(_PER_FORCE, 1e-3, fitted=False)
 
+    rows: ClassVar[tuple[tuple[str, str, str], ...]] = (("xx", "xy", "xz"), ("yx", "yy", "yz"), XYZ)
+    """Parameters by gyro and axis of the force."""
+
     def matrix(self) -> Array:
         """(3, 3), row = gyro."""
-        return np.array([[self.xx, self.xy, self.xz], [self.yx, self.yy, self.yz], [self.x, self.y, self.z]])
+        return np.array([[getattr(self, name) for name in row] for row in self.rows])
 
     def offset(self, chain: Chain) -> None:
-        chain.gyro += self.matrix() @ chain.force
+        chain.gyro += times(self.matrix(), chain.force)
 
 
 @dataclass(frozen=True)
@@ -186,6 +194,12 @@ class GyroRateRandomWalk(Effect):
 
     name: ClassVar[str] = "gyro_rate_random_walk"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "the gyro's offset wanders at random"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gyro_warmup": "record longer, and again from a cold start: a walk does not repeat itself",
+        "gyro_bias": "record longer: a walk leaves where it was",
+        "gyro_temperature": "let the temperature go up and come back",
+    }
     k: float = parameter("rad/s/√s", 5e-4, positive=True)
 
     def drift(self) -> float:
@@ -202,6 +216,7 @@ class GyroSaturation(Effect):
 
     name: ClassVar[str] = "gyro_saturation"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "the gyro cannot read rates beyond a limit"
     limit: float = parameter("rad/s", 20.0, positive=True, default=math.inf)
 
     def clip(self, chain: Chain) -> None:
@@ -214,6 +229,7 @@ class GyroQuantization(Effect):
 
     name: ClassVar[str] = "gyro_quantization"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "the gyro reads in coarse steps"
     step: float = parameter("rad/s", 0.01, positive=True)
 
     def spread(self, noise: Noise) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Effects of time stamps and of transport: late, skewed, repeated, wild samples."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,6 +15,7 @@ class TimeOffset(Effect):
     """A sample taken at t is stamped t + delay."""
 
     name: ClassVar[str] = "time_offset"
+    meaning: ClassVar[str] = "the samples are stamped late or early"
     delay: float = parameter(
         "s",
         0.01,
@@ -31,6 +33,10 @@ class ClockSkew(Effect):
     """A sample taken at t is stamped t (1 + ppm 1e-6), both from the log's start."""
 
     name: ClassVar[str] = "clock_skew"
+    meaning: ClassVar[str] = "the node's clock runs fast or slow"
+    alike: ClassVar[Mapping[str, str]] = {
+        "time_offset": "record longer: a skew grows with time",
+    }
     ppm: float = parameter("1e-6", 100.0, within=5e5)
 
     def true_time(self, t: Array) -> Array:
@@ -43,6 +49,10 @@ class SampleRepeat(Effect):
 
     name: ClassVar[str] = "sample_repeat"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "stale samples are sent again"
+    alike: ClassVar[Mapping[str, str]] = {
+        "outliers": "look for samples that are equal to the one before: only repeats have them",
+    }
     probability: float = parameter("1", 0.01, positive=True, within=1.0)
 
     def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
@@ -58,6 +68,7 @@ class Outliers(Effect):
 
     name: ClassVar[str] = "outliers"
     shows: ClassVar[Shows] = "scatter"
+    meaning: ClassVar[str] = "single readings are wild"
     probability: float = parameter("1", 0.01, positive=True, within=1.0)
     sigma: float = parameter("noise", 10.0, positive=True)
 

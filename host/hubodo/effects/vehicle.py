@@ -1,6 +1,7 @@
 """Effects of the vehicle and its road: track width, grade."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -28,6 +29,12 @@ class TrackWidth(Effect):
 
     name: ClassVar[str] = "track_width"
     level: ClassVar[Level] = "vehicle"
+    meaning: ClassVar[str] = "the wheels are not as far apart as the model says"
+    alike: ClassVar[Mapping[str, str]] = {
+        "wheel_camber": "turn both ways at speed: camber shows in az, gx and gy",
+        "wheel_radius": "drive straight for as long as in turns",
+        "gyro_scale_factor": "turn both ways: a scale error shows in straights too",
+    }
     error: float = parameter("1", 0.02, within=0.9, estimate=_TRACK)
 
     def shape(self, geometry: Geometry) -> Geometry:
@@ -40,6 +47,11 @@ class RoadGrade(Effect):
 
     name: ClassVar[str] = "road_grade"
     level: ClassVar[Level] = "vehicle"
+    meaning: ClassVar[str] = "the road is not level"
+    alike: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("gyro_nonorthogonality", "accel_nonorthogonality", "accel_bias", "node_misalignment"),
+        "drive the same road in both directions",
+    )
     angle: float = parameter("rad", 0.03, within=1.5, estimate=_ROAD)
 
     def shape(self, geometry: Geometry) -> Geometry:

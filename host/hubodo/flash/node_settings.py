@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from hubodo.calibration.file import XYZ, CalibratedEffect, NodeCalibration
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration
+from hubodo.effects.triad import XYZ
 from hubodo.errors import CalibrationError
 
 Setting = int | list[int]

@@ -12,9 +12,11 @@ from hubodo.recording import Recording, Table
 from hubodo.smooth import smooth, through
 
 _FEWEST = 20
+"""Rows; fewer are no drive, and a smoothing spline has nothing to judge its noise by."""
 _STEP = 0.02
-# m/s; at less than this a course says little about where the vehicle points, so the turn fades out.
+"""s; a vehicle's speed and yaw rate have nothing above 25 Hz."""
 _CRAWL = 0.2
+"""m/s; at less than this a course says little about where the vehicle points, so the turn fades out."""
 
 
 def drive_from_reference(recording: Recording, where: str) -> Inputs:
@@ -33,7 +35,7 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
 def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
 
-    Raises InputError when the log has none, or fewer than 20; ConfigError without pyproj.
+    Raises InputError when the log has none, or fewer than 20.
     """
     table = _enough(recording.gnss, "gnss", where)
     latitude, longitude = table["latitude_deg"], table["longitude_deg"]

@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import cache
 
 import numpy as np
+import pyproj
+from pyproj.database import CRSInfo, query_utm_crs_info
 
 from hubodo.arrays import Array
-from hubodo.errors import ConfigError, InputError
+from hubodo.errors import InputError
 
 FARTHEST = 300_000.0
 """m from the origin; beyond it a zone of 6 degrees is left so far that fixes are taken as false."""
+_UPS_NORTH, _UPS_SOUTH = 32661, 32761
+_NORTH_END, _SOUTH_END = 84.0, -80.0
+"""Degrees of latitude at which UTM ends and UPS begins."""
+_WIDENED = (
+    (56.0, 64.0, 3.0, 12.0, 9.0),
+    (72.0, 84.0, 0.0, 9.0, 3.0),
+    (72.0, 84.0, 9.0, 21.0, 15.0),
+    (72.0, 84.0, 21.0, 33.0, 27.0),
+    (72.0, 84.0, 33.0, 42.0, 39.0),
+)
+"""Where the military grid widens a zone about Norway and Svalbard, in degrees.
+
+South, north, west and east of each area, and the meridian of the zone there; the EPSG register has the
+regular zones alone.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +68,13 @@ class LocalFrame:
 def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
     """The frame at a point, in the UTM zone in which the point lies; a drive keeps to one.
 
-    Raises InputError when the point is not on Earth, ConfigError when pyproj is not installed.
+    Raises InputError when the point is not on Earth.
     """
     if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg)) or abs(latitude_deg) > 90.0:
         raise InputError(
             f"latitude {latitude_deg}, longitude {longitude_deg} degrees is no place on Earth; correct it"
         )
-    longitude_deg = (longitude_deg + 180.0) % 360.0 - 180.0
+    longitude_deg = _within_a_turn(longitude_deg)
     epsg = epsg_of(latitude_deg, longitude_deg)
     grid = _grid(epsg)
     easting, northing = grid(longitude_deg, latitude_deg)
@@ -75,30 +91,36 @@ def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
 
 
 def epsg_of(latitude_deg: float, longitude_deg: float) -> int:
-    """EPSG number of the UTM zone of a point, with the widened zones of Norway and Svalbard; UPS at the
-    poles."""
-    if latitude_deg >= 84.0:
-        return 32661
-    if latitude_deg < -80.0:
-        return 32761
-    zone = int((longitude_deg + 180.0) % 360.0 // 6.0) + 1
-    if 56.0 <= latitude_deg < 64.0 and 3.0 <= longitude_deg < 12.0:
-        zone = 32
-    if latitude_deg >= 72.0 and 0.0 <= longitude_deg < 42.0:
-        zone = 31 + 2 * int((longitude_deg + 3.0) // 12.0)
-    return (32600 if latitude_deg >= 0.0 else 32700) + zone
+    """EPSG number of a point's UTM zone, with the wide zones of Norway and Svalbard; UPS at the poles."""
+    if latitude_deg >= _NORTH_END:
+        return _UPS_NORTH
+    if latitude_deg < _SOUTH_END:
+        return _UPS_SOUTH
+    longitude_deg = _within_a_turn(longitude_deg)
+    for south, north, west, east, meridian in _WIDENED:
+        if south <= latitude_deg < north and west <= longitude_deg < east:
+            longitude_deg = meridian
+            break
+    areas = [
+        (area.south, area.west, int(zone.code))
+        for zone in _zones()
+        if (area := zone.area_of_use) is not None
+        and area.south <= latitude_deg <= area.north
+        and area.west <= longitude_deg <= area.east
+    ]
+    # A border belongs to the zone north or east of it.
+    return max(areas)[-1]
 
 
-_grids: dict[int, Any] = {}
+def _within_a_turn(longitude_deg: float) -> float:
+    return (longitude_deg + 180.0) % 360.0 - 180.0
 
 
-def _grid(epsg: int) -> Any:
-    if epsg not in _grids:
-        try:
-            pyproj = importlib.import_module("pyproj")
-        except ImportError:
-            raise ConfigError(
-                "GNSS fixes need pyproj, which is not installed; pip install 'hubodo[graph]'"
-            ) from None
-        _grids[epsg] = pyproj.Proj(f"EPSG:{epsg}")
-    return _grids[epsg]
+@cache
+def _zones() -> list[CRSInfo]:
+    return query_utm_crs_info(datum_name="WGS 84")
+
+
+@cache
+def _grid(epsg: int) -> pyproj.Proj:
+    return pyproj.Proj(f"EPSG:{epsg}")

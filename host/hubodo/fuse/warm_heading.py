@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hubodo.effects.warmup_models import REFERENCE_CELSIUS, WarmupModel
+from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.warmup import WarmupModel
 
 FloatArray = NDArray[np.float64]
 

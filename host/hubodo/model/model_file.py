@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hubodo.effects import BY_NAME, EFFECTS, Effect, Noise, effect_of, in_order
-from hubodo.effects.empirical import PREFIX
+from hubodo.effects import EFFECTS, Effect, Noise, effect_of, in_order
+from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
+from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
+    above_zero,
     as_table,
     load_toml,
     near,
@@ -136,13 +138,8 @@ def _noise(table: Mapping[str, Any], path: Path) -> Noise:
         )
     imu = read_table(table["imu"], _Imu, f"{path}: [imu]")
     for key in ("gyro_noise", "accel_noise"):
-        _above_zero(getattr(imu, key), f"{path}: [imu] {key}")
+        above_zero(getattr(imu, key), f"{path}: [imu] {key}")
     return Noise(imu.gyro_noise, imu.accel_noise)
-
-
-def _above_zero(value: float, where: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f"{where} = {value}: must be a finite number above 0")
 
 
 def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputNames:
@@ -186,20 +183,13 @@ def _all(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> Iterator[Sco
 
 def _effects(table: Mapping[str, Any], where: str, mount: NodeMount | None) -> Iterator[Effect]:
     """mount: of the node whose effects they are, None for those of all."""
-    for name, values in as_table(table.get("effects", {}), f"{where}]").items():
-        here = f"{where}.{toml_key(name)}]"
-        if name not in BY_NAME and not name.startswith(PREFIX):
-            hint = near(name, BY_NAME)
-            raise ConfigError(f"{here}: no such effect{hint}; see the table of effects in the model's README")
-        try:
-            kind = effect_of(name)
-        except ValueError as error:
-            raise ConfigError(f"{here}: {error}") from None
-        if mount is not None and kind.level == "vehicle":
-            raise ConfigError(f"{here}: this is an effect of the vehicle; move it to [effects.{name}]")
-        if mount is not None and mount.side is None and kind.level == "wheel":
-            raise ConfigError(f"{here}: this is an effect of a wheel and the node is on none; remove it")
-        yield _effect(kind, as_table(values, here), here)
+    refused: dict[Level, str] = {}
+    if mount is not None:
+        refused["vehicle"] = "this is an effect of the vehicle; move it to [effects.{name}]"
+    if mount is not None and mount.side is None:
+        refused["wheel"] = "this is an effect of a wheel and the node is on none; remove it"
+    for kind, values, here in effect_tables(table, where, refused):
+        yield _effect(kind, values, here)
 
 
 def _effect(kind: type[Effect], values: Mapping[str, Any], where: str) -> Effect:
@@ -207,25 +197,10 @@ def _effect(kind: type[Effect], values: Mapping[str, Any], where: str) -> Effect
         raise ConfigError(f"{where}: empty; give {', '.join(kind.parameters())}, or remove the table")
     effect = read_table(values, kind, where)
     for key, value in effect.values().items():
-        says = problem(kind, key, value)
-        if says and key not in values:
+        if key not in values and kind.problem(key, value):
             raise ConfigError(f"{where}: {key} is missing; add it, in {kind.unit(key)}")
-        if says:
-            raise ConfigError(f"{where} {key} = {value}: {says} ({kind.unit(key)})")
+        check_value(kind, key, value, f"{where} {key}")
     return effect
-
-
-def problem(kind: type[Effect], name: str, value: float) -> str:
-    """What is wrong with a value of a parameter, in words; "" where nothing is."""
-    about = kind.__dataclass_fields__[name]
-    if not math.isfinite(value):
-        return "must be a finite number"
-    # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
-    if about.metadata["positive"] and (value < 0.0 or (value == 0.0 and about.default != 0.0)):
-        return "must be above 0"
-    if abs(value) > about.metadata["within"]:
-        return f"must lie within ±{about.metadata['within']:g}"
-    return ""
 
 
 def write_model(
@@ -269,9 +244,9 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         # TOML allows no control characters in a comment.
         plain = ("".join(c if c.isprintable() else " " for c in line) for line in comment.splitlines())
         lines += ["", *(f"# {line}" for line in plain)]
-        lines.append(f"[{prefix}.{toml_key(item.effect.name)}]")
+        lines.append(effect_heading(prefix, item.effect.name))
         for key, value in item.effect.values().items():
-            says = problem(type(item.effect), key, value)
+            says = item.effect.problem(key, value)
             if says:
                 raise ValueError(f"{item.effect.name} {key} = {value}: {says}")
             if value or key in item.effect.fitted():

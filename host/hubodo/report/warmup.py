@@ -7,7 +7,7 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
-from hubodo.effects.warmup_models import PARAMETERS
+from hubodo.effects.warmup import PARAMETERS
 from hubodo.report.page import Grid, Section, figure
 from hubodo.sensors.warmup.characterise import WarmupReport
 from hubodo.sensors.warmup.judge import Judged

@@ -66,43 +66,20 @@ def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True
     samples in a row, further from the running median than Gaussian noise reaches once in a hundred records.
     Raises InputError: fewer than 16 samples, not finite, all equal, time not increasing.
     """
-    if len(t) < 16:
-        raise InputError(
-            f"{len(t)} samples are too few to characterise a sensor; record at least some minutes"
-        )
-    if not (np.isfinite(t).all() and np.isfinite(values).all()):
-        raise InputError("the record holds values that are not finite; import it with --repair")
-    if values.min() == values.max():
-        raise InputError(
-            f"all {len(values)} samples equal {values[0]:.6g}: the sensor is stuck or not connected, or the "
-            "channel is not measured; a sensor at rest shows noise"
-        )
-    steps = np.diff(t)
-    if not bool((steps > 0).all()):
-        row = int(np.argmin(steps)) + 1
-        raise InputError(f"time does not increase at sample {row} (t = {t[row]:.6g} s); import with --repair")
+    _check(t, values)
     notes: list[str] = []
-    dt = float(np.median(steps))
-    counts = np.maximum(1, np.rint(steps / dt)).astype(np.int64)
-    off = np.abs(steps / dt - counts) > _OFF_GRID
-    # Either the stamps sit anywhere, or most samples would be missing in many short gaps: stamped in bursts.
-    if np.mean(off) > 0.1 or (np.mean(counts > 1) > 0.05 and np.sum(counts) > 2 * len(counts)):
-        dt, counts = _bursty(t, steps)
+    dt, places, even = _places(t)
+    if not even:
         notes.append(
             "the time stamps do not sit on an even grid, as when samples are stamped in bursts: they are "
-            "taken as "
-            f"even by {dt:.6g} s between pauses; averaging times below some tens of samples are only as "
-            "good as that"
+            f"taken as even by {dt:.6g} s between pauses; averaging times below some tens of samples are "
+            "only as good as that"
         )
-    places = np.concatenate(([0], np.cumsum(counts)))
     dt = float((t[-1] - t[0]) / places[-1])
-    jitter = (
-        float(np.std(t - t[0] - places * dt - np.mean(t - t[0] - places * dt)) / dt)
-        if not notes
-        else float("nan")
-    )
-    holes = np.flatnonzero(counts > 1)
-    gaps = tuple((float(t[k]), int(counts[k]) - 1) for k in holes)
+    off = t - t[0] - places * dt
+    jitter = float(np.std(off - np.mean(off)) / dt) if even else float("nan")
+    missing = np.diff(places) - 1
+    gaps = tuple((float(t[k]), int(missing[k])) for k in np.flatnonzero(missing))
     bad = _outliers(values) if reject_outliers else np.zeros(len(values), bool)
     if gaps:
         lost = sum(number for _, number in gaps)
@@ -122,6 +99,38 @@ def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True
     placed[places[~bad]] = values[~bad]
     present[places[~bad]] = True
     return EvenGrid(placed, present, dt, float(t[0]), gaps, jitter, t[bad], tuple(notes))
+
+
+def _check(t: FloatArray, values: FloatArray) -> None:
+    """Raises InputError for a record that cannot be put on a grid."""
+    if len(t) < 16:
+        raise InputError(
+            f"{len(t)} samples are too few to characterise a sensor; record at least some minutes"
+        )
+    if not (np.isfinite(t).all() and np.isfinite(values).all()):
+        raise InputError("the record holds values that are not finite; import it with --repair")
+    if values.min() == values.max():
+        raise InputError(
+            f"all {len(values)} samples equal {values[0]:.6g}: the sensor is stuck or not connected, or the "
+            "channel is not measured; a sensor at rest shows noise"
+        )
+    steps = np.diff(t)
+    if not bool((steps > 0).all()):
+        row = int(np.argmin(steps)) + 1
+        raise InputError(f"time does not increase at sample {row} (t = {t[row]:.6g} s); import with --repair")
+
+
+def _places(t: FloatArray) -> tuple[float, NDArray[np.int64], bool]:
+    """Interval in s, (N,) place of each sample on the grid, and whether the stamps sit on it."""
+    steps = np.diff(t)
+    dt = float(np.median(steps))
+    counts = np.maximum(1, np.rint(steps / dt)).astype(np.int64)
+    off = np.abs(steps / dt - counts) > _OFF_GRID
+    # Either the stamps sit anywhere, or most samples would be missing in many short gaps: stamped in bursts.
+    even = not (np.mean(off) > 0.1 or (np.mean(counts > 1) > 0.05 and np.sum(counts) > 2 * len(counts)))
+    if not even:
+        dt, counts = _bursty(t, steps)
+    return dt, np.concatenate(([0], np.cumsum(counts))), even
 
 
 def _bursty(t: FloatArray, steps: FloatArray) -> tuple[float, NDArray[np.int64]]:

@@ -1,9 +1,10 @@
-"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, with an honest sigma."""
+"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, in a log or live."""
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from hubodo.calibration.file import NodeCalibration, read_calibration
+from hubodo.calibration.file import Calibration, NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
@@ -21,11 +22,13 @@ from hubodo.log.mcap import read_recording
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.sensors.north.circle import fuse, wrap
+from hubodo.sensors.north.east import East
 from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
 from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning
 from hubodo.sensors.north.report import advice, advice_words, gyro_json
+from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
-from hubodo.sensors.north.table import SimulatedTable, simulate_stops
+from hubodo.verbs.north_live import check_live, run_live
 
 HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
@@ -44,6 +47,9 @@ class FoundNorth:
     gyros: tuple[tuple[str, str, North], ...]
     warnings: tuple[str, ...]
     simulated_azimuth: float | None = None
+    output: str | None = None
+    east: East | None = None
+    east_table_angle: float | None = None
 
     def as_json(self) -> dict[str, Any]:
         """One object; angles in degrees, rates in rad/s, times in s."""
@@ -60,6 +66,16 @@ class FoundNorth:
             "warnings": list(self.warnings),
             "advice": advice(first),
         }
+        if self.output is not None:
+            made["output"] = self.output
+        if self.east is not None and self.east_table_angle is not None:
+            made["east"] = {
+                "table_angle_deg": math.degrees(self.east_table_angle) % 360,
+                "steps": [
+                    {"axis_angle_deg": math.degrees(step.angle), "rate": step.rate}
+                    for step in self.east.steps
+                ],
+            }
         if self.simulated_azimuth is not None:
             made["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
             made["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
@@ -76,6 +92,11 @@ class FoundNorth:
             off = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
             console.print(
                 f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: off by {off:+.3f}°"
+            )
+        if self.east_table_angle is not None:
+            console.print(
+                f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
+                "where it stands now"
             )
         for node, axis, found in self.gyros:
             drift = found.posterior.drift
@@ -100,15 +121,28 @@ class FoundNorth:
             console.print(line, highlight=False)
         for text in self.warnings:
             console.print(f"warning: {text}", highlight=False)
+        if self.output is not None:
+            console.print(f"recorded to {self.output}", highlight=False)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo north`."""
     parser.add_argument(
-        "log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder, with table.csv"
+        "log", type=Path, nargs="?", metavar="LOG", help="MCAP recording, or a CSV folder, with table.csv"
     )
     parser.add_argument(
-        "--node", action="append", required=True, help="node; again for each that is to be fused"
+        "--live", metavar="PORT", help="instead of a LOG: the port of a node on a table, recorded now"
+    )
+    parser.add_argument(
+        "--table",
+        metavar="PORT",
+        help="with --live: serial port of the table; without, you are told when to turn it by hand",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.mcap", help="with --live: keep the log; must not exist"
+    )
+    parser.add_argument(
+        "--node", action="append", help="node; again for each that is to be fused (default: the only one)"
     )
     parser.add_argument(
         "--axis",
@@ -134,45 +168,86 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
     )
-    parser.add_argument("--stop", type=float, default=34.0, help="s, simulated stops (default 34)")
-    parser.add_argument("--stops", type=int, default=20, help="number of simulated stops (default 20)")
+    parser.add_argument("--stop", type=float, default=34.0, help="s, simulated and live stops (default 34)")
+    parser.add_argument(
+        "--stops", type=int, default=20, help="how many stops, simulated or live (default 20)"
+    )
 
 
 def run(args: argparse.Namespace) -> FoundNorth:
-    """Read, find north with each axis, put them together."""
-    latitude = math.radians(args.latitude_deg)
-    horizontal = horizontal_rate(latitude)
-    read = read_folder if args.log.is_dir() else read_recording
+    """Read or record, find north with each axis, put them together."""
+    horizontal = horizontal_rate(math.radians(args.latitude_deg))
+    calibration = read_calibration(args.calibration) if args.calibration is not None else Calibration()
+    if (args.log is None) == (args.live is None):
+        raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
+    live = None
+    if args.live is not None:
+        check_live(args)
+        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration)
+    elif args.table is not None or args.output is not None:
+        raise InputError("--table and -o go with --live PORT")
     with progress_line() as show:
-        recording = read(args.log, progress=show)
-        calibration = read_calibration(args.calibration).nodes if args.calibration is not None else {}
-        near = None if args.near_deg is None else math.radians(args.near_deg)
-        gyros: list[tuple[str, str, North]] = []
-        warnings: list[str] = []
-        for node in args.node:
-            for axis in args.axis or ["x"]:
-                show(f"{node} {axis}", len(gyros) / (len(args.node) * len(args.axis or "x")))
-                t, rate, mount, table = _channel(recording, node, axis, args, calibration)
-                found = find_north(
-                    t,
-                    rate,
-                    table,
-                    latitude,
-                    args.method,
-                    mounting=mount.mounting,
-                    vertical=None if args.simulate_azimuth_deg is not None else mount.vertical,
-                    settle=args.settle,
-                    near=near,
-                )
-                gyros.append((node, axis, found))
-                warnings += [f"{node} {axis}: {text}" for text in (*mount.warnings, *found.warnings)]
-                if args.simulate_azimuth_deg is None:
-                    warnings += tilt_warning(mount, t, table, latitude)
+        if live is None:
+            read = read_folder if args.log.is_dir() else read_recording
+            recording, nodes = read(args.log, progress=show), args.node
+        else:
+            recording, nodes = live.recording, [live.node]
+        gyros, warnings = _gyros(args, recording, nodes or _only_node(args, recording), calibration, show)
     azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
     if len(gyros) > 1:
         azimuth, sigma = fuse([found.posterior for *_, found in gyros], horizontal)
-    simulated = None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg)
-    return FoundNorth(args.latitude_deg, azimuth, sigma, tuple(gyros), tuple(warnings), simulated)
+    return FoundNorth(
+        args.latitude_deg,
+        azimuth,
+        sigma,
+        gyros,
+        warnings,
+        None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg),
+        None if args.output is None else str(args.output),
+        None if live is None else live.east,
+        None if live is None else live.east_table_angle,
+    )
+
+
+def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
+    nodes = list(recording.nodes)
+    if len(nodes) != 1:
+        raise InputError(f"{args.log}: say --node with one of: {', '.join(nodes) or 'none'}")
+    return nodes
+
+
+def _gyros(
+    args: argparse.Namespace,
+    recording: Recording,
+    nodes: Sequence[str],
+    calibration: Calibration,
+    show: Callable[[str, float], None],
+) -> tuple[tuple[tuple[str, str, North], ...], tuple[str, ...]]:
+    """(node, axis, what it found) of each axis asked for, and the warnings of all."""
+    latitude = math.radians(args.latitude_deg)
+    simulated = args.simulate_azimuth_deg is not None
+    wanted = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
+    gyros: list[tuple[str, str, North]] = []
+    warnings: list[str] = []
+    for node, axis in wanted:
+        show(f"{node} {axis}", len(gyros) / len(wanted))
+        t, rate, mount, table = _channel(recording, node, axis, args, calibration.nodes)
+        found = find_north(
+            t,
+            rate,
+            table,
+            latitude,
+            args.method,
+            mounting=mount.mounting,
+            vertical=None if simulated else mount.vertical,
+            settle=args.settle,
+            near=None if args.near_deg is None else math.radians(args.near_deg),
+        )
+        gyros.append((node, axis, found))
+        warnings += [f"{node} {axis}: {text}" for text in (*mount.warnings, *found.warnings)]
+        if not simulated:
+            warnings += tilt_warning(mount, t, table, latitude)
+    return tuple(gyros), tuple(warnings)
 
 
 def _channel(

@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.table import Table
 
 from hubodo.calibration.file import read_calibration
-from hubodo.errors import ConfigError, InputError
+from hubodo.errors import InputError
 from hubodo.ingest.live.localizer import Located
 from hubodo.ingest.live.odometer import OdometryRows
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
@@ -34,9 +34,11 @@ _RATE_WINDOW_S = 2.0
 
 @dataclass(frozen=True)
 class Replayed:
-    """The odometry made again, and of them `located` on the map. equal: whether every row is, to the last
-    bit, the one recorded; None where another vehicle or calibration was given, or the log has no
-    odometry."""
+    """The odometry made again, and of them `located` on the map.
+
+    equal: whether every row is, to the last bit, the one recorded; None where another vehicle or calibration
+    was given, or the log has no odometry.
+    """
 
     nodes: tuple[str, ...]
     poses: int
@@ -67,8 +69,6 @@ def show(
     if last < first:
         raise InputError(f"{args.log}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
     again = _Again(args)
-    if again.without_map:
-        say(again.without_map)
     console = Console(file=sys.stderr)
     began, now, next_line = time.monotonic(), first, first
     with Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live:
@@ -97,13 +97,7 @@ class _Again:
         vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         calibration = None if args.calibration is None else read_calibration(args.calibration)
         self._playback = Playback(args.log, vehicle=vehicle, calibration=calibration)
-        self._coming: Iterator[OdometryRows | Located] = self._playback.motions()
-        self.without_map = ""
-        if self._playback.has_fixes:
-            try:
-                self._coming = self._playback.publications()
-            except ConfigError as error:
-                self.without_map = f"map → odom is not made again: {error}"
+        self._coming: Iterator[OdometryRows | Located] = self._playback.publications()
         self._next: OdometryRows | Located | None = next(self._coming, None)
         self._done: list[OdometryRows | Located] = []
 
@@ -146,8 +140,8 @@ class _Again:
 
     def _equal(self) -> bool:
         kept, done = recorded_messages(self._path), self._done
-        if self.without_map or not kept[topics.ODOM_MAP]:
-            # Here or where it was recorded there is no GTSAM.
+        if not kept[topics.ODOM_MAP]:
+            # Where it was recorded nothing was made of the fixes.
             kept = recorded_messages(self._path, on_map=False)
             done = [made for made in done if isinstance(made, OdometryRows)]
         return as_messages(done, self._playback.t_zero_ns) == kept

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gnss",
         metavar="PORT",
-        help="a GNSS receiver that speaks NMEA; with --vehicle and GTSAM also where on the map (map → odom)",
+        help="a GNSS receiver that speaks NMEA; with --vehicle also where on the map (map → odom)",
     )
     parser.add_argument(
         "--baud",

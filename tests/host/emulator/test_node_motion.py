@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hubodo.effects import EFFECTS, Noise
-from hubodo.effects.gyro import GyroBias, GyroLag, GyroRateRandomWalk, GyroSaturation, GyroWarmup
+from hubodo.effects.gyro import GyroBias, GyroLag, GyroRateRandomWalk, GyroSaturation
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.timing import Outliers
+from hubodo.effects.warmup import GyroWarmup
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelSlip
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import Motion

@@ -20,6 +20,7 @@ from hubodo.emulator.board.link import LineNoise
 from hubodo.emulator.board.settings import Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
+from virtual_runs import stepped
 
 HOST = Host(wait=True)
 ECHO = """
@@ -60,9 +61,12 @@ def test_ctrl_c_breaks_a_program_that_sleeps_and_one_that_waits_for_input(
     prompt: tuple[VirtualNode, Terminal],
 ) -> None:
     _, host = prompt
-    for line in (b"import time; time.sleep(60)\r", b"import sys; sys.stdin.read(1)\r"):
+    for line in (
+        b"import time; print(6 * 7); time.sleep(60)\r",
+        b"import sys; print(6 * 7); sys.stdin.read(1)\r",
+    ):
         host.write(line)
-        time.sleep(0.3)
+        host.until(b"\n42")
         host.write(b"\x03")
         host.until(b"KeyboardInterrupt")
         host.until(b">>> ")
@@ -182,15 +186,14 @@ with open('/spent', 'w') as f: f.write(str(spent))
 """
 
 
-def test_a_host_that_holds_the_port_and_does_not_read_costs_half_a_second_and_then_bytes(
+def test_a_host_that_holds_the_port_and_does_not_read_costs_each_write_half_a_second_and_then_bytes(
     tmp_path: Path,
 ) -> None:
-    with node(tmp_path, FLOOD) as board, Terminal(board.port):
-        end = time.monotonic() + 30
-        while not (board.flash / "spent").exists() or not (board.flash / "spent").read_text():
-            assert time.monotonic() < end
-            time.sleep(0.05)
-        assert 450 <= int((board.flash / "spent").read_text()) < 1500
+    with stepped(
+        5.0, StillMotion(), Flash(firmware(tmp_path / "fw", main=FLOOD)), deaf=[(0.0, 5.0)]
+    ) as board:
+        assert board.wait(60)
+        assert int((board.flash / "spent").read_text()) == pytest.approx(2 * 500, abs=20)
         assert board.stats["counts"]["bytes_dropped"] > 0
 
 

@@ -1,92 +1,139 @@
-"""The live graph: the same factors as the batch, measurement by measurement."""
+"""The live graph: the batch's factors and solver over a window, measurement by measurement."""
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from generators import gnss_drives
 from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
-
-pytest.importorskip("gtsam")
-pytest.importorskip("pyproj")
-
-from hubodo.fuse.graph.live import LiveGraph, Outcome
+from hubodo.fuse.graph.live import LiveGraph, LiveLimits, Reception
 
 
-def run(drive, fixes, late=0.15, seconds=None):
-    """Feeds a drive in order of arrival; (T, 3) errors and (T, 3) sigmas at each state, their times, and
-    the graph."""
-    live, place, times, errors, sigmas = LiveGraph(), 0, [], [], []
+def run(drive, fixes, late=0.15, seconds=None, limits=None, headings=(), since=0.0):
+    """Feeds a drive in order of arrival.
+
+    Gives (T, 3) errors and (T, 3, 3) covariances at each state from `since` on, their times, and the graph.
+    """
+    live, times, errors, covariances = LiveGraph(limits=limits), [], [], []
+    fixes, headings = list(fixes), list(headings)
     for i, t in enumerate(drive.odo_t):
         if seconds is not None and t > seconds:
             break
         live.odometry(t, drive.odo_x[i], drive.odo_y[i], drive.odo_heading[i])
-        while place < len(fixes) and fixes[place][0] + late <= t:
-            live.fix(*fixes[place])
-            place += 1
-        state = live.state()
+        while fixes and fixes[0][0] + late <= t:
+            live.fix(*fixes.pop(0))
+        while headings and headings[0][0] + late <= t:
+            live.heading(*headings.pop(0))
+        state = live.state() if t >= since else None
         if state is not None:
-            zero = np.zeros(1)
-            ox, oy = state.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+            ox, oy = state.frame.to_local(*gnss_drives.geodetic(0.0, 0.0, *drive.origin))
             x, y, heading = drive.truth(state.t)
             turn = np.mod(state.heading - heading + np.pi, 2.0 * np.pi) - np.pi
             times.append(state.t)
-            errors.append([state.x - ox[0] - x, state.y - oy[0] - y, turn])
-            sigmas.append(np.sqrt(np.diag(state.covariance)))
-    return np.array(times), np.array(errors), np.array(sigmas), live
+            errors.append([state.x - ox - x, state.y - oy - y, turn])
+            covariances.append(state.covariance)
+    return np.array(times), np.array(errors), np.array(covariances), live
 
 
-def drive_and_fixes(seed, length=120.0, keep=None, jump=None):
+def drive_and_fixes(seed, length=120.0, keep=None, jump=None, fix_hz=5.0):
     rng = np.random.default_rng([seed, 46])
-    drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=length))
-    latitude = drive.fix_latitude_deg.copy()
-    if jump is not None:
-        latitude[(drive.fix_t > jump[0]) & (drive.fix_t < jump[1])] += 100.0 / 111_000.0
-    rows = list(zip(drive.fix_t, latitude, drive.fix_longitude_deg, np.full(len(latitude), 5.0), strict=True))
+    drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=length), fix_hz=fix_hz)
+    jumped = np.zeros(len(drive.fix_t)) if jump is None else (drive.fix_t > jump[0]) & (drive.fix_t < jump[1])
+    latitude, _ = gnss_drives.geodetic(0.0, 100.0 * jumped, drive.fix_latitude_deg, drive.fix_longitude_deg)
+    rows = zip(drive.fix_t, latitude, drive.fix_longitude_deg, np.full(len(latitude), 5.0), strict=True)
     return drive, [row for row in rows if keep is None or keep(row[0])]
 
 
-def test_it_starts_when_the_heading_is_told_and_stays_within_its_sigmas():
+def test_it_starts_when_the_heading_is_told_and_follows_to_the_newest_pose():
     drive, fixes = drive_and_fixes(1)
-    t, error, sigma, live = run(drive, fixes)
+    t, error, _, live = run(drive, fixes)
     assert t[0] < 35.0
     assert np.sqrt(np.mean(error[:, :2] ** 2)) < 1.2
-    assert np.mean(np.abs(error) < 2.5 * sigma) > 0.9
     assert t[-1] == drive.odo_t[-1]
     assert live.warnings == ()
 
 
-def test_its_end_is_near_the_batch_of_the_same_data():
+@pytest.mark.parametrize("lag", [5.0, 60.0])
+def test_it_is_as_far_from_the_truth_as_its_covariance_says(lag):
+    """NEES of three dimensions at the end of each of 16 drives, seeds 100 to 115.
+
+    The mean lies within the 99.9 % band. With 5 s nearly all that is known has been forgotten, and stands in
+    the prior.
+    """
+    nees = []
+    for seed in range(100, 116):
+        drive, fixes = drive_and_fixes(seed, length=40.0, fix_hz=2.0)
+        _, error, covariance, _ = run(drive, fixes, limits=LiveLimits(lag=lag), since=drive.odo_t[-1])
+        nees.append(error[-1] @ np.linalg.solve(covariance[-1], error[-1]))
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * len(nees)) / len(nees)
+    assert low < np.mean(nees) < high, f"{np.mean(nees):.2f}"
+
+
+@pytest.mark.parametrize(("lag", "apart"), [(1e3, 0.05), (10.0, 0.3)])
+def test_its_end_is_the_batch_of_the_same_data(lag, apart):
+    """In sigmas of the batch: all but equal in a window over everything, and near in a short one.
+
+    The short one linearised what it forgot before it knew the rest.
+    """
     drive, fixes = drive_and_fixes(2)
-    state = run(drive, fixes, late=0.0)[3].state()
+    state = run(drive, fixes, late=0.0, limits=LiveLimits(lag=lag))[3].state()
     path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     batch = fuse_graph(path, Fixes(*np.array(fixes).T))
-    sigma = np.hypot(batch.track.sigma_x[-1], batch.track.sigma_y[-1])
-    zero = np.zeros(1)
-    ours = state.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
-    theirs = batch.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
-    # What the window forgot and did not linearise again is well below what is not known.
-    assert np.hypot(state.x - ours[0][0] - batch.track.x[-1] + theirs[0][0],
-                    state.y - ours[1][0] - batch.track.y[-1] + theirs[1][0]) < 0.5 * sigma  # fmt: skip
-    assert state.constants["scale"].sigma == pytest.approx(batch.constants["scale"].sigma, rel=0.2)
+    place, frame = gnss_drives.geodetic(0.0, 0.0, *drive.origin), (state.frame, batch.frame)
+    (ox, oy), (bx, by) = (each.to_local(*place) for each in frame)
+    off = np.array([state.x - ox, state.y - oy]) - [batch.track.x[-1] - bx, batch.track.y[-1] - by]
+    assert np.hypot(*off) < apart * np.hypot(batch.track.sigma_x[-1], batch.track.sigma_y[-1])
+    assert abs(state.heading - batch.track.heading[-1]) < apart * batch.track.sigma_heading[-1]
+    for name in ("wheel_radius", "yaw_scale", "yaw_rate", "curvature"):
+        ours, theirs = state.constants[name], batch.constants[name]
+        assert ours.sigma == pytest.approx(theirs.sigma, rel=0.1)
+        assert abs(ours.value - theirs.value) < apart * theirs.sigma
 
 
 def test_a_jump_and_an_outage_are_ridden_out_and_said():
     drive, fixes = drive_and_fixes(3, keep=lambda t: not 70.0 < t < 90.0, jump=(50.0, 58.0))
-    t, error, sigma, live = run(drive, fixes)
+    t, error, covariance, live = run(drive, fixes)
     assert np.max(np.hypot(error[:, 0], error[:, 1])[t > 40.0]) < 5.0
     before, within = np.searchsorted(t, 69.0), np.searchsorted(t, 89.0)
-    assert np.hypot(*sigma[within][:2]) > np.hypot(*sigma[before][:2])
+    assert np.trace(covariance[within][:2, :2]) > np.trace(covariance[before][:2, :2])
     assert any("jumped" in text for text in live.warnings)
     assert any("count again" in text for text in live.warnings)
+
+
+def test_fixes_refused_for_long_start_the_graph_anew():
+    drive, fixes = drive_and_fixes(5, jump=(40.0, 1e9))
+    *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0))
+    assert any("starts anew" in text for text in live.warnings)
+    state = live.state()
+    x, y = state.frame.to_local(*gnss_drives.geodetic(0.0, 100.0, *drive.origin))
+    tx, ty, _ = drive.truth(state.t)
+    assert np.hypot(state.x - x - tx, state.y - y - ty) < 5.0
+
+
+def test_a_heading_and_a_fix_of_one_time_both_count():
+    """A receiver with two antennas tells both at once: a heading each second beside the fixes."""
+    drive, fixes = drive_and_fixes(6, length=60.0)
+    rng = np.random.default_rng(6)
+    headings = [
+        (row[0], heading_of(drive, row[0]) + 0.01 * rng.standard_normal(), 0.01) for row in fixes[::5]
+    ]
+    plain, helped = (run(drive, fixes, late=-0.15, headings=each)[2][-1] for each in ((), headings))
+    # Their noise averages out; at worst they lack their offset, known to 0.03 rad and better by the fixes.
+    assert helped[2, 2] < 1.0 / (1.0 / plain[2, 2] + 0.03**-2)
+
+
+def heading_of(drive, t):
+    return float(list(drive.truth(t))[2])
 
 
 def test_what_cannot_be_used_is_refused_with_its_reason():
     drive, fixes = drive_and_fixes(4)
     *_, live = run(drive, fixes, seconds=60.0)
-    assert live.fix(30.0, 47.0, 8.0) is Outcome.LATE
-    assert live.fix(61.0, 95.0, 8.0) is Outcome.IMPOSSIBLE
-    assert live.fix(61.0, float("nan"), 8.0) is Outcome.IMPOSSIBLE
-    assert live.heading(float("inf"), 0.0) is Outcome.IMPOSSIBLE
-    assert live.odometry(10.0, 0.0, 0.0, 0.0) is Outcome.LATE
-    assert LiveGraph().fix(0.0, 47.0, 8.0) is Outcome.STARTING
+    assert live.fix(30.0, 47.0, 8.0) is Reception.LATE
+    assert live.fix(61.0, 95.0, 8.0) is Reception.IMPOSSIBLE
+    assert live.fix(61.0, 47.0, 361.0) is Reception.IMPOSSIBLE
+    assert live.fix(61.0, float("nan"), 8.0) is Reception.IMPOSSIBLE
+    assert live.heading(float("inf"), 0.0) is Reception.IMPOSSIBLE
+    assert live.odometry(10.0, 0.0, 0.0, 0.0) is Reception.LATE
+    assert LiveGraph().fix(0.0, 47.0, 8.0) is Reception.STARTING
     assert LiveGraph().state() is None

@@ -7,7 +7,7 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from generators import start_gyro as start
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
 
 DEG = math.pi / 180.0

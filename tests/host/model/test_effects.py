@@ -1,13 +1,19 @@
-"""What the class of an effect says of itself: signs by facing, beliefs of the odometry."""
+"""What the class of an effect says of itself: signs by facing, what the odometry believes, its inverse."""
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hubodo.effects import EFFECTS
+from hubodo.calibration.apply import SampleCorrection
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
+from hubodo.effects import EFFECTS, told_apart
+from hubodo.effects.gyro import GyroRateRandomWalk
 from hubodo.model.forward import NodeForward, Start
-from hubodo.model.inputs import Inputs
+from hubodo.model.inputs import Body, Inputs, SpeedCorrection
 from hubodo.smooth import through
 from hubodo.vehicle import NodeMount
 
@@ -64,13 +70,99 @@ def test_each_sign_is_needed(kind):
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.level != "node"], ids=lambda kind: kind.name)
 def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
-    """The mirror image of the vehicle turns the other way, its left wheel is the right one and its node faces
-    the other way; forces mirror as vectors, rates as axial vectors."""
+    """The mirror image of the vehicle turns the other way.
+
+    Its left wheel is the right one and its node faces the other way; forces mirror as vectors, rates as axial
+    vectors.
+    """
     effect = [sized(kind)]
     gyro, accel = reads(effect, "left")
     mirrored_gyro, mirrored_accel = reads(effect, "right", side="right", yaw=-1.0)
     np.testing.assert_allclose(mirrored_accel, np.array([[1.0], [-1.0], [1.0]]) * accel, rtol=0, atol=1e-9)
     np.testing.assert_allclose(mirrored_gyro, np.array([[-1.0], [1.0], [-1.0]]) * gyro, rtol=0, atol=1e-9)
+
+
+def shaken(effects, power_on=-30.0):
+    """(true gyro, true accel), (read gyro, read accel), age, temperature of a node that is shaken by hand."""
+    t = np.arange(0.0, 8.0, 0.01)
+    still = Inputs(through(t, 0.0 * t), through(t, 0.0 * t), t, 20.0 + 3.0 * t)
+
+    def carried(at):
+        rate = np.stack([3.0 * np.sin(at), 20.0 * np.cos(0.7 * at), 25.0 * np.sin(1.3 * at)])
+        slope = np.stack([3.0 * np.cos(at), -14.0 * np.sin(0.7 * at), 32.5 * np.cos(1.3 * at)])
+        force = np.stack([5.0 * np.cos(at), 9.8 * np.sin(0.3 * at), 30.0 * np.cos(2.0 * at)])
+        return rate, slope, force
+
+    node = NodeForward(still, t, NodeMount(), 0.31, 0.92, power_on, carried)
+    read = node.mean(effects, Start())
+    rate, _, force = carried(t)
+    return (rate, force), (read.gyro, read.accel), t - power_on, 20.0 + 3.0 * t
+
+
+def correction(effects):
+    found = {
+        it.name: CalibratedEffect({name: Quantity(value, 0.0) for name, value in it.values().items()})
+        for it in effects
+    }
+    return SampleCorrection.from_calibration(NodeCalibration(found))
+
+
+@pytest.mark.parametrize("kind", [k for k in EFFECTS if k.undone], ids=lambda kind: kind.name)
+def test_forward_and_back_is_the_identity(kind):
+    true, read, age, warm = shaken([sized(kind)])
+    assert max(np.abs(r - w).max() for r, w in zip(read, true, strict=True)) > 1e-3
+    back = correction([sized(kind)]).apply(read[0].T, read[1].T, age=age, temperature=warm)
+    for made, wanted in zip(back, true, strict=True):
+        np.testing.assert_allclose(made.T, wanted, rtol=0, atol=1e-12)
+
+
+def test_forward_and_back_is_the_identity_of_all_together():
+    effects = [sized(kind) for kind in EFFECTS if kind.undone]
+    true, read, age, warm = shaken(effects)
+    back = correction(effects).apply(read[0].T, read[1].T, age=age, temperature=warm)
+    for made, wanted in zip(back, true, strict=True):
+        np.testing.assert_allclose(made.T, wanted, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("kind", [k for k in EFFECTS if not k.undone], ids=lambda kind: kind.name)
+def test_what_is_not_undone_stays_as_it_was_read(kind):
+    """It is no error of the sensor, or nobody can take it back: what is read then is what was read."""
+    made = {name: 3.0 * kind.scale(name) for name in kind.parameters()}
+    effect = kind(**{name: min(value, 1.0) if "prob" in name else value for name, value in made.items()})
+    _, read, age, warm = shaken([])
+    back = correction([effect]).apply(read[0].T, read[1].T, age=age, temperature=warm)
+    for made, wanted in zip(back, read, strict=True):
+        np.testing.assert_array_equal(made.T, wanted)
+
+
+def test_a_walk_wanders_as_fast_as_it_says():
+    """The variance of an increment over a time is the drift times that time (Brownian motion)."""
+    seed, step, ahead = 5, 0.01, 50
+    t = np.arange(0.0, 400.0, step)
+    walk = GyroRateRandomWalk(3e-3)
+    still = Inputs(through(t, 0.0 * t), through(t, 0.0 * t))
+    made = NodeForward(still, t, NodeMount(), 0.31, 0.92).felt([walk], Start(), np.random.default_rng(seed))
+    gone = made.gyro[:, ahead::ahead] - made.gyro[:, :-ahead:ahead]
+    # 2400 increments: their variance is known to 3 %.
+    assert np.mean(gone**2) == pytest.approx(walk.drift() * ahead * step, rel=0.12), f"seed {seed}"
+
+
+def test_a_corrected_speed_moves_the_place_and_pulls():
+    """0.3 + 0.02 t m/s more: 0.3 t + 0.01 t² m farther and 0.02 m/s² more, by hand."""
+    t = np.arange(0.0, 10.5, 0.5)
+    zero = np.zeros(len(t))
+    still = Body(t, *[zero] * 9)
+    made = SpeedCorrection(t, 0.3 + 0.02 * t).apply(still)
+    np.testing.assert_allclose(made.speed, 0.3 + 0.02 * t, atol=1e-15)
+    np.testing.assert_allclose(made.distance, 0.3 * t + 0.01 * t**2, atol=1e-12)
+    np.testing.assert_allclose(made.acceleration, 0.02, atol=1e-12)
+    np.testing.assert_array_equal(made.yaw_rate, zero)
+
+
+def test_the_tables_of_the_readme_are_those_of_the_classes():
+    tool = Path(__file__).parents[3] / "tools" / "gen_tables.py"
+    run = subprocess.run([sys.executable, tool, "--check"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
 
 
 def test_what_the_odometry_believes_is_positive_and_a_process_keeps_its_size():
@@ -108,3 +200,10 @@ def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
     np.testing.assert_allclose(added[0], 2e-3 * plain_force[1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(added[1], 1e-3 * plain_force[2], rtol=0, atol=1e-12)
     np.testing.assert_allclose(added[2], 0.0, rtol=0, atol=1e-15)
+
+
+def test_what_tells_two_effects_apart_does_not_depend_on_which_is_named_first():
+    words = "drive long and fast: gravity turning in ax and ay counts revolutions"
+    assert told_apart("gyro_scale_factor", "wheel_radius") == words
+    assert told_apart("wheel_radius", "gyro_scale_factor") == words
+    assert told_apart("wheel_radius", "outliers") == told_apart("empirical:gz ~ spin", "wheel_radius") == ""

@@ -1,5 +1,8 @@
-"""The sensor chain of the forward model: each effect against its formula written down a second time, the
-order of the chain against a slow version of it, sample by sample, and what an absent effect must not do."""
+"""The sensor chain of the forward model: each effect against its formula written down a second time.
+
+Besides: the order of the chain against a slow version of it, sample by sample, and what an absent effect must
+not do.
+"""
 
 import re
 from pathlib import Path
@@ -19,10 +22,10 @@ from hubodo.effects.gyro import (
     GyroQuantization,
     GyroRateRandomWalk,
     GyroSaturation,
-    GyroWarmup,
 )
 from hubodo.effects.mounting import NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
+from hubodo.effects.warmup import GyroWarmup
 from hubodo.model.forward import NodeForward, Start
 from hubodo.model.inputs import Inputs
 from hubodo.smooth import through
@@ -332,9 +335,10 @@ def test_a_node_off_the_wheels_goes_through_the_same_chain():
 
 def test_the_table_of_effects_in_the_readme_is_the_list_of_effects():
     readme = Path(__file__).parents[3] / "host/hubodo/model/README.md"
-    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|", readme.read_text("utf-8"), re.MULTILINE)
-    table = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
-    assert list(table) == [kind.name for kind in EFFECTS]
+    table = readme.read_text("utf-8").partition("<!-- generated: effects -->")[2].partition("<!-- end")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|", table, re.MULTILINE)
+    told = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
+    assert list(told) == [kind.name for kind in EFFECTS]
     for kind in EFFECTS:
-        assert table[kind.name] == (kind.level, list(kind.parameters())), kind.name
+        assert told[kind.name] == (kind.level, list(kind.parameters())), kind.name
     assert len(BY_NAME) == len(EFFECTS) == 28

@@ -10,7 +10,7 @@ import pytest
 from generators import start_gyro as start
 from generators.noise import gyro_noise
 from hubodo.cli import main
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.csv_table import read_table

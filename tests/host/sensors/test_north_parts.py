@@ -1,15 +1,11 @@
 """The parts of north-finding: stops, filters, drift covariance, advice, tables on a wire."""
 
-import os
-import pty
-import threading
-import tty
-
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
 from serial import Serial
 
+from fakes.fake_table import FakeTable
 from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.earth import EARTH_RATE
@@ -25,7 +21,7 @@ from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
 from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
 from hubodo.sensors.north.stops import TableMotion, split_stops
-from hubodo.sensors.north.table import SerialTable
+from hubodo.sensors.north.table import HandTable, SerialTable
 
 LATITUDE = np.radians(45)
 DT = 0.02
@@ -131,6 +127,24 @@ def test_random_walk_and_flicker_covariances_are_the_integrals_they_stand_for():
     assert np.linalg.eigvalsh(flicker(start, end)).min() > 0
 
 
+def test_the_covariance_is_the_sum_of_three_independent_noises():
+    """White noise averages as n² / T; a walk as K² times the integral of min; none takes from another."""
+    start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
+    n, b, k = 2.0, 3.0, 0.5
+    assert covariance(Drift(n, 0.0, 0.0), start, end) == pytest.approx(np.diag(n**2 / (end - start)))
+    walked = covariance(Drift(0.0, 0.0, k), start, end)
+    # Of two intervals one after the other the walk's mean over the first is all they share.
+    assert walked[0, 1] == pytest.approx(k**2 * (start[0] + end[0]) / 2, rel=1e-12)
+    # The mean of a walk over T from its start: K² T / 3.
+    assert walked[0, 0] == pytest.approx(k**2 * 1.5 / 3, rel=1e-12)
+    assert walked[2, 2] == pytest.approx(k**2 * (7.0 + 1.0 / 3), rel=1e-12)
+    flickered = covariance(Drift(0.0, b, 0.0), start, end)
+    assert np.linalg.eigvalsh(flickered).min() > 0
+    assert covariance(Drift(n, b, k), start, end) == pytest.approx(
+        np.diag(n**2 / (end - start)) + flickered + walked, rel=1e-12
+    )
+
+
 def test_the_allan_deviation_of_the_flicker_covariance_is_flat_at_0_664():
     t = np.arange(512.0)
     c = flicker(t, t + 1)
@@ -223,44 +237,47 @@ def test_a_leaning_table_is_named_with_what_it_costs():
     assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE) == []
 
 
-class FakeTable:
-    """A table at the far end of a pseudo terminal that answers as the protocol says."""
-
-    def __init__(self, off=0.0, silent=False):
-        self.far, near = pty.openpty()
-        tty.setraw(self.far)
-        self.path = os.ttyname(near)
-        self.at, self.off, self.silent = 0.0, off, silent
-        threading.Thread(target=self.serve, daemon=True).start()
-
-    def serve(self):
-        with os.fdopen(self.far, "rb+", buffering=0) as stream:
-            while line := stream.readline():
-                word, _, rest = line.decode().strip().partition(" ")
-                if self.silent:
-                    continue
-                if word == "GOTO":
-                    self.at = float(rest) + self.off
-                    stream.write(b"OK %.4f\n" % self.at)
-                elif word == "ANGLE?":
-                    stream.write(b"ANGLE %.4f\n" % self.at)
-                else:
-                    stream.write(b"ERR unknown command\n")
-
-
 def test_a_serial_table_is_driven_over_a_real_port():
-    with Serial(FakeTable().path, 115200, timeout=5) as port:
+    with FakeTable() as fake, Serial(fake.path, 115200, timeout=5) as port:
         table = SerialTable(port)
         table.turn_to(np.radians(-90.0))
         assert table.angle() == pytest.approx(np.radians(-90.0))
+        assert fake.visited == [pytest.approx(-90.0)]
 
 
 @pytest.mark.parametrize(
-    "fault, words", [({"off": 0.5}, "stopped at"), ({"silent": True}, "answered nothing")]
+    "fault, words",
+    [({"off": 0.5}, "stopped at"), ({"silent": True}, "answered nothing"), ({"jammed": True}, "ERR jammed")],
 )
 def test_a_table_that_misses_or_does_not_answer_is_an_error(fault, words):
-    with Serial(FakeTable(**fault).path, 115200, timeout=0.3) as port, pytest.raises(LinkError, match=words):
+    with (
+        FakeTable(**fault) as fake,
+        Serial(fake.path, 115200, timeout=0.3) as port,
+        pytest.raises(LinkError, match=words),
+    ):
         SerialTable(port).turn_to(1.0)
+
+
+def test_who_turns_a_table_by_hand_is_told_which_way_and_how_far():
+    lines = []
+    table = HandTable(lines.append)
+    for degrees in (0.0, 180.0, 90.0, -37.5):
+        table.turn_to(np.radians(degrees))
+    assert [line.partition(" on its scale")[0] for line in lines] == [
+        "turn the table to 0.0°",
+        "turn the table by 180.0° anticlockwise seen from above, to 180.0°",
+        "turn the table by 90.0° clockwise seen from above, to 90.0°",
+        "turn the table by 127.5° clockwise seen from above, to 322.5°",
+    ]
+    assert all(line.endswith("press Enter: ") for line in lines)
+
+
+def test_a_table_that_nobody_can_turn_is_an_error():
+    def closed(line):
+        raise EOFError
+
+    with pytest.raises(InputError, match="--table PORT"):
+        HandTable(closed).turn_to(1.0)
 
 
 def test_earth_turns_once_in_a_mean_sidereal_day():

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from generators.poses import Errors
 from hubodo.calibration.file import (
-    NONORTHOGONALITY,
     CalibratedEffect,
     Calibration,
     Quantity,
@@ -15,20 +14,30 @@ from hubodo.calibration.file import (
     read_calibration,
     write_calibration,
 )
-from hubodo.calibration.triad import Triad, effects_from_triad, triad_from, triad_from_effects
+from hubodo.calibration.triad import Triad, effects_from_triad, triad_from_effects
 from hubodo.errors import ConfigError
 
 small = st.floats(-0.2, 0.2)
 three = st.tuples(small, small, small)
-angles = st.fixed_dictionaries({name: st.floats(-0.1, 0.1) for name in NONORTHOGONALITY})
+angles = st.fixed_dictionaries({name: st.floats(-0.1, 0.1) for name in ("xz", "xy", "yz", "yx", "zy", "zx")})
+
+
+def made_of(b, e, d):
+    """The triad of a calibration with these biases, scale errors and angles."""
+    parts = {"gyro_bias": b, "gyro_scale_factor": e}
+    found = {
+        name: CalibratedEffect({a: Quantity(v, 0.0) for a, v in zip("xyz", values, strict=True)})
+        for name, values in parts.items()
+    }
+    angles = CalibratedEffect({name: Quantity(angle, 0.0) for name, angle in d.items()})
+    return triad_from_effects({**found, "gyro_nonorthogonality": angles}, "gyro")
 
 
 @given(three, three, angles, st.lists(three, min_size=1, max_size=5))
-def test_unapply_is_the_forward_model_written_out_by_hand_and_apply_undoes_it(b, e, d, true):
+def test_apply_undoes_the_forward_model_written_out_by_hand(b, e, d, true):
     true = np.array(true)
-    triad = triad_from(np.array(b), np.array(e), d)
-    raw = triad.unapply(true)
-    assert np.allclose(raw, Errors(b, e, d).measure(true), atol=1e-15)
+    triad = made_of(b, e, d)
+    raw = Errors(b, e, d).measure(true)
     assert np.allclose(triad.apply(raw), true, atol=1e-12)
     assert np.allclose(triad.apply(raw[0]), true[0], atol=1e-12)
 
@@ -36,13 +45,12 @@ def test_unapply_is_the_forward_model_written_out_by_hand_and_apply_undoes_it(b,
 def test_the_bias_comes_off_before_the_matrix_is_undone():
     triad = Triad(np.array([1.0, 0, 0]), np.diag([2.0, 1, 1]))
     assert triad.apply(np.array([5.0, 0, 0]))[0] == 2.0
-    assert triad.unapply(np.array([2.0, 0, 0]))[0] == 5.0
     assert triad.apply(np.array([5.5, 0, 0]), np.array([0.5, 0, 0]))[0] == 2.0
 
 
 @given(three, three, angles)
 def test_a_triad_survives_the_calibration_file(b, e, d):
-    triad = triad_from(np.array(b), np.array(e), d)
+    triad = made_of(b, e, d)
     made = effects_from_triad(triad, np.full(12, 1e-3), "gyro")
     back = triad_from_effects({name: CalibratedEffect(p) for name, p in made.items()}, "gyro")
     assert np.allclose(back.matrix, triad.matrix, atol=1e-15) and np.allclose(back.bias, triad.bias, atol=0)
@@ -73,11 +81,19 @@ def test_the_file_keeps_every_digit_the_provenance_and_what_was_in_it_before(tmp
         ("[nodes.a.effects.gyro_bais]\nx = {value=1, sigma=1}", "did you mean 'gyro_bias'"),
         ("[nodes.a.effects.gyro_bias]\nw = {value=1, sigma=1}", "unknown key 'w'"),
         ("[nodes.a.effects.gyro_bias]\nx = {value=nan, sigma=1}", "finite"),
-        ("[nodes.a.effects.gyro_bias]\nx = {value=1}", "sigma must be"),
+        ("[nodes.a.effects.gyro_bias]\nx = {value=1}", "sigma is missing"),
         ("[nodes.a.effects.gyro_bias]\nx = {value=1, sigma=-1}", "negative"),
         ("[nodes.a.effects.gyro_bias]\nx = 3", "must be a table"),
+        ("[nodes.a.effects.wheel_radius]\nerror = {value=2, sigma=1}", "must lie within ±0.9"),
+        ("[nodes.a.effects.gyro_rate_random_walk]\nk = {value=-1, sigma=1}", "must be above 0"),
+        (
+            "[nodes.a.effects.track_width]\nerror = {value=0, sigma=1}",
+            "move it to [vehicle.effects.track_width]",
+        ),
+        ("[nodes.a.effects.gyro_bias]\nmethod = 3", "must be a text"),
+        ("[vehicle]\nwheel_radius = 0.3", "unknown key 'wheel_radius'"),
         ("[node.a]", "did you mean 'nodes'"),
-        ("nodes = [", "is no TOML"),
+        ("nodes = [", "not TOML"),
     ],
 )
 def test_a_wrong_file_is_refused_with_the_place_and_a_near_match(tmp_path, text, words):
@@ -86,3 +102,12 @@ def test_a_wrong_file_is_refused_with_the_place_and_a_near_match(tmp_path, text,
     with pytest.raises(ConfigError) as caught:
         read_calibration(path)
     assert words in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_any_effect_of_the_model_may_be_calibrated(tmp_path):
+    path = tmp_path / "c.toml"
+    text = "[nodes.a.effects.wheel_camber]\nangle = {value=0.02, sigma=0.001}\n"
+    path.write_text(text + "[vehicle.effects.road_grade]\nangle = {value=0.01, sigma=0.001}\n")
+    read = read_calibration(path)
+    assert read.nodes["a"].effects["wheel_camber"].parameters == {"angle": Quantity(0.02, 0.001)}
+    assert read.vehicle["road_grade"].value("angle") == 0.01

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, curve_fit
 
 from generators import start_gyro as start
-from hubodo.effects.warmup_models import PARAMETERS, WarmupModel
+from hubodo.effects.warmup import PARAMETERS, WarmupModel
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.warmup.characterise import characterise_warmup

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from hubodo.effects.warmup_models import REFERENCE_CELSIUS, WarmupModel
+from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.warmup import WarmupModel
 
 
 class BiasRecursion:

@@ -17,6 +17,8 @@ import numpy as np
 
 TX_FIFO = 256
 RX_FIFO = 1024
+TERMINAL_BYTES = 4096
+"""What a pseudo terminal of Linux holds for a host that does not read."""
 
 
 class HostLink(Protocol):
@@ -180,15 +182,23 @@ class PtyLink:
 
 
 class MemoryLink:
-    """A host that takes everything and is always there; what it says is a script of (s, bytes)."""
+    """A host that is always there; what it says is a script of (s, bytes).
 
-    def __init__(self, script: Sequence[tuple[float, bytes]] = ()) -> None:
+    It takes everything, but for the stretches (from s, to s) of `deaf`, in which it does not read: its
+    terminal then takes what one holds.
+    """
+
+    def __init__(
+        self, script: Sequence[tuple[float, bytes]] = (), deaf: Sequence[tuple[float, float]] = ()
+    ) -> None:
         self.counts: Counter[str] = Counter()
         self.output = bytearray()
         self.arrivals: list[tuple[float, int]] = []
         """(s, bytes that had come by then), for each write."""
         self.t = 0.0
         self._script = sorted(script)
+        self._deaf = tuple(deaf)
+        self._unread = 0
         self.host_open = self.plugged = True
 
     def read(self) -> bytes:
@@ -199,7 +209,12 @@ class MemoryLink:
         return data
 
     def write(self, data: bytes) -> int:
-        """Takes all."""
+        """Takes all, or what still fits in the terminal of a host that does not read."""
+        if any(begin <= self.t < end for begin, end in self._deaf):
+            data = data[: TERMINAL_BYTES - self._unread]
+            self._unread += len(data)
+        else:
+            self._unread = 0
         self.output += data
         self.arrivals.append((self.t, len(self.output)))
         self.counts["written"] += len(data)

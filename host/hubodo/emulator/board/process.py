@@ -56,7 +56,7 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     chips: dict[str, RegisterChip] = {"imu": IMUS[sensors.chip](spec.motion, specimen)}
     if sensors.magnetometer:
         chips["mag"] = Lis3mdl(spec.motion, specimen)
-    link: HostLink = MemoryLink(host.script) if host.link == "memory" else PtyLink(host.path)
+    link: HostLink = MemoryLink(host.script, host.deaf) if host.link == "memory" else PtyLink(host.path)
     board = VirtualBoard(
         spec.board,
         spec.clock,

@@ -98,6 +98,7 @@ class Host:
         path: where the symbolic link on the terminal of the moment shall be; made up when None.
         wait: whether the board is switched on only when a host has the port open.
         script: with link "memory", (s, bytes) that reach the board at these times.
+        deaf: with link "memory", (from s, to s) in which the host has the port open and does not read.
         corrupt, lose: probability per byte from the board that it is changed, or missing.
         log: whether everything the board writes is kept, with and without that noise.
     """
@@ -106,6 +107,7 @@ class Host:
     path: Path | None = None
     wait: bool = False
     script: tuple[tuple[float, bytes], ...] = ()
+    deaf: tuple[tuple[float, float], ...] = ()
     corrupt: float = 0.0
     lose: float = 0.0
     log: bool = False

@@ -1,7 +1,8 @@
-"""GNSS fixes and headings as they stand in a log, to what the graph can use; what it cannot is said."""
+"""GNSS fixes as they stand in a log, to what the graph can use; what it cannot is said."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,16 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.between import Complex
+from hubodo.fuse.graph.factors.position import PositionFactors
+from hubodo.fuse.graph.steps import CutPath
 from hubodo.fuse.projection import FARTHEST, LocalFrame, local_frame
 
 _FINEST = 0.005
+"""m; the centre of an antenna is no better known, whatever a receiver says."""
+_AWAY = 1e7
+"""m; a fix beyond the grid is a quarter of the way round the Earth, for a loss to refuse."""
 _EDGE = 2.0
 """s; a receiver that runs a little longer than the wheels is nothing to speak of."""
 
@@ -29,15 +36,6 @@ class Fixes:
 
 
 @dataclass(frozen=True, eq=False)
-class Headings:
-    """Headings, each (N,). t: s; heading: rad, anticlockwise from east; sigma: rad or None."""
-
-    t: Array
-    heading: Array
-    sigma: Array | None = None
-
-
-@dataclass(frozen=True, eq=False)
 class LocalFixes:
     """Usable fixes, (M,). row: their numbers in the input; place: east + i north of the frame, m; warnings:
     one line for each reason why others are missing."""
@@ -47,7 +45,32 @@ class LocalFixes:
     place: Complex
     sigma: Array
     frame: LocalFrame
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def marks(self) -> Array:
+        """A pose stands at each fix."""
+        return self.t
+
+    def factors(self, cut: CutPath, config: GraphConfig) -> PositionFactors:
+        """One for each fix; the times must be among those of the poses."""
+        state = np.searchsorted(cut.state_t, self.t)
+        place = np.column_stack([self.place.real, self.place.imag])
+        return PositionFactors(state, place, self.sigma, cut.velocity[state], config.antenna)
+
+    def chosen(self, keep: NDArray[np.bool_]) -> LocalFixes:
+        """Those with a flag that is set."""
+        own = (self.row[keep], self.t[keep], self.place[keep], self.sigma[keep])
+        return LocalFixes(*own, self.frame, self.warnings)
+
+
+def one_fix(fix: Fixes, frame: LocalFrame, config: GraphConfig, growth: float) -> LocalFixes:
+    """A fix as it comes, in a frame that stands. growth: times which its sigma is widened."""
+    own = math.nan if fix.sigma is None else float(fix.sigma[0])
+    sigma = own if config.declared and math.isfinite(own) and own > 0.0 else config.gnss_sigma
+    x, y = frame.to_local(fix.latitude_deg, fix.longitude_deg)
+    place = np.nan_to_num(x, posinf=_AWAY, neginf=-_AWAY) + 1j * np.nan_to_num(y, posinf=_AWAY, neginf=-_AWAY)
+    return LocalFixes(np.zeros(1, np.intp), fix.t, place, np.array([max(sigma, _FINEST) * growth]), frame)
 
 
 def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared: bool) -> LocalFixes:
@@ -103,26 +126,3 @@ def _say(warnings: list[str], fixes: Fixes, bad: NDArray[np.bool_], why: str) ->
             f"gnss: {len(rows)} of {len(bad)} fixes left out, the first in row {rows[0] + 1} "
             f"(t = {fixes.t[rows[0]]:.3f} s): they {why}"
         )
-
-
-def headings_at(
-    headings: Headings, state_t: Array, path_t: Array, path_heading: Array, sigma: float
-) -> tuple[NDArray[np.intp], Array, Array]:
-    """Headings carried to the nearest pose by the odometry's own turning, one for each pose that has any.
-
-    state_t: (n,) s; path_t, path_heading: (P,) the odometry, heading in rad, unwrapped. Returns pose,
-    heading, 1 sigma; readings of one pose are averaged and count as one, for a compass errs alike for
-    longer than a second.
-    """
-    after = np.clip(np.searchsorted(state_t, headings.t), 1, len(state_t) - 1)
-    nearest = after - (headings.t - state_t[after - 1] < state_t[after] - headings.t)
-    use = (headings.t >= state_t[0]) & (headings.t <= state_t[-1]) & np.isfinite(headings.heading)
-    turned = np.interp(headings.t, path_t, path_heading) - np.interp(state_t[nearest], path_t, path_heading)
-    pose, inverse = np.unique(nearest[use], return_inverse=True)
-    total = np.zeros(len(pose), np.complex128)
-    np.add.at(total, inverse, np.exp(1j * (headings.heading - turned))[use])
-    own = np.full(len(headings.t), np.nan) if headings.sigma is None else np.asarray(headings.sigma)
-    own = np.where(np.isfinite(own) & (own > 0.0), own, sigma)[use]
-    least = np.full(len(pose), np.inf)
-    np.minimum.at(least, inverse, own)
-    return pose.astype(np.intp), np.angle(total), np.maximum(least, 1e-4)

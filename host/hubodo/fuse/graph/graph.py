@@ -3,31 +3,41 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.fuse.graph.alignment import align
+from hubodo.fuse.graph.build import build, prior_of
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factors.between import BetweenFactors, Complex, whitening
-from hubodo.fuse.graph.factors.constants import COUNT, DELAY, ConstantsFactor
-from hubodo.fuse.graph.factors.heading import HeadingFactors
-from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.factors.start import StartFactor
-from hubodo.fuse.graph.fixes import Fixes, Headings, LocalFixes, headings_at, usable_fixes
-from hubodo.fuse.graph.review import error_growth, review, stretches
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
+from hubodo.fuse.graph.factors.factor import stretches
+from hubodo.fuse.graph.factors.heading import Headings
+from hubodo.fuse.graph.factors.prior import ConstantsFactor
+from hubodo.fuse.graph.fixes import Fixes, LocalFixes, usable_fixes
+from hubodo.fuse.graph.measurement import Measurement
+from hubodo.fuse.graph.review import error_growth, review
 from hubodo.fuse.graph.screening import scatter, without_jumps
-from hubodo.fuse.graph.solver import Graph, Solution, solve, solve_from_afar
-from hubodo.fuse.graph.steps import CutPath, OdometryPath, cut_path
-from hubodo.fuse.graph.track import GraphTrack, Problem, track_of
+from hubodo.fuse.graph.solver import Solution, solve, solve_from_afar
+from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.graph.track import DriveGraph, GraphTrack, track_of
 
 _WIDE_DELAY = 2.0
+"""s; 1 sigma of the fixes' delay while it is searched: a receiver's latency with a clock set by hand."""
 _PLAIN = 3.5
+"""Sigmas beyond which a delay is plainly there: by chance in one log of two thousand."""
+_LARGE = 3.0
+"""Times which a delay must exceed the configured sigma to be undone; less than that the graph takes up."""
 _LONGEST_DELAY = 10.0
-_GROWTHS = 3
-_FAR_OFF = 1e4
+"""s; what looks longer is another clock, or no delay."""
+_ROUNDS = 4
+"""Times the fixes are moved: each leaves a tenth of a delay or less."""
+_SETTLED = 0.2
+"""Sigmas; a delay that is left below this is found."""
+_GROWTHS, _GROWN = 3, 1.05
+"""Rounds of widening sigmas, and how much a round must widen them to be worth it."""
 
 
 def fuse_graph(
@@ -35,12 +45,14 @@ def fuse_graph(
     fixes: Fixes | None,
     headings: Headings | None = None,
     config: GraphConfig | None = None,
+    others: Sequence[Measurement] = (),
 ) -> GraphTrack:
     """The most probable track of a whole drive.
 
-    Raises InputError when there are fixes and none is usable, ConfigError when pyproj is missing.
+    others: whatever else was measured. Raises InputError when there are fixes and none is usable.
     """
     config = config or GraphConfig()
+    beside = ([headings] if headings is not None else []) + list(others)
     local = None
     if fixes is not None:
         local = usable_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.declared)
@@ -49,33 +61,38 @@ def fuse_graph(
     if local is not None and config.honest:
         local, grown, said = _screened(path, local)
         warnings += said
-    widest = replace(config.constants, delay=_WIDE_DELAY) if config.search_delay else config.constants
-    problem = build(path, local, headings, replace(config, constants=widest))
-    solution = solve_from_afar(problem.graph, problem.poses, np.zeros(COUNT))
+    widest = replace(config.constants, gnss_delay=_WIDE_DELAY) if config.search_delay else config.constants
+    wide = replace(config, constants=widest)
+    drive = build(path, _all(local, beside), wide)
+    solution = solve_from_afar(drive.graph, drive.poses, np.zeros(COUNT))
 
     told, wider = local, 1.0
     lasting: list[str] = []
     for _ in range(_GROWTHS if config.honest else 0):
-        growth, why = error_growth(problem.graph, solution, wider)
-        if told is None or growth < 1.05 * wider:
+        growth, why = error_growth(drive.graph, solution, wider)
+        if told is None or growth < _GROWN * wider:
             break
         wider, lasting = growth, why
         local = replace(told, sigma=told.sigma * wider)
-        problem = build(path, local, headings, replace(config, constants=widest), solution)
-        solution = solve(problem.graph, solution.poses, solution.constants)
+        drive = build(path, _all(local, beside), wide, solution)
+        solution = solve(drive.graph, solution.poses, solution.constants)
     warnings += lasting
     shift = 0.0
     if config.search_delay and local is not None:
-        shift, problem, solution = _delay(path, local, headings, config, problem, solution)
+        shift, drive, solution = _delay(path, local, beside, config, drive, solution)
         if shift != 0.0:
             warnings.append(
                 f"gnss: the fixes name places {shift:+.2f} s from their time stamps; "
                 "undone here; check the receiver's clock and where its antenna is"
             )
-    solution = solve(problem.graph, solution.poses, solution.constants, "all")
-    warnings += review(problem.graph, solution, problem.cut.state_t, problem.heading_known)
+    solution = solve(drive.graph, solution.poses, solution.constants, "all")
+    warnings += review(drive.graph, solution, drive.cut.state_t, drive.heading_known)
     frame = local.frame if local is not None else None
-    return track_of(path, problem, solution, frame, grown * wider, shift, tuple(warnings))
+    return track_of(path, drive, solution, frame, grown * wider, shift, tuple(warnings))
+
+
+def _all(local: LocalFixes | None, beside: Sequence[Measurement]) -> list[Measurement]:
+    return [*([local] if local is not None else []), *beside]
 
 
 def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
@@ -96,111 +113,27 @@ def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float,
             f"gnss: {last - first + 1} fixes from t = {local.t[first]:.1f} to {local.t[last]:.1f} s "
             f"jumped, by {jump:.0f} m; left out"
         )
-    kept = LocalFixes(
-        local.row[keep], local.t[keep], local.place[keep], local.sigma[keep], local.frame, local.warnings
-    )
-    return kept, size, said
-
-
-def build(
-    path: OdometryPath,
-    local: LocalFixes | None,
-    headings: Headings | None,
-    config: GraphConfig,
-    solution: Solution | None = None,
-) -> Problem:
-    """The graph of a drive: a pose at each fix, at both ends, and where they would be further apart than
-    `knot`.
-
-    solution: of a graph with the same poses, in place of a first guess.
-    """
-    marks = local.t if local is not None else path.t[:0]
-    cut = cut_path(path, _state_times(path.t[0], path.t[-1], marks, config.knot), config.noise)
-    unwrapped = np.unwrap(path.heading)
-    seen = None
-    if headings is not None and len(headings.t) > 0:
-        found = headings_at(headings, cut.state_t, path.t, unwrapped, config.heading_sigma)
-        seen = HeadingFactors(*found) if len(found[0]) > 0 else None
-    positions, poses, known = None, cut.pose.copy(), config.start_heading is not None
-    turn = 0.0 if config.start_heading is None else config.start_heading - poses[0, 2]
-    if not known and seen is not None:
-        off = np.exp(1j * (seen.heading - poses[seen.state, 2]))
-        turn, known = float(np.angle(off.sum())), True
-    place = np.exp(1j * turn) * (poses[:, 0] + 1j * poses[:, 1])
-    if local is not None:
-        state = np.searchsorted(cut.state_t, local.t)
-        positions = PositionFactors(
-            state,
-            np.column_stack([local.place.real, local.place.imag]),
-            local.sigma,
-            cut.velocity[state],
-            config.antenna,
-        )
-        laid, place, by_fixes = _laid_on(local, cut, place)
-        known = known or by_fixes
-        poses[:, 2] += laid
-    poses[:, 2] += turn
-    poses[:, 0], poses[:, 1] = place.real, place.imag
-    if solution is not None:
-        poses = solution.poses
-    start_sigma = np.array([_FAR_OFF, _FAR_OFF, math.pi / math.sqrt(3.0)])
-    if local is None:
-        start_sigma[:2] = 1e-3
-    start = poses[0].copy()
-    if config.start_heading is not None:
-        start[2] = start[2] + math.remainder(config.start_heading - start[2], 2.0 * math.pi)
-        start_sigma[2] = config.start_heading_sigma
-    graph = Graph(
-        BetweenFactors(cut.steps, whitening(cut.steps.covariance)),
-        StartFactor(0, start, start_sigma),
-        ConstantsFactor(np.zeros(COUNT), config.constants.array()),
-        positions,
-        seen,
-        config.losses,
-    )
-    return Problem(graph, poses, cut, known)
-
-
-def _laid_on(local: LocalFixes, cut: CutPath, place: Complex) -> tuple[Array, Complex, bool]:
-    """How far each pose (n,) turns to lie on the fixes, where it is then, and whether the fixes told the
-    turn."""
-    at_fix = place[np.searchsorted(cut.state_t, local.t)]
-    laid = align(at_fix, local.place, local.sigma)
-    shift = laid.place - np.exp(1j * laid.heading) * at_fix
-    turn = np.interp(cut.state_t, local.t, laid.heading)
-    east, north = (np.interp(cut.state_t, local.t, part) for part in (shift.real, shift.imag))
-    return turn, np.exp(1j * turn) * place + east + 1j * north, laid.found
-
-
-def _state_times(begin: float, end: float, marks: Array, knot: float) -> Array:
-    """Times of the poses: marks and both ends, and between them as many more as keep gaps below `knot`."""
-    t = np.union1d(marks, np.array([begin, end]))
-    gaps = np.diff(t)
-    pieces = np.maximum(np.ceil(gaps / knot - 1e-9), 1.0).astype(np.intp)
-    first = np.repeat(t[:-1], pieces)
-    number = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    return np.append(first + number * np.repeat(gaps / pieces, pieces), t[-1])
+    return local.chosen(keep), size, said
 
 
 def _delay(
     path: OdometryPath,
     local: LocalFixes,
-    headings: Headings | None,
+    beside: Sequence[Measurement],
     config: GraphConfig,
-    problem: Problem,
+    drive: DriveGraph,
     solution: Solution,
-) -> tuple[float, Problem, Solution]:
+) -> tuple[float, DriveGraph, Solution]:
     """The offset of the fixes' time stamps, in seconds, if they plainly show one, with the graph that has
     it undone; else 0 with the graph in which it is as small as configured."""
-    wide = replace(config, constants=replace(config.constants, delay=_WIDE_DELAY))
-    narrow = ConstantsFactor(np.zeros(COUNT), config.constants.array())
-    without = replace(problem, graph=replace(problem.graph, constants=narrow)), solution
+    wide = replace(config, constants=replace(config.constants, gnss_delay=_WIDE_DELAY))
+    without = replace(drive, graph=_with_prior(drive.graph, prior_of(config))), solution
     shift = 0.0
-    for _ in range(4):
-        solution = solve(problem.graph, solution.poses, solution.constants, "constants")
-        step = float(solution.constants[DELAY])
-        sigma = math.sqrt(solution.constants_covariance[DELAY, DELAY])
-        if shift == 0.0 and abs(step) < max(_PLAIN * sigma, 3.0 * config.constants.delay):
+    for _ in range(_ROUNDS):
+        solution = solve(drive.graph, solution.poses, solution.constants, "constants")
+        step = float(solution.constants[GNSS_DELAY])
+        sigma = math.sqrt(solution.constants_covariance[GNSS_DELAY, GNSS_DELAY])
+        if shift == 0.0 and abs(step) < max(_PLAIN * sigma, _LARGE * config.constants.gnss_delay):
             return 0.0, *without
         shift += step
         if abs(shift) > _LONGEST_DELAY:
@@ -211,17 +144,19 @@ def _delay(
             raise InputError(
                 "gnss: the fixes' clock differs from the odometry's by more than the drive lasts"
             )
-        later = LocalFixes(
-            local.row[inside], moved[inside], local.place[inside], local.sigma[inside], local.frame, ()
-        )
-        problem = build(path, later, headings, wide)
-        solution = solve_from_afar(problem.graph, problem.poses, np.zeros(COUNT))
-        if abs(solution.constants[DELAY]) < 0.2 * sigma:
+        later = replace(local, t=moved, warnings=()).chosen(inside)
+        drive = build(path, _all(later, beside), wide)
+        solution = solve_from_afar(drive.graph, drive.poses, np.zeros(COUNT))
+        if abs(solution.constants[GNSS_DELAY]) < _SETTLED * sigma:
             break
     plain = solve(without[0].graph, without[1].poses, without[1].constants)
     if solution.cost > plain.cost - 0.5 * _PLAIN**2:
         return 0.0, *without
-    return shift, problem, solution
+    return shift, drive, solution
+
+
+def _with_prior(graph: Graph, prior: ConstantsFactor) -> Graph:
+    return Graph(tuple(prior if isinstance(factor, ConstantsFactor) else factor for factor in graph.factors))
 
 
 __all__ = ["Fixes", "GraphConfig", "GraphTrack", "Headings", "OdometryPath", "build", "fuse_graph"]

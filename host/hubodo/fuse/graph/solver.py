@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,63 +12,35 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.chain import solve_chain
-from hubodo.fuse.graph.factors.between import BetweenFactors
-from hubodo.fuse.graph.factors.constants import COUNT, ConstantsFactor
-from hubodo.fuse.graph.factors.heading import HeadingFactors
-from hubodo.fuse.graph.factors.linear import QUADRATIC, Linear, Loss
-from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.factors.start import StartFactor
+from hubodo.fuse.graph.factor_graph import Graph, cost_of
+from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factors.factor import Linear
+from hubodo.fuse.graph.factors.loss import Loss
 
 _MOST = 60
+"""Steps; a first guess that is any good takes five to ten."""
 _NEAR = np.array([1e-4, 1e-4, 1e-6])
-_STEEP = 1e9
+"""m, m, rad: a step below a tenth of a millimetre changes nothing that anyone can measure."""
+_LEVEL = 1e-7
+"""Of the cost: an undamped step that gains less has arrived."""
+_SLACK = 1e-9
+"""Of the cost, by which rounding may make a step at the optimum look uphill."""
+_FIRST_DAMPING, _STEEP = 1e-4, 1e9
+"""Of the diagonal: the least damping that helps, and the most, beyond which no step is downhill."""
 _PORTION = 1024
 """Factors multiplied at a time: what is made of them stays in the processor's cache."""
-
-
-@dataclass(frozen=True, slots=True)
-class Losses:
-    """What each kind of measurement may be: of three rows, two and one."""
-
-    between: Loss = field(default=Loss("huber", 25.0))
-    position: Loss = field(default=Loss("bounded", 12.0))
-    heading: Loss = field(default=Loss("bounded", 9.0))
-
-
-@dataclass(frozen=True, eq=False)
-class Graph:
-    """All factors. positions and headings have at most one factor per pose and may be None."""
-
-    between: BetweenFactors
-    start: StartFactor
-    constants: ConstantsFactor
-    positions: PositionFactors | None = None
-    headings: HeadingFactors | None = None
-    losses: Losses = field(default_factory=Losses)
-
-    def linear(self, poses: Array, constants: Array) -> list[tuple[Linear, Loss]]:
-        """Every kind of factor about poses (n, 3) and constants (6,)."""
-        made = [
-            (self.between.linear(poses, constants), self.losses.between),
-            (self.start.linear(poses), QUADRATIC),
-            (self.constants.linear(constants), QUADRATIC),
-        ]
-        if self.positions is not None:
-            made.append((self.positions.linear(poses, constants), self.losses.position))
-        if self.headings is not None:
-            made.append((self.headings.linear(poses, constants), self.losses.heading))
-        return made
-
-    def cost(self, poses: Array, constants: Array) -> float:
-        """What the solution minimises: robust losses, half of the squares."""
-        return _cost(self.linear(poses, constants))
+POSE, CONSTANTS = slice(0, 3), slice(3, 3 + COUNT)
+RESIDUAL, NEXT = 3 + COUNT, slice(4 + COUNT, 7 + COUNT)
+"""Columns of a factor's rows as the solver lays them side by side."""
+COMMON = slice(CONSTANTS.start, RESIDUAL + 1)
+"""The columns that all poses share: the constants and the residual."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """poses: (n, 3) x, y, heading; constants: (6,). covariance: (n, 3, 3) of each pose, start_covariance:
-    (n, 3, 3) of pose k with pose 0, constants_covariance: (6, 6); empty unless asked for. iterations: taken;
-    converged: before the most allowed."""
+    """poses: (n, 3) x, y, heading; constants: (COUNT,). covariance: (n, 3, 3) of each pose, start_covariance:
+    (n, 3, 3) of pose k with pose 0, constants_covariance: (COUNT, COUNT); empty unless asked for.
+    iterations: taken; converged: before the most allowed."""
 
     poses: Array
     constants: Array
@@ -80,7 +53,10 @@ class Solution:
 
 
 def solve(
-    graph: Graph, poses: Array, constants: Array, covariance: Literal["none", "constants", "all"] = "none"
+    graph: Graph,
+    poses: Array,
+    constants: Array,
+    covariance: Literal["none", "constants", "all"] = "none",
 ) -> Solution:
     """From a first guess, by Gauss-Newton with iteratively reweighted losses, damped (Levenberg) where a
     step fails.
@@ -88,24 +64,24 @@ def solve(
     Raises InputError when the equations are singular, which a start factor on every drive rules out but for
     numbers beyond reason.
     """
-    damping, cost, linear = 0.0, np.inf, graph.linear(poses, constants)
-    cost = _cost(linear)
+    damping, linear = 0.0, graph.linear(poses, constants)
+    cost = cost_of(linear)
     converged, count = False, 0
     while count < _MOST and not converged:
         count += 1
         step, change = _step(linear, len(poses), damping)
         new_poses, new_constants = poses + step, constants + change
         tried = graph.linear(new_poses, new_constants)
-        new_cost = _cost(tried)
+        new_cost = cost_of(tried)
         small = bool(np.all(np.abs(step) < _NEAR))
-        if new_cost <= cost * (1.0 + 1e-9) + 1e-9:
-            converged = small or (damping == 0.0 and cost - new_cost < 1e-7 * (1.0 + cost))
+        if new_cost <= cost * (1.0 + _SLACK) + _SLACK:
+            converged = small or (damping == 0.0 and cost - new_cost < _LEVEL * (1.0 + cost))
             poses, constants, cost, linear = new_poses, new_constants, new_cost, tried
-            damping = 0.0 if damping < 1e-6 else damping * 0.1
+            damping = 0.0 if damping < 0.01 * _FIRST_DAMPING else damping * 0.1
         elif damping > _STEEP or small:
             converged = True
         else:
-            damping = max(damping * 10.0, 1e-4)
+            damping = max(damping * 10.0, _FIRST_DAMPING)
     nothing = np.zeros((0, 3, 3))
     made = Solution(poses, constants, cost, count, converged, nothing, nothing, np.zeros((0, COUNT)))
     if covariance == "none":
@@ -117,17 +93,20 @@ def solve(
 def solve_from_afar(graph: Graph, poses: Array, constants: Array) -> Solution:
     """As `solve`, at first with losses under which a fix far off still pulls, so that a poor guess is not
     kept."""
-    gentle = replace(graph, losses=Losses(graph.losses.between, Loss("huber", 4.0), Loss("huber", 4.0)))
-    first = solve(gentle, poses, constants)
+    first = solve(graph.under(lambda factor: factor.loss.for_a_guess()), poses, constants)
     return solve(graph, first.poses, first.constants)
 
 
-def _cost(linear: list[tuple[Linear, Loss]]) -> float:
-    return sum(float(loss.costs(_squares(item)).sum()) for item, loss in linear)
-
-
-def _squares(item: Linear) -> Array:
-    return np.asarray(np.einsum("ij,ij->i", item.residual, item.residual))
+def weighted_rows(item: Linear, loss: Loss) -> Iterator[tuple[NDArray[np.intp], Array]]:
+    """Poses (m,) and rows (m, r, columns) of a kind, portion by portion, each row times the root of what it
+    weighs; NEXT is there only for factors of two poses."""
+    root = np.sqrt(loss.weight(item.squares))[:, None, None]
+    parts = [item.by_state, item.by_constants, item.residual[:, :, None]]
+    if item.by_next is not None:
+        parts.append(item.by_next)
+    for first in range(0, len(root), _PORTION):
+        part = slice(first, first + _PORTION)
+        yield item.state[part], np.concatenate([block[part] for block in parts], axis=2) * root[part]
 
 
 @dataclass
@@ -152,33 +131,27 @@ def _normal(linear: list[tuple[Linear, Loss]], n: int) -> _Normal:
         np.zeros(COUNT),
     )
     for item, loss in linear:
-        root = np.sqrt(loss.weight(_squares(item)))[:, None, None]
-        parts = [item.by_state, item.by_constants, item.residual[:, :, None]]
-        if item.by_next is not None:
-            parts.append(item.by_next)
-        for first in range(0, len(root), _PORTION):
-            part = slice(first, first + _PORTION)
-            rows = np.concatenate([block[part] for block in parts], axis=2) * root[part]
-            _add(made, item.state[part], rows)
+        for state, rows in weighted_rows(item, loss):
+            _add(made, state, rows)
     return made
 
 
 def _add(made: _Normal, state: NDArray[np.intp], rows: Array) -> None:
-    """rows: (m, r, 10 or 13), weighted: by the pose, the constants, the residual, and by the next pose."""
+    """Squares of rows (m, r, columns), weighted, onto the blocks of their poses."""
     square = rows.transpose(0, 2, 1) @ rows
     k, after = _places(state)
-    made.diagonal[k] += square[:, :3, :3]
-    made.border[k] += square[:, :3, 3:9]
-    made.slope[k] += square[:, :3, 9]
-    common = rows[:, :, 3:10].reshape(-1, COUNT + 1)
+    made.diagonal[k] += square[:, POSE, POSE]
+    made.border[k] += square[:, POSE, CONSTANTS]
+    made.slope[k] += square[:, POSE, RESIDUAL]
+    common = rows[:, :, COMMON].reshape(-1, COUNT + 1)
     corner = common.T @ common
-    made.corner += corner[:6, :6]
-    made.corner_slope += corner[:6, 6]
-    if rows.shape[2] > 10:
-        made.diagonal[after] += square[:, 10:, 10:]
-        made.upper[k] += square[:, :3, 10:]
-        made.border[after] += square[:, 10:, 3:9]
-        made.slope[after] += square[:, 10:, 9]
+    made.corner += corner[:COUNT, :COUNT]
+    made.corner_slope += corner[:COUNT, COUNT]
+    if rows.shape[2] == NEXT.stop:
+        made.diagonal[after] += square[:, NEXT, NEXT]
+        made.upper[k] += square[:, POSE, NEXT]
+        made.border[after] += square[:, NEXT, CONSTANTS]
+        made.slope[after] += square[:, NEXT, RESIDUAL]
 
 
 def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:

@@ -89,6 +89,11 @@ class CutPath:
     velocity: Array
     pose: Array
 
+    def heading_at(self, t: Array) -> Array:
+        """(N,) rad of the odometry at times within the poses', unwrapped."""
+        ends = self.pose[self.stretch, 2] + self.turn_end[:, 0]
+        return np.asarray(np.interp(t, np.append(self.state_t[0], self.t), np.append(self.pose[0, 2], ends)))
+
 
 def cut_path(path: OdometryPath, state_t: Array, noise: StepNoise) -> CutPath:
     """Cut at state_t (n,), increasing, within the odometry's time; between its poses by linear

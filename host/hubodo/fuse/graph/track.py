@@ -8,8 +8,10 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
-from hubodo.fuse.graph.factors.constants import DELAY, NAMES
-from hubodo.fuse.graph.solver import Graph, Solution
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.constants import CURVATURE, GNSS_DELAY, NAMES, YAW_RATE, YAW_SCALE
+from hubodo.fuse.graph.factors.position import PositionFactors
+from hubodo.fuse.graph.solver import Solution
 from hubodo.fuse.graph.steps import CutPath, OdometryPath
 from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.track import Track
@@ -21,7 +23,7 @@ class GraphTrack:
 
     track: poses at the odometry's times, in metres east and north of `frame` (of the odometry's own start
     without GNSS). from_start: the same, shifted to begin at 0, 0, with sigmas of the way since. constants:
-    by the names of ConstantSigmas; delay is that of the fixes in all. fix_t: (M,) s of the usable fixes,
+    by the names of ConstantSigmas; gnss_delay is that of the fixes in all. fix_t: (M,) s of the usable fixes,
     fix_weight: (M,) 0 to 1, what each counted, sigma_growth: times which their sigma was widened.
     warnings: one line each. state_t: (n,) s of the graph's poses; graph, solution: for who wants more.
     """
@@ -40,7 +42,7 @@ class GraphTrack:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class DriveGraph:
     """A graph with its first guess, and how it came about. heading_known: whether anything tells the
     heading."""
 
@@ -52,7 +54,7 @@ class Problem:
 
 def track_of(
     path: OdometryPath,
-    problem: Problem,
+    drive: DriveGraph,
     solution: Solution,
     frame: LocalFrame | None,
     grown: float,
@@ -63,10 +65,10 @@ def track_of(
 
     grown: times which the fixes' sigma was widened. shift: s that was added to the fixes' times.
     """
-    cut, graph = problem.cut, problem.graph
+    cut, graph = drive.cut, drive.graph
     sigma_of = np.sqrt(np.diag(solution.constants_covariance))
     constants = {
-        name: Quantity(float(value) + (shift if index == DELAY else 0.0), float(sigma))
+        name: Quantity(float(value) + (shift if index == GNSS_DELAY else 0.0), float(sigma))
         for index, (name, value, sigma) in enumerate(zip(NAMES, solution.constants, sigma_of, strict=True))
     }
     variance = np.einsum("kii->ki", solution.covariance)
@@ -77,11 +79,11 @@ def track_of(
     track = _at_odometry(path, cut, graph, solution, variance)
     from_start = _at_odometry(path, cut, graph, solution, since)
     from_start = replace(from_start, x=from_start.x - track.x[0], y=from_start.y - track.y[0])
-    weight = np.zeros(0)
-    if graph.positions is not None:
-        item = graph.positions.linear(solution.poses, solution.constants)
-        weight = graph.losses.position.weight(np.einsum("ij,ij->i", item.residual, item.residual))
-    fix_t = cut.state_t[graph.positions.state] if graph.positions is not None else path.t[:0]
+    fix_t, weight = path.t[:0], np.zeros(0)
+    positions = graph.find(PositionFactors)
+    if positions is not None:
+        item = positions.linear(solution.poses, solution.constants)
+        fix_t, weight = cut.state_t[item.state], positions.loss.weight(item.squares)
     return GraphTrack(
         track,
         from_start,
@@ -106,7 +108,7 @@ def _at_odometry(
     moves = steps.moves(constants)
     total = np.cumsum(moves)
     since = total - (total - moves)[steps.first][cut.stretch]
-    turned = cut.turn_end @ (np.array([1.0, 0.0, 0.0]) + constants[1:4])
+    turned = cut.turn_end @ (np.array([1.0, 0.0, 0.0]) + constants[[YAW_SCALE, YAW_RATE, CURVATURE]])
     begin, end = poses[:-1][cut.stretch], poses[1:][cut.stretch]
     forward = np.exp(1j * begin[:, 2])
     moved = np.add.reduceat(moves, steps.first)[cut.stretch]

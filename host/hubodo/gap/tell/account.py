@@ -6,42 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from hubodo.effects import BY_NAME
 from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.gap.tell.result import Finding, GapResult, Value
 from hubodo.gap.tell.words import manoeuvre
 
 EMPIRICAL = "empirical:"
-# What an effect means to somebody who has the vehicle before him; a name without words speaks for itself.
-MEANING: Mapping[str, str] = {
-    "track_width": "the wheels are not as far apart as the model says",
-    "road_grade": "the road is not level",
-    "wheel_radius": "the wheel has another radius than the model says",
-    "tyre_growth": "the tyre grows with its spin",
-    "wheel_slip": "the wheel slips when it pulls or brakes",
-    "wheel_eccentricity": "the wheel does not turn about its centre",
-    "wheel_camber": "the wheel leans",
-    "lever_arm": "the sensor does not sit on the axle",
-    "node_misalignment": "the node is not mounted straight",
-    "gyro_lag": "the gyro answers late",
-    "gyro_scale_factor": "the gyro reads too much or too little, in proportion",
-    "gyro_nonorthogonality": "the axes of the gyro are not square",
-    "gyro_cubic": "the gyro bends at high rates",
-    "gyro_bias": "the gyro reads an offset",
-    "gyro_warmup": "the gyro's offset settles after power-on",
-    "gyro_temperature": "the gyro's offset follows the temperature",
-    "gyro_g_sensitivity": "the gyro feels acceleration",
-    "gyro_rate_random_walk": "the gyro's offset wanders at random",
-    "gyro_saturation": "the gyro cannot read rates beyond a limit",
-    "gyro_quantization": "the gyro reads in coarse steps",
-    "accel_scale_factor": "the accelerometer reads too much or too little, in proportion",
-    "accel_nonorthogonality": "the axes of the accelerometer are not square",
-    "accel_bias": "the accelerometer reads an offset",
-    "accel_saturation": "the accelerometer cannot read forces beyond a limit",
-    "outliers": "single readings are wild",
-    "sample_repeat": "stale samples are sent again",
-    "time_offset": "the samples are stamped late or early",
-    "clock_skew": "the node's clock runs fast or slow",
-}
 _HANDY: Mapping[str, tuple[float, str]] = {
     "rad": (57.29577951308232, "°"),
     "rad/s": (57.29577951308232, "°/s"),
@@ -78,7 +48,7 @@ def missing_words(named: Finding) -> str:
     """What one effect means and where it is, such as "the wheel leans (right)"."""
     if named.effect.startswith(EMPIRICAL):
         return f"a term without a known cause, {named.effect.removeprefix(EMPIRICAL).strip()}"
-    words = MEANING.get(named.effect, named.effect)
+    words = BY_NAME[named.effect].meaning
     place = {ALL: "all nodes", VEHICLE: ""}.get(named.scope, named.scope)
     return f"{words} ({place})" if place else words
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
-from hubodo.fuse.projection import LocalFrame, local_frame
+from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.wheel.step import Pose
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
@@ -30,8 +30,10 @@ _STEP = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FixSample:
-    """A GNSS fix: t_ns on the host's clock; sigma: m of each horizontal direction, None where the receiver
-    did not say."""
+    """A GNSS fix.
+
+    t_ns: on the host's clock. sigma: m of each horizontal direction, None where the receiver did not say.
+    """
 
     t_ns: int
     latitude_deg: float
@@ -46,9 +48,12 @@ def horizontal_sigma(east: float, north: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where
-    /odom's own frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of
-    origin_deg (latitude, longitude)."""
+    """Where the vehicle is on the map.
+
+    Rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where /odom's own frame lies on
+    the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of origin_deg (latitude,
+    longitude).
+    """
 
     t_ns: NDArray[np.int64]
     position: Array
@@ -79,16 +84,12 @@ class Located:
 
 
 class Localizer:
-    """The factor graph over a window of the last seconds, with a map frame that stays: that of its start.
-
-    Raises ConfigError when GTSAM or pyproj is missing.
-    """
+    """The factor graph over a window of the last minute, with a map frame that stays: that of its start."""
 
     def __init__(self, t_zero_ns: int, config: GraphConfig | None = None) -> None:
         """t_zero_ns: host time of t = 0 of the poses."""
         self._t_zero_ns = t_zero_ns
         self._graph = LiveGraph(config)
-        local_frame(0.0, 0.0)  # a missing pyproj is to be known now, not at the first fix
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0

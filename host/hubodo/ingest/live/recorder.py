@@ -13,8 +13,9 @@ from hubodo.ingest.link.link import Chunk, LinkLost, LinkNews, LinkUp
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
-from hubodo.ingest.live.localizer_process import Answer, LocalizerProcess
+from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
@@ -48,7 +49,7 @@ class Recorder:
         t_zero_ns: int = 0,
         odometry_rate_hz: float | None = None,
         clock_period: float = 1.0,
-        localizer: LocalizerProcess | None = None,
+        localizer: LocalizerThread | None = None,
     ) -> None:
         self.links = {label: LinkSession(label, sink) for label in links}
         self._order = ArrivalOrder()
@@ -62,7 +63,7 @@ class Recorder:
         self.located_poses = 0
         self.located_latency = Latency()
         self.locating = localizer is not None
-        """Whether odometry and fixes went to a localizer to its end."""
+        """Whether odometry and fixes go to a localizer."""
         self._localizer = localizer
         self.notices: list[str] = []
         self._calibration = calibration or Calibration()
@@ -164,14 +165,11 @@ class Recorder:
         return node
 
     def _name(self, label: str, node_id: int) -> str:
-        wanted = self._names[label]
         taken = {node.name for node in self.nodes.values()}
-        if wanted is not None and wanted not in taken:
-            return wanted
+        unique, clash = free_name(self._names[label], node_id, taken)
+        if not clash:
+            return unique
         name = node_name(node_id)
-        if name not in taken:
-            return name
-        unique = next(f"{name}_{n}" for n in range(2, 300) if f"{name}_{n}" not in taken)
         self.notices.append(
             f"{label}: another node called {name!r} is there already; this one is recorded as {unique!r}: "
             f"give ports names (left=/dev/...) or change the node id"
@@ -208,8 +206,6 @@ class Recorder:
         for line in answer.warnings:
             self.notices.append(f"map: {line}")
             self._sink.event(Event(now_ns, "warning", "map", line))
-        if answer.ended:
-            self._localizer, self.locating = None, self.located is not None
         located = answer.located
         if located is None:
             return

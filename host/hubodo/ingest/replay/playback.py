@@ -34,8 +34,10 @@ _FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the odometry of a log was made with. vehicle: None where the log does not tell. rate_hz: poses a
-    second at most."""
+    """What the odometry of a log was made with.
+
+    vehicle: None where the log does not tell. rate_hz: poses a second at most.
+    """
 
     vehicle: Vehicle | None
     calibration: Calibration | None
@@ -104,10 +106,7 @@ class Playback:
                 yield made
 
     def publications(self) -> Iterator[OdometryRows | Located]:
-        """`motions` and, where the log has fixes, what the localizer makes of both.
-
-        Raises ConfigError when GTSAM or pyproj is missing.
-        """
+        """`motions` and, where the log has fixes, what the localizer makes of both."""
         return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
 
     def _made(self, localizer: Localizer | None) -> Iterator[OdometryRows | Located]:

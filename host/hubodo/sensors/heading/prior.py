@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hubodo.calibration.file import CalibratedEffect
 from hubodo.calibration.triad import triad_from_effects
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
 

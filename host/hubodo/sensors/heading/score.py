@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Truth:
+class TrueHeading:
     """source: the file. t: (K,) s. heading: (K,) rad, unwrapped, as the file counts it."""
 
     source: str
@@ -47,7 +47,7 @@ class HeadingError:
 
 
 @dataclass(frozen=True)
-class Score:
+class HeadingScore:
     """errors: of the filter ("heading") and of its rivals. sigma: (K,) rad, what the filter says of its own.
 
     start: rad, the truth's heading where the track begins.
@@ -64,22 +64,22 @@ class Score:
         return self.errors["heading"].end / float(self.sigma[-1])
 
 
-def truth_of(recording: Recording) -> Truth | None:
+def truth_of(recording: Recording) -> TrueHeading | None:
     """The heading that `table.csv`, else `truth.csv`, else `heading.csv` tells; None where none does."""
     if recording.table is not None and len(recording.table) > 1:
         table = recording.table
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
-        return Truth("table.csv", table.t, motion.angle_at(table.t))
+        return TrueHeading("table.csv", table.t, motion.angle_at(table.t))
     for name, told in (("truth.csv", recording.truth), ("heading.csv", recording.heading)):
         if told is None or "heading" not in told:
             continue
         known = np.isfinite(told["heading"])
         if np.count_nonzero(known) > 1:
-            return Truth(name, told.t[known], np.unwrap(told["heading"][known]))
+            return TrueHeading(name, told.t[known], np.unwrap(told["heading"][known]))
     return None
 
 
-def score(track: HeadingTrack, truth: Truth) -> Score | None:
+def score(track: HeadingTrack, truth: TrueHeading) -> HeadingScore | None:
     """Errors where both have something to say; None where they have fewer than two rows in common."""
     inside = (truth.t >= track.t[0]) & (truth.t <= track.t[-1])
     if np.count_nonzero(inside) < 2:
@@ -93,4 +93,4 @@ def score(track: HeadingTrack, truth: Truth) -> Score | None:
     errors = {"heading": against(track.heading)}
     errors |= {name: against(values) for name, values in track.rivals.items()}
     start = float(heading[0] - np.interp(t[0], track.t, track.heading))
-    return Score(truth.source, start, errors, np.interp(t, track.t, track.sigma))
+    return HeadingScore(truth.source, start, errors, np.interp(t, track.t, track.sigma))

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise
-from hubodo.sensors.heading.score import Score
+from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.track import HeadingTrack
 
 
@@ -24,7 +24,7 @@ class HeadingReport:
     noise: BiasNoise
     scale_sigma: float
     track: HeadingTrack
-    score: Score | None
+    score: HeadingScore | None
     notes: tuple[str, ...]
 
     @property
@@ -65,7 +65,7 @@ class HeadingReport:
             "notes": list(self.notes),
         }
 
-    def _scored(self, score: Score) -> dict[str, Any]:
+    def _scored(self, score: HeadingScore) -> dict[str, Any]:
         made: dict[str, Any] = {"against": score.source, "end_in_sigma": score.end_in_sigma}
         for name, error in score.errors.items():
             made[name] = {

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.effects.warmup_models import WarmupModel
+from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
 from hubodo.sensors.heading.standstill import Spans
 

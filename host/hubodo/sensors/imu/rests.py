@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 WINDOW_S = 0.5
 """Length of the sliding window in which a sample must be quiet."""
 THRESHOLD = 3.0
-"""Times the noise floor. The 5 % quantile of the window deviation lies at 0.84 sigma for 50 samples, so 3
-times it is 2.5 sigma: the chance that white noise alone exceeds it is nil, and a turn exceeds it by
-orders."""
+"""Times the noise floor.
+
+The 5 % quantile of the window deviation lies at 0.84 sigma for 50 samples, so 3 times it is 2.5 sigma: the
+chance that white noise alone exceeds it is nil, and a turn exceeds it by orders.
+"""
 FLOOR_QUANTILE = 0.05
 MARGIN_S = 0.1
 """Cut off each end of a rest: a hand that lets go is felt before it is seen."""
@@ -24,8 +26,7 @@ CREEP_SIGMA = 6.0
 TURNING = 0.02
 """rad/s off the middle of all rests; no bias moves so far with pose, a node that quietly turns does."""
 CREEP_ACCEL = 0.02
-"""m/s²; halves of one rest that differ by more (and by CREEP_SIGMA) were not at rest: 0.12 degrees of
-tilt."""
+"""m/s²; halves of a rest that differ by more, and by CREEP_SIGMA, were none: 0.12 degrees of tilt."""
 
 
 @dataclass(frozen=True)
@@ -75,49 +76,18 @@ def find_rests(t: Array, gyro: Array, accel: Array, *, min_duration: float = 1.0
     gravity still creeps is left out and named. Raises CalibrationError when the record is too short, constant
     in all channels of a triad, or nowhere at rest.
     """
-    if len(t) < 2 or t[-1] - t[0] < min_duration:
-        raise CalibrationError(
-            f"the record is {t[-1] - t[0] if len(t) else 0:.1f} s long, shorter than one rest of "
-            f"{min_duration} s; "
-            "record longer"
-        )
-    for name, values in (("gyro", gyro), ("accel", accel)):
-        if not np.ptp(values, axis=0).any():
-            raise CalibrationError(f"the {name} never changes: the sensor is stuck or off; check the node")
-    step = float(np.median(np.diff(t)))
-    width = max(4, round(WINDOW_S / step))
-    if len(t) < 2 * width:
-        raise CalibrationError(
-            f"the record has only {len(t)} samples at {1 / step:.1f} Hz; record longer or faster"
-        )
+    step, width = _window(t, gyro, accel, min_duration)
     starts, ends = _runs(_quiet(gyro, width) & _quiet(accel, width), width, np.diff(t) > 5 * step)
     margin = round(MARGIN_S / step)
     starts, ends = starts + margin, ends - margin
     keep = (ends - starts) * step >= min_duration
     starts, ends = starts[keep], ends[keep]
-    rejected, good = [], []
-    for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
-        creep = _creep(accel[i:j])
-        if creep:
-            rejected.append(f"standstill at {t[i]:.1f}..{t[j - 1]:.1f} s left out: {creep}")
-        else:
-            good.append(k)
-    if good:
-        means = np.array([gyro[starts[k] : ends[k]].mean(axis=0) for k in good])
-        rate = np.linalg.norm(means - np.median(means, axis=0), axis=1)
-        rejected += [
-            f"standstill at {t[starts[k]]:.1f}..{t[ends[k] - 1]:.1f} s left out: the node turned at {r:.3f} "
-            f"rad/s in it"
-            for k, r in zip(good, rate, strict=True)
-            if r > TURNING
-        ]
-        good = [k for k, r in zip(good, rate, strict=True) if r <= TURNING]
+    good, rejected = _truly_at_rest(t, gyro, accel, starts, ends)
     if not good:
         why = f" ({rejected[0]})" if rejected else ""
         raise CalibrationError(
             f"no standstill of {min_duration} s was found{why}; put the node down and leave it for a few "
-            f"seconds "
-            "in each pose"
+            "seconds in each pose"
         )
     starts, ends = starts[good], ends[good]
     pairs = list(zip(starts, ends, strict=True))
@@ -131,6 +101,49 @@ def find_rests(t: Array, gyro: Array, accel: Array, *, min_duration: float = 1.0
         np.array([standard_error(accel[i:j], width) for i, j in pairs]),
         tuple(rejected),
     )
+
+
+def _window(t: Array, gyro: Array, accel: Array, min_duration: float) -> tuple[float, int]:
+    """s between samples, and samples of the sliding window. Raises CalibrationError for a useless record."""
+    if len(t) < 2 or t[-1] - t[0] < min_duration:
+        raise CalibrationError(
+            f"the record is {t[-1] - t[0] if len(t) else 0:.1f} s long, shorter than one rest of "
+            f"{min_duration} s; record longer"
+        )
+    for name, values in (("gyro", gyro), ("accel", accel)):
+        if not np.ptp(values, axis=0).any():
+            raise CalibrationError(f"the {name} never changes: the sensor is stuck or off; check the node")
+    step = float(np.median(np.diff(t)))
+    width = max(4, round(WINDOW_S / step))
+    if len(t) < 2 * width:
+        raise CalibrationError(
+            f"the record has only {len(t)} samples at {1 / step:.1f} Hz; record longer or faster"
+        )
+    return step, width
+
+
+def _truly_at_rest(
+    t: Array, gyro: Array, accel: Array, starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> tuple[list[int], list[str]]:
+    """Which quiet stretches are rests, and a line for each in which gravity creeps or the node turns."""
+    rejected, good = [], []
+    for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
+        creep = _creep(accel[i:j])
+        if creep:
+            rejected.append(f"standstill at {t[i]:.1f}..{t[j - 1]:.1f} s left out: {creep}")
+        else:
+            good.append(k)
+    if not good:
+        return good, rejected
+    means = np.array([gyro[starts[k] : ends[k]].mean(axis=0) for k in good])
+    rate = np.linalg.norm(means - np.median(means, axis=0), axis=1)
+    rejected += [
+        f"standstill at {t[starts[k]]:.1f}..{t[ends[k] - 1]:.1f} s left out: the node turned at {r:.3f} "
+        "rad/s in it"
+        for k, r in zip(good, rate, strict=True)
+        if r > TURNING
+    ]
+    return [k for k, r in zip(good, rate, strict=True) if r <= TURNING], rejected
 
 
 def find_steady_rates(
@@ -161,8 +174,10 @@ def find_steady_rates(
 
 
 def standard_error(values: Array, width: int) -> Array:
-    """(C,) 1 sigma of the mean of (N, C) values: the larger of white noise and of blocks of `width`
-    samples."""
+    """(C,) 1 sigma of the mean of (N, C) values, of white noise or of blocks of `width` samples.
+
+    The larger of both.
+    """
     n = len(values)
     white = values.std(axis=0, ddof=1) / np.sqrt(n)
     blocks = n // width

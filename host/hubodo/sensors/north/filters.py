@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.sensors.north.drift import Drift, covariance
+from hubodo.sensors.north.stops import Stops
 
 Array = NDArray[np.float64]
 Signs = NDArray[np.int64]
@@ -28,8 +30,10 @@ SLIDING = 5
 
 @dataclass(frozen=True)
 class Pairs:
-    """Half differences of opposite stops: first, second (P,) number of the stop along and of the one
-    against."""
+    """Half differences of opposite stops.
+
+    first, second: (P,) number of the stop along and of the one against.
+    """
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]
@@ -37,6 +41,19 @@ class Pairs:
     def rates(self, means: Array) -> Array:
         """(P,) rad/s, component along the direction."""
         return np.asarray((means[self.first] - means[self.second]) / 2)
+
+
+@dataclass(frozen=True)
+class Classical:
+    """One classical filter: rate rad/s and its sigma under the fitted drift.
+
+    Two components, along table zero and a quarter turn from it, and the azimuth (rad) where both were
+    measured; else the one along the stops.
+    """
+
+    rate: tuple[float, ...]
+    sigma: tuple[float, ...]
+    azimuth: float | None
 
 
 def opposite_pairs(sign: Signs, lag: int = 1) -> Pairs:
@@ -54,8 +71,10 @@ def opposite_pairs(sign: Signs, lag: int = 1) -> Pairs:
 
 
 def weights(name: str, sign: Signs) -> Array:
-    """(S,) weights of the named filter; rate = weights . means. Raises InputError for an unknown filter or
-    too few stops."""
+    """(S,) weights of the named filter, whose product with the means of the stops is the rate.
+
+    Raises InputError for an unknown filter or too few stops.
+    """
     if name not in FILTERS:
         raise InputError(f"filter {name!r} is unknown; choose from {', '.join(FILTERS)}")
     count = len(sign)
@@ -83,3 +102,27 @@ def along(angle: Array, direction: float, tolerance: float = np.radians(2.0)) ->
     off = np.cos(angle - direction)
     limit = np.cos(tolerance)
     return np.asarray(np.where(off > limit, 1, np.where(off < -limit, -1, 0)))
+
+
+def classical(stops: Stops, direction: float, drift: Drift) -> dict[str, Classical]:
+    """Each filter along `direction`, rad, and across it where stops point that way too."""
+    made = {}
+    spread = covariance(drift, stops.t[:, 0], stops.t[:, 1])
+    for name in FILTERS:
+        vectors = []
+        for quarter in (0.0, np.pi / 2):
+            sign = along(stops.angle, direction + quarter)
+            chosen = np.flatnonzero(sign)
+            if not ((sign > 0).any() and (sign < 0).any()):
+                continue
+            full = np.zeros(len(stops))
+            full[chosen] = weights(name, sign[chosen])
+            vectors.append(full)
+        if len(vectors) == 2:
+            c, s = np.cos(direction), np.sin(direction)
+            vectors = [c * vectors[0] - s * vectors[1], s * vectors[0] + c * vectors[1]]
+        rate = tuple(float(w @ stops.mean) for w in vectors)
+        sigma = tuple(float(np.sqrt(w @ spread @ w)) for w in vectors)
+        azimuth = float(np.arctan2(rate[1], rate[0])) if len(rate) == 2 else None
+        made[name] = Classical(rate, sigma, azimuth)
+    return made

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.north.circle import blind_axis, summarise
-from hubodo.sensors.north.drift import Drift, covariance
-from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
+from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.filters import Classical, along, classical, opposite_pairs
 from hubodo.sensors.north.ml import Averages, Posterior, average, estimate
 from hubodo.sensors.north.stops import Stops, TableMotion, split_stops
 
@@ -29,22 +29,13 @@ METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
 
 MIN_STOPS = 4
 MIN_HORIZONTAL = 0.05
-"""Of Earth rate; nearer the pole than 2.9 degrees, half a degree of tilt already outweighs what is left of
-it."""
+"""Of Earth rate, at 2.9 degrees from the pole.
+
+Nearer to it half a degree of tilt already outweighs what is left of it.
+"""
 AVERAGES = 240
 PER_TURN = 16
 MAX_TILT = np.radians(0.5)
-
-
-@dataclass(frozen=True)
-class Classical:
-    """One classical filter: rate rad/s and its sigma under the fitted drift. Two components, along table
-    zero and a quarter turn from it, and the azimuth (rad) where both were measured; else the one along the
-    stops."""
-
-    rate: tuple[float, ...]
-    sigma: tuple[float, ...]
-    azimuth: float | None
 
 
 @dataclass(frozen=True)
@@ -123,58 +114,81 @@ def find_north(
     if method not in METHODS:
         raise InputError(f"method {method!r} is unknown; choose from {', '.join(METHODS)}")
     check_scale(rate)
-    angle = table.angle_at(t) + mounting
-    warnings: list[str] = []
     if method == "carousel":
-        averages, duration = _carousel(t, rate, angle, table)
-        stops, direction = None, mounting
-        rates, cross = _per_turn(averages, t, angle)
-        elapsed = duration
+        seen = _carouselled(t, rate, table, mounting)
     else:
         stops = split_stops(t, rate, table, vertical=vertical, settle=settle)
-        stops = replace(stops, angle=stops.angle + mounting)
-        averages, duration = _stops(t, rate, stops, method)
-        direction = float(stops.angle[0])
-        if method == "east":
-            rates, cross = _turned_about(stops), np.zeros(0)
-        else:
-            rates, cross = (_single(stops, direction + quarter) for quarter in (0.0, np.pi / 2))
-        elapsed = float(stops.t[-1, 1] - stops.t[0, 0])
-    posterior = estimate(averages, horizontal, drift)
+        seen = _stopped(t, rate, replace(stops, angle=stops.angle + mounting), method)
+    posterior = estimate(seen.averages, horizontal, drift)
     azimuth, sigma, candidates = summarise(posterior, near)
+    filters = {}
+    if seen.stops is not None and method != "east":
+        filters = classical(seen.stops, seen.direction, posterior.drift)
+    return North(
+        method=method,
+        azimuth=azimuth,
+        sigma=sigma,
+        candidates=candidates,
+        direction=seen.direction,
+        rates=seen.rates,
+        cross=seen.cross,
+        duration=seen.duration,
+        elapsed=seen.elapsed,
+        horizontal=horizontal,
+        # Half of the information of a level axis that looks all ways evenly is across the azimuth.
+        white_bound=_white_bound(seen.averages, posterior.drift.n, azimuth, horizontal),
+        posterior=posterior,
+        filters=filters,
+        stops=seen.stops,
+        warnings=_doubts(candidates, sigma, near),
+    )
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What the axis felt of the Earth: averages for the likelihood, and single estimates as in `North`."""
+
+    averages: Averages
+    stops: Stops | None
+    direction: float
+    rates: Array
+    cross: Array
+    duration: float
+    elapsed: float
+
+
+def _carouselled(t: Array, rate: Array, table: TableMotion, mounting: float) -> _Seen:
+    angle = table.angle_at(t) + mounting
+    averages, duration = _carousel(t, rate, angle, table)
+    rates, cross = _per_turn(averages, t, angle)
+    return _Seen(averages, None, mounting, rates, cross, duration, duration)
+
+
+def _stopped(t: Array, rate: Array, stops: Stops, method: Method) -> _Seen:
+    averages, duration = _stops(t, rate, stops, method)
+    direction = float(stops.angle[0])
+    if method == "east":
+        rates, cross = _turned_about(stops), np.zeros(0)
+    else:
+        rates, cross = (_single(stops, direction + quarter) for quarter in (0.0, np.pi / 2))
+    elapsed = float(stops.t[-1, 1] - stops.t[0, 0])
+    return _Seen(averages, stops, direction, rates, cross, duration, elapsed)
+
+
+def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> tuple[str, ...]:
+    """A line for two azimuths that cannot be told apart, and for an answer that is none."""
+    warnings = []
     if len(candidates) > 1:
-        warnings.append(
-            "stops along one line leave two azimuths: "
-            + " and ".join(f"{np.degrees(c):.2f}" for c in candidates)
-            + " degrees; "
-            + (
-                "the nearer to the one given was taken"
-                if near is not None
-                else "add stops across, or say which is near"
-            )
+        both = " and ".join(f"{np.degrees(c):.2f}" for c in candidates)
+        choice = (
+            "add stops across, or say which is near"
+            if near is None
+            else "the nearer to the one given was taken"
         )
+        warnings.append(f"stops along one line leave two azimuths: {both} degrees; {choice}")
     if sigma > np.radians(45):
         warnings.append("this record does not show north: the uncertainty is as large as the answer")
-    filters = {} if stops is None or method == "east" else _classical(stops, direction, posterior.drift)
-    # Half of the information of a level axis that looks all ways evenly is across the azimuth.
-    bound = float(_white_bound(averages, posterior.drift.n, azimuth, horizontal))
-    return North(
-        method,
-        azimuth,
-        sigma,
-        candidates,
-        direction,
-        rates,
-        cross,
-        duration,
-        elapsed,
-        horizontal,
-        bound,
-        posterior,
-        filters,
-        stops,
-        tuple(warnings),
-    )
+    return tuple(warnings)
 
 
 def check_scale(rate: Array) -> None:
@@ -264,32 +278,11 @@ def _turned_about(stops: Stops) -> Array:
     return np.asarray(-np.diff(stops.mean)[about] / 2)
 
 
-def _classical(stops: Stops, direction: float, drift: Drift) -> dict[str, Classical]:
-    made = {}
-    spread = covariance(drift, stops.t[:, 0], stops.t[:, 1])
-    for name in FILTERS:
-        vectors = []
-        for quarter in (0.0, np.pi / 2):
-            sign = along(stops.angle, direction + quarter)
-            chosen = np.flatnonzero(sign)
-            if not ((sign > 0).any() and (sign < 0).any()):
-                continue
-            full = np.zeros(len(stops))
-            full[chosen] = weights(name, sign[chosen])
-            vectors.append(full)
-        if len(vectors) == 2:
-            c, s = np.cos(direction), np.sin(direction)
-            vectors = [c * vectors[0] - s * vectors[1], s * vectors[0] + c * vectors[1]]
-        rate = tuple(float(w @ stops.mean) for w in vectors)
-        sigma = tuple(float(np.sqrt(w @ spread @ w)) for w in vectors)
-        azimuth = float(np.arctan2(rate[1], rate[0])) if len(rate) == 2 else None
-        made[name] = Classical(rate, sigma, azimuth)
-    return made
-
-
 def _white_bound(averages: Averages, n: float, azimuth: float, horizontal: float) -> float:
-    """sigma of azimuth for white noise alone, at the true length: with even coverage sqrt(2/T) N /
-    horizontal."""
+    """1 sigma of azimuth for white noise alone, at the true length.
+
+    With even coverage sqrt(2/T) N / horizontal.
+    """
     across = horizontal * (-np.sin(azimuth) * averages.cos + np.cos(azimuth) * averages.sin)
     length = averages.end - averages.start
     across = across - np.average(across, weights=length)

@@ -4,14 +4,14 @@
 
 with a the angle of the sensing axis anticlockwise from table zero, C = Omega cos(latitude) cos(azimuth) and
 S = Omega cos(latitude) sin(azimuth) of table zero. y are averages over short intervals; drift is rate random
-walk plus flicker (north_drift). Constant bias is integrated out (restricted likelihood), the noise level N
+walk plus flicker (`drift`). Constant bias is integrated out (restricted likelihood), the noise level N
 too; the ratios of flicker and random walk to it are weighed by their likelihood on a grid rather than fixed
 at its best point, so that what the record cannot tell about its drift widens sigma.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -24,19 +24,26 @@ from hubodo.sensors.north.drift import Drift, flicker, random_walk
 
 Array = NDArray[np.float64]
 
+Sufficient = tuple[Array, Array, float, float]
+"""Sufficient statistics: information (2, 2), score (2,), quadratic form and log determinant of a record."""
+
 FLICKER_RATIOS = (0.0, 0.01, 0.04, 0.16, 0.64, 2.5, 10.0, 40.0, 160.0)
 """B² T / N² with T the mean interval: variance of flicker against that of white noise in one interval."""
 WALK_RATIOS = (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """K² T² / N², the same for random walk."""
 PIECE = 300
-"""Intervals solved together; longer records are cut into pieces with a bias each, which costs little: the
-drift of one piece says next to nothing about Earth rate in another."""
+"""Intervals solved together; longer records are cut into pieces with a bias each.
+
+That costs little: the drift of one piece says next to nothing about Earth rate in another.
+"""
 
 
 @dataclass(frozen=True)
 class Averages:
-    """M averages in order of time: start, end (M,) s; y (M,) rad/s; cos, sin (M,) means over each
-    interval."""
+    """M averages in order of time.
+
+    start, end: (M,) s. y: (M,) rad/s. cos, sin: (M,) means over each interval.
+    """
 
     start: Array
     end: Array
@@ -76,35 +83,23 @@ def average(t: Array, y: Array, angle: Array, spans: Sequence[tuple[int, int]], 
 
 
 def estimate(averages: Averages, horizontal: float, drift: Drift | None = None) -> Posterior:
-    """Posterior of C, S and azimuth. horizontal: Omega cos(latitude), rad/s. drift: None to fit it from the
-    record."""
+    """Posterior of C, S and azimuth.
+
+    horizontal: Omega cos(latitude), rad/s. drift: None to fit it from the record.
+    """
     return combine([averages], horizontal, drift)
 
 
 def combine(records: Sequence[Averages], horizontal: float, drift: Drift | None = None) -> Posterior:
-    """Posterior from several gyros, or several records of one, that share table zero and drift like each
-    other."""
+    """Posterior from several gyros, or records of one, that share table zero and drift like each other."""
     pieces = [piece for record in records for piece in _pieces(record)]
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
     if drift is None:
         grid = [(f, w) for f in FLICKER_RATIOS for w in WALK_RATIOS]
     else:
         grid = [(drift.b**2 * mean / drift.n**2, drift.k**2 * mean**2 / drift.n**2)]
-    count = sum(len(p.y) for p in pieces)
-    freedom = count - len(pieces)
-    coarse = np.radians(np.arange(-180, 180, 0.25))
-    terms = []
-    # Same stops, same matrix: programmes repeat from record to record, so rounding makes them meet in the
-    # cache.
-    keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
-    unit = round(mean, 4)
-    for f, w in grid:
-        information, score, quadratic, logdet = np.zeros((2, 2)), np.zeros(2), 0.0, 0.0
-        for key, piece in zip(keys, pieces, strict=True):
-            lam, eta, q, ld = _sufficient(piece, *_whitener(key, f, w, unit))
-            information, score = information + lam, score + eta
-            quadratic, logdet = quadratic + q, logdet + ld
-        terms.append((information, score, quadratic, logdet))
+    freedom = sum(len(p.y) for p in pieces) - len(pieces)
+    terms = _terms(pieces, grid, mean)
 
     def log_density(azimuth: Array) -> Array:
         v = horizontal * np.stack([np.cos(azimuth), np.sin(azimuth)])
@@ -117,38 +112,62 @@ def combine(records: Sequence[Averages], horizontal: float, drift: Drift | None 
                 rows.append(-0.5 * rss * mean / (drift.n**2))
         return np.array(rows)
 
+    coarse = np.radians(np.arange(-180, 180, 0.25))
     table = log_density(coarse)
     best = int(table.max(axis=1).argmax())
     share = np.exp(table - table.max())
     weight = share.sum(axis=1) / share.sum()
-    density = share.sum(axis=0)
-    azimuth = coarse
-    # Where the peak is narrower than the grid, look closer about it.
-    if (density > density.max() * 1e-3).sum() < 60:
-        width = max(int((density > density.max() * 1e-6).sum()), 2) * np.radians(0.25)
-        for _ in range(6):
-            centre = float(azimuth[density.argmax()])
-            azimuth = centre + np.linspace(-width, width, 801)
-            fine = log_density(azimuth)
-            density = np.exp(fine - fine.max()).sum(axis=0)
-            inside = np.count_nonzero(density > density.max() * 1e-6)
-            if inside > 100:
-                break
-            width = max(width * inside / 400, 1e-9)
+    azimuth, density = _closer(log_density, coarse, share.sum(axis=0))
     rate, spread = _free(terms, weight, freedom, drift, mean)
-    information, score, quadratic, _ = terms[best]
-    found = np.linalg.lstsq(information, score, rcond=1e-9)[0]
-    n2 = max(quadratic - float(score @ found), 1e-300) / max(1, freedom - 2)
-    f, w = grid[best]
-    level = n2 * mean
-    likely = drift or Drift(
-        float(np.sqrt(level)), float(np.sqrt(f * level / mean)), float(np.sqrt(w * level) / mean)
-    )
+    likely = drift or _drift_of(terms[best], grid[best], freedom, mean)
     return Posterior(rate, spread, azimuth, density / density.sum(), likely)
 
 
+def _terms(pieces: Sequence[Averages], grid: Sequence[tuple[float, float]], mean: float) -> list[Sufficient]:
+    """What `_sufficient` gives, summed over the pieces, at each point of the grid."""
+    # Same stops, same matrix: programmes repeat from record to record, so rounding makes them meet in the
+    # cache.
+    keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
+    unit = round(mean, 4)
+    terms = []
+    for f, w in grid:
+        information, score, quadratic, logdet = np.zeros((2, 2)), np.zeros(2), 0.0, 0.0
+        for key, piece in zip(keys, pieces, strict=True):
+            lam, eta, q, ld = _sufficient(piece, *_whitener(key, f, w, unit))
+            information, score = information + lam, score + eta
+            quadratic, logdet = quadratic + q, logdet + ld
+        terms.append((information, score, quadratic, logdet))
+    return terms
+
+
+def _closer(log_density: Callable[[Array], Array], azimuth: Array, density: Array) -> tuple[Array, Array]:
+    """Azimuths, rad, and density about the peak where it is narrower than the grid; else as they were."""
+    if (density > density.max() * 1e-3).sum() >= 60:
+        return azimuth, density
+    width = max(int((density > density.max() * 1e-6).sum()), 2) * np.radians(0.25)
+    for _ in range(6):
+        centre = float(azimuth[density.argmax()])
+        azimuth = centre + np.linspace(-width, width, 801)
+        fine = log_density(azimuth)
+        density = np.exp(fine - fine.max()).sum(axis=0)
+        inside = np.count_nonzero(density > density.max() * 1e-6)
+        if inside > 100:
+            break
+        width = max(width * inside / 400, 1e-9)
+    return azimuth, density
+
+
+def _drift_of(term: Sufficient, ratios: tuple[float, float], freedom: int, mean: float) -> Drift:
+    """N, B, K of the point of the grid whose ratios these are, by what its best C and S leave."""
+    information, score, quadratic, _ = term
+    found = np.linalg.lstsq(information, score, rcond=1e-9)[0]
+    level = max(quadratic - float(score @ found), 1e-300) / max(1, freedom - 2) * mean
+    f, w = ratios
+    return Drift(float(np.sqrt(level)), float(np.sqrt(f * level / mean)), float(np.sqrt(w * level) / mean))
+
+
 def _free(
-    terms: Sequence[tuple[Array, Array, float, float]],
+    terms: Sequence[Sufficient],
     weight: Array,
     freedom: int,
     drift: Drift | None,
@@ -185,7 +204,7 @@ def _pieces(record: Averages) -> list[Averages]:
     return [Averages(*(v[a:b] for v in fields)) for a, b in pairwise(edges)]
 
 
-def _sufficient(piece: Averages, whitener: Array, logdet: float) -> tuple[Array, Array, float, float]:
+def _sufficient(piece: Averages, whitener: Array, logdet: float) -> Sufficient:
     """Information (2, 2), score (2,), quadratic form and log determinant with the bias integrated out."""
     columns = np.column_stack([np.ones(len(piece.y)), piece.cos, piece.sin, piece.y])
     white = whitener @ columns

@@ -1,5 +1,4 @@
-"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model where it is not "
-"white."""
+"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model if not white."""
 
 from __future__ import annotations
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.effects.warmup_models import PARAMETERS
+from hubodo.effects.warmup import PARAMETERS
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.even_grid import EvenGrid, even_grid
@@ -52,8 +51,10 @@ class WarmupReport:
         return self.following or self.first
 
     def effects(self) -> dict[str, CalibratedEffect]:
-        """Effects of the calibration file that the best model has, for this axis. Raises InputError when "
-        "none is earned."""
+        """Effects of the calibration file that the best model has, for this axis.
+
+        Raises InputError when none is earned.
+        """
         axis = self.channel[1]
         if self.reason and self.following is None:
             raise InputError(f"nothing to write to a calibration file: {self.reason}")

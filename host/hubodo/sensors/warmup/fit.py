@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from hubodo.effects.warmup_models import PARAMETERS, REFERENCE_CELSIUS, Kind, WarmupModel
+from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.warmup import PARAMETERS, Kind, WarmupModel, warmed
 from hubodo.sensors.warmup.whiteness import ljung_box
 
 FloatArray = NDArray[np.float64]
@@ -128,7 +129,7 @@ def _basis(
     t: FloatArray, constants: tuple[float, ...], kind: Kind, temperature: FloatArray | None
 ) -> FloatArray:
     """(N, L) what the linear parameters multiply: the constant, each exponential, the temperature."""
-    columns = [np.ones_like(t), *(-np.expm1(-t / constant) for constant in constants)]
+    columns = [np.ones_like(t), *(warmed(t, constant) for constant in constants)]
     if "temperature_coefficient" in PARAMETERS[kind]:
         if temperature is None:
             raise ValueError(f"model {kind!r} needs the temperature")
@@ -165,7 +166,7 @@ def _jacobian(
             columns.append(temperature - REFERENCE_CELSIUS)
         elif name.startswith("c1"):
             constant = getattr(model, name.replace("c1", "time_constant"))
-            columns.append(-np.expm1(-t / constant))
+            columns.append(warmed(t, constant))
         else:
             constant, c1 = getattr(model, name), getattr(model, name.replace("time_constant", "c1"))
             columns.append(-c1 * (t / constant) * np.exp(-t / constant))
@@ -175,8 +176,10 @@ def _jacobian(
 def _covariance(
     t: FloatArray, jacobian: FloatArray, residual: FloatArray, noise: float
 ) -> tuple[FloatArray, float]:
-    """Covariance of the parameters, and how much wider it is than for white noise of that size (variance "
-    "ratio)."""
+    """Covariance of the parameters, and how much wider it is than for white noise of that size.
+
+    The latter as a ratio of variances.
+    """
     inverse = np.linalg.pinv(jacobian)
     plain = noise**2 * (inverse @ inverse.T)
     if len(residual) < 4 * _PARTS or not np.ptp(residual) or ljung_box(residual).white:

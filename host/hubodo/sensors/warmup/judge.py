@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.effects.warmup_models import PARAMETERS, Kind
+from hubodo.effects.warmup import PARAMETERS, Kind
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
 from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autocorrelation_test, ljung_box

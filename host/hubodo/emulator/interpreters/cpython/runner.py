@@ -38,7 +38,7 @@ def _end_with_the_board():
     os._exit(1)
 
 
-class Board:
+class BoardCalls:
     """The calls, as runner.mjs makes them; also what MicroPython-side modules import as `_board`."""
 
     def __init__(self):
@@ -240,7 +240,7 @@ class Board:
         return self.ask("READ", port, struct.pack("<Ii", most, timeout_ms))[1]
 
 
-board = Board()
+board = BoardCalls()
 
 
 def _part(buf, part):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.constants import COUNT, CURVE, RATE, SCALE, TURN
-from hubodo.fuse.graph.factors.linear import Linear
+from hubodo.fuse.graph.factors.constants import COUNT, CURVATURE, WHEEL_RADIUS, YAW_RATE, YAW_SCALE
+from hubodo.fuse.graph.factors.factor import Factor, Flags, Linear, stretches
+from hubodo.fuse.graph.factors.loss import Loss
 
 Complex = NDArray[np.complex128]
 
@@ -36,35 +37,69 @@ class Steps:
     def angles(self, constants: Array) -> Array:
         """(S,) rad from the stretch's first heading to that at the middle of each step."""
         return np.asarray(
-            (1.0 + constants[TURN]) * self.turn
-            + constants[RATE] * self.after
-            + constants[CURVE] * self.rolled
+            (1.0 + constants[YAW_SCALE]) * self.turn
+            + constants[YAW_RATE] * self.after
+            + constants[CURVATURE] * self.rolled
         )
 
     def moves(self, constants: Array) -> Complex:
         """(S,) m, each step in axes of the stretch's first pose."""
-        return np.asarray((1.0 + constants[SCALE]) * self.way * np.exp(1j * self.angles(constants)))
+        return np.asarray((1.0 + constants[WHEEL_RADIUS]) * self.way * np.exp(1j * self.angles(constants)))
 
     def turns(self, constants: Array) -> Array:
         """(n - 1,) rad, heading from pose to pose."""
-        return np.asarray(self.whole @ np.array([1.0 + constants[TURN], constants[RATE], constants[CURVE]]))
+        lacks = constants[[YAW_SCALE, YAW_RATE, CURVATURE]]
+        return np.asarray(self.whole @ (np.array([1.0, 0.0, 0.0]) + lacks))
+
+    def part(self, begin: int, end: int) -> Steps:
+        """Stretches begin to end - 1."""
+        edges = np.append(self.first, len(self.way))
+        own = slice(edges[begin], edges[end])
+        return Steps(
+            self.first[begin:end] - edges[begin],
+            self.way[own],
+            self.turn[own],
+            self.after[own],
+            self.rolled[own],
+            self.whole[begin:end],
+            self.covariance[begin:end],
+        )
+
+    def joined(self, later: Steps) -> Steps:
+        """These stretches and those that follow them."""
+        return Steps(
+            np.append(self.first, later.first + len(self.way)),
+            np.append(self.way, later.way),
+            np.append(self.turn, later.turn),
+            np.append(self.after, later.after),
+            np.append(self.rolled, later.rolled),
+            np.concatenate([self.whole, later.whole]),
+            np.concatenate([self.covariance, later.covariance]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenFactors:
+class BetweenFactors(Factor):
     """R(h_k)' (p_{k+1} - p_k) = d(constants), h_{k+1} - h_k = turn(constants), with noise of
     Steps.covariance.
 
-    d is the sum of the steps, each scaled by 1 + scale and turned by (1 + turn) times the odometry's own
-    angle, rate times the time and curve times the way since pose k (Shah et al. eq. 16, with the constants
-    solved for). whiten: (n - 1, 3, 3), W'W the inverse of the covariance.
+    d is the sum of the steps, each scaled by 1 + wheel_radius and turned by (1 + yaw_scale) times the
+    odometry's own angle, yaw_rate times the time and curvature times the way since pose k (Shah et al. eq.
+    16, with the constants solved for). whiten: (n - 1, 3, 3), W'W the inverse of the covariance. Slip is rare
+    and large: beyond five sigma of a stretch its pull grows no more.
     """
 
     steps: Steps
     whiten: Array
+    loss: Loss = field(default=Loss("huber", 25.0), kw_only=True)
+
+    @classmethod
+    def of(cls, steps: Steps) -> BetweenFactors:
+        """One factor for each stretch."""
+        return cls(np.arange(len(steps.first)), steps, _whitening(steps.covariance))
 
     def linear(self, poses: Array, constants: Array) -> Linear:
-        """About poses (n, 3) and constants (6,)."""
+        """About poses (n, 3) and constants (COUNT,)."""
         steps = self.steps
         moves = steps.moves(constants)
         moved = np.add.reduceat(moves, steps.first)
@@ -87,42 +122,51 @@ class BetweenFactors:
 
         by_constants = np.zeros((len(gap), 3, COUNT))
         derivatives = {
-            SCALE: moved / (1.0 + constants[SCALE]),
-            TURN: np.add.reduceat(spun * steps.turn, steps.first),
-            RATE: np.add.reduceat(spun * steps.after, steps.first),
-            CURVE: np.add.reduceat(spun * steps.rolled, steps.first),
+            WHEEL_RADIUS: moved / (1.0 + constants[WHEEL_RADIUS]),
+            YAW_SCALE: np.add.reduceat(spun * steps.turn, steps.first),
+            YAW_RATE: np.add.reduceat(spun * steps.after, steps.first),
+            CURVATURE: np.add.reduceat(spun * steps.rolled, steps.first),
         }
         for constant, value in derivatives.items():
             by_constants[:, 0, constant], by_constants[:, 1, constant] = -value.real, -value.imag
-        for column, constant in enumerate((TURN, RATE, CURVE)):
+        for column, constant in enumerate((YAW_SCALE, YAW_RATE, CURVATURE)):
             by_constants[:, 2, constant] = -steps.whole[:, column]
         w = self.whiten
         return Linear(
-            np.arange(len(gap)),
+            self.state,
             (w @ residual[:, :, None])[:, :, 0],
             w @ by_state,
             w @ by_next,
             w @ by_constants,
         )
 
-    def row(self, k: int) -> BetweenFactors:
-        """Stretch k alone, between poses 0 and 1."""
-        s = self.steps
-        begin = int(s.first[k])
-        end = int(s.first[k + 1]) if k + 1 < len(s.first) else len(s.way)
-        part = slice(begin, end)
-        steps = Steps(
-            np.zeros(1, np.intp),
-            s.way[part],
-            s.turn[part],
-            s.after[part],
-            s.rolled[part],
-            s.whole[k : k + 1],
-            s.covariance[k : k + 1],
+    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+        """Where the wheels rolled other than the vehicle moved."""
+        return [
+            f"odometry: between t = {state_t[first]:.1f} and {state_t[last + 1]:.1f} s it does not agree "
+            "with what was measured from outside; slip or a carried vehicle"
+            for first, last in stretches(out)
+        ]
+
+    def joined(self, later: BetweenFactors, by: int) -> BetweenFactors:
+        """These and the stretches that follow them; `by` is their number."""
+        whiten = np.concatenate([self.whiten, later.whiten])
+        return replace(
+            self,
+            state=np.append(self.state, later.state + by),
+            steps=self.steps.joined(later.steps),
+            whiten=whiten,
         )
-        return BetweenFactors(steps, self.whiten[k : k + 1])
+
+    def _cut(self, first: int, last: int, begin: int) -> BetweenFactors:
+        return replace(
+            self,
+            state=self.state[first:last] - begin,
+            steps=self.steps.part(first, last),
+            whiten=self.whiten[first:last],
+        )
 
 
-def whitening(covariance: Array) -> Array:
+def _whitening(covariance: Array) -> Array:
     """(n, 3, 3) upper triangular W with W'W the inverse of each covariance."""
     return np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1))

@@ -10,40 +10,48 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.linear import Linear
-
-SCALE, TURN, RATE, CURVE, DELAY, COMPASS = range(6)
-COUNT = 6
 
 
 @dataclass(frozen=True, slots=True)
 class ConstantSigmas:
-    """1 sigma of each constant before the drive, in the order of their numbers; each is zero in the mean.
-    The values are those of headings from gyros on wheels.
+    """1 sigma of each constant before the drive, in the order of their numbers; each is zero in the mean, and
+    what is to be added to the odometry. The values are those of headings from gyros on wheels.
 
-    scale: of the distance, a fraction: the wheels' common radius error. turn: of the heading's increments,
-    a fraction: the gyros' scale, or minus the track's error where the heading comes from the wheels'
-    difference. rate: rad/s, the heading's drift at rest too: gyro bias. curve: rad/m, its drift with the
-    way: the difference of the wheels' radii over radius and track. delay: s that GNSS time stamps come
-    before the place they name. compass: rad that headings read too much.
+    wheel_radius: the effect of that name, common to both wheels: a fraction of the distance. A tyre measured
+    by tape is known to half a percent.
+    yaw_scale: of the heading's increments, a fraction: minus gyro_scale_factor across the axle, 1 % by data
+    sheets of MEMS gyros, or minus track_width where the heading comes from the wheels' difference.
+    yaw_rate: rad/s, minus gyro_bias about the vertical: 40 deg/h, what a filter at rest leaves of it.
+    curvature: rad/m, the difference of the wheels' radii over radius and track: 0.015 % on half a metre.
+    gnss_delay: s that GNSS time stamps come before the place they name: a quarter of an epoch at 5 Hz.
+    compass_offset: rad that headings read too much: a compass mounted by eye, 2 deg.
     """
 
-    scale: float = 0.005
-    turn: float = 0.01
-    rate: float = 2e-4
-    curve: float = 3e-4
-    delay: float = 0.05
-    compass: float = 0.03
+    wheel_radius: float = 0.005
+    yaw_scale: float = 0.01
+    yaw_rate: float = 2e-4
+    curvature: float = 3e-4
+    gnss_delay: float = 0.05
+    compass_offset: float = 0.03
 
     def array(self) -> Array:
-        """(6,) in the order of the numbers above."""
-        return np.array([getattr(self, item.name) for item in fields(self)])
+        """(COUNT,) in the order of the numbers below."""
+        return np.array([getattr(self, name) for name in NAMES])
+
+
+NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
+COUNT = len(NAMES)
+WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(COUNT)
+
+_LEAST = ConstantSigmas(wheel_radius=5e-4, yaw_scale=1e-3, yaw_rate=5e-5, curvature=1e-4)
+"""What a tyre and a road change from hour to hour, whatever was measured before: the pressure of a tyre with
+10 degrees of warmth, a gyro's scale with its temperature, 10 deg/h of bias, 0.005 % of radii."""
 
 
 def of_wheel_speeds() -> ConstantSigmas:
     """For headings from the difference of two wheel speeds: radii apart by 0.1 % on a track of half a
     metre, 2 % of track."""
-    return ConstantSigmas(scale=0.01, turn=0.02, rate=1e-3, curve=2e-3)
+    return ConstantSigmas(wheel_radius=0.01, yaw_scale=0.02, yaw_rate=1e-3, curvature=2e-3)
 
 
 def of_wheel_filter(
@@ -56,29 +64,8 @@ def of_wheel_filter(
     """
     share = 1.0 / len(radius)
     return ConstantSigmas(
-        scale=max(share * math.hypot(*radius), _LEAST.scale),
-        turn=max(min(yaw_scale), _LEAST.turn),
-        rate=max(share * math.hypot(*yaw_rate), _LEAST.rate),
-        curve=_LEAST.curve,
+        wheel_radius=max(share * math.hypot(*radius), _LEAST.wheel_radius),
+        yaw_scale=max(min(yaw_scale), _LEAST.yaw_scale),
+        yaw_rate=max(share * math.hypot(*yaw_rate), _LEAST.yaw_rate),
+        curvature=_LEAST.curvature,
     )
-
-
-_LEAST = ConstantSigmas(scale=5e-4, turn=1e-3, rate=5e-5, curve=1e-4)
-"""What a tyre and a road change from hour to hour, whatever was measured before."""
-
-NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantsFactor:
-    """Prior of the constants, (6,) mean and 1 sigma; a sigma of 0 holds a constant at its mean."""
-
-    mean: Array
-    sigma: Array
-
-    def linear(self, constants: Array) -> Linear:
-        """One row of six, on no state."""
-        share = 1.0 / np.maximum(self.sigma, 1e-9)
-        residual = ((constants - self.mean) * share)[None]
-        nothing = np.zeros((1, COUNT, 3))
-        return Linear(np.zeros(1, np.intp), residual, nothing, None, np.diag(share)[None])

@@ -2,36 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.constants import COUNT, DELAY
-from hubodo.fuse.graph.factors.linear import Linear
+from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
+from hubodo.fuse.graph.factors.factor import Factor, Flags, Linear, stretches
+from hubodo.fuse.graph.factors.loss import Loss
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFactors:
-    """z = p + R(heading) (antenna + delay velocity) + noise.
+class PositionFactors(Factor):
+    """z = p + R(heading) (antenna + gnss_delay velocity) + noise.
 
-    state: (M,) poses. place: (M, 2) east and north, m. sigma: (M,) m of each direction. velocity: (M, 2) m/s
-    of the body in its own axes. antenna: forward and left of the body origin, m.
+    place: (M, 2) east and north, m. sigma: (M,) m of each direction. velocity: (M, 2) m/s of the body in its
+    own axes. antenna: forward and left of the body origin, m. Reflections put a fix anywhere: beyond 3.5
+    sigma its pull fades.
     """
 
-    state: NDArray[np.intp]
     place: Array
     sigma: Array
     velocity: Array
     antenna: tuple[float, float] = (0.0, 0.0)
+    loss: Loss = field(default=Loss("bounded", 12.0), kw_only=True)
 
     def linear(self, poses: Array, constants: Array) -> Linear:
-        """About poses (n, 3) and constants (6,)."""
+        """About poses (n, 3) and constants (COUNT,)."""
         at = poses[self.state]
         cos, sin = np.cos(at[:, 2]), np.sin(at[:, 2])
         vx, vy = self.velocity.T
-        ax, ay = self.antenna[0] + constants[DELAY] * vx, self.antenna[1] + constants[DELAY] * vy
+        ax, ay = self.antenna[0] + constants[GNSS_DELAY] * vx, self.antenna[1] + constants[GNSS_DELAY] * vy
         east, north = cos * ax - sin * ay, sin * ax + cos * ay
         share = 1.0 / self.sigma
         residual = (at[:, :2] + np.column_stack([east, north]) - self.place) * share[:, None]
@@ -39,12 +40,20 @@ class PositionFactors:
         by_state[:, 0, 0] = by_state[:, 1, 1] = share
         by_state[:, 0, 2], by_state[:, 1, 2] = -north * share, east * share
         by_constants = np.zeros((len(at), 2, COUNT))
-        by_constants[:, 0, DELAY] = (cos * vx - sin * vy) * share
-        by_constants[:, 1, DELAY] = (sin * vx + cos * vy) * share
+        by_constants[:, 0, GNSS_DELAY] = (cos * vx - sin * vy) * share
+        by_constants[:, 1, GNSS_DELAY] = (sin * vx + cos * vy) * share
         return Linear(self.state, residual, by_state, None, by_constants)
 
-    def row(self, i: int) -> PositionFactors:
-        """Fix i alone, on pose 0."""
-        part = slice(i, i + 1)
-        zero = np.zeros(1, np.intp)
-        return PositionFactors(zero, self.place[part], self.sigma[part], self.velocity[part], self.antenna)
+    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+        """Fixes that jumped, and one that is alone."""
+        t, far = state_t[self.state], norm * self.sigma
+        said = []
+        for first, last in stretches(out):
+            count = np.count_nonzero(out[first : last + 1])
+            said.append(
+                f"gnss: {count} fixes from t = {t[first]:.1f} to {t[last]:.1f} s are off "
+                f"by up to {far[first : last + 1].max():.1f} m; they count little or not at all"
+            )
+        if len(out) == 1:
+            said.append("gnss: one fix only: it places the track, but does not tell its direction")
+        return said

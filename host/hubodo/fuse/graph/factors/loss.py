@@ -1,29 +1,16 @@
-"""What every factor gives the solvers: whitened residuals with their derivatives, and what robust losses
-weigh."""
+"""What a factor costs that does not fit: robust losses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-
-class Linear(NamedTuple):
-    """M factors of one kind, r rows each, about the present poses and constants, whitened.
-
-    state: (M,) the pose each is tied to. residual: (M, r). by_state: (M, r, 3) derivatives by x, y, heading
-    of that pose; by_next: the same by the pose after it, or None; by_constants: (M, r, 6).
-    """
-
-    state: NDArray[np.intp]
-    residual: Array
-    by_state: Array
-    by_next: Array | None
-    by_constants: Array
+_GENTLE = 4.0
+"""Variances: beyond two sigma a loss for a first guess grows like the norm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +43,10 @@ class Loss:
             return np.asarray(inside + np.sqrt(self.limit * np.maximum(squares, self.limit)) - self.limit)
         left = 1.0 - np.clip((squares / self.limit - 1.0) / 3.0, 0.0, 1.0)
         return np.asarray(inside + 0.5 * self.limit * (1.0 - left**3))
+
+    def for_a_guess(self) -> Loss:
+        """The loss under which what is far off still pulls, so that a poor guess is not kept."""
+        return Loss("huber", _GENTLE) if self.kind == "bounded" else self
 
 
 QUADRATIC = Loss("quadratic")

@@ -1,0 +1,75 @@
+"""Where the live graph begins: a batch solution over the last measurements, once it tells the heading."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.fixes import Fixes
+from hubodo.fuse.graph.graph import fuse_graph
+from hubodo.fuse.graph.measurement import Measurement, gathered
+from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.graph.window import Window
+from hubodo.fuse.projection import LocalFrame
+
+_FEWEST = 3
+"""Fixes from which a start is worth trying: two tell a turn and shift, the third whether it is true."""
+
+
+@dataclass(slots=True)
+class Underway:
+    """A live graph that has begun. growth: times which the fixes' sigma is widened; fix_t: s of the newest
+    fix that counted; warnings: what the start had to say."""
+
+    window: Window
+    frame: LocalFrame
+    growth: float
+    fix_t: float
+    warnings: tuple[str, ...]
+
+
+def begin(
+    path: OdometryPath,
+    samples: Sequence[Fixes | Measurement],
+    config: GraphConfig,
+    heading_sigma: float,
+) -> Underway | None:
+    """The window over a whole path and what was measured on it; None while there is too little, or the newest
+    heading is not known to heading_sigma, rad.
+
+    samples: one each, by time. Raises InputError when there are fixes and none is usable.
+    """
+    fixes = [sample for sample in samples if isinstance(sample, Fixes)]
+    if len(fixes) < _FEWEST:
+        return None
+    kinds: dict[type[Measurement], list[Measurement]] = {}
+    for sample in samples:
+        if not isinstance(sample, Fixes):
+            kinds.setdefault(type(sample), []).append(sample)
+    others = [gathered(own) for own in kinds.values()]
+    # A window cannot move fixes in time, so what delay they have must stay small.
+    config = replace(config, search_delay=False)
+    batch = fuse_graph(path, _increasing(gathered(fixes)), None, config, others)
+    found = batch.solution
+    if batch.frame is None or math.sqrt(float(found.covariance[-1, 2, 2])) > heading_sigma:
+        return None
+    window = Window(
+        batch.graph,
+        batch.state_t,
+        found.poses,
+        found.constants,
+        found.covariance[-1],
+        found.constants_covariance,
+    )
+    return Underway(window, batch.frame, batch.sigma_growth, float(batch.fix_t[-1]), batch.warnings)
+
+
+def _increasing(fixes: Fixes) -> Fixes:
+    """Those whose time exceeds all before."""
+    keep = fixes.t > np.append(-np.inf, np.maximum.accumulate(fixes.t)[:-1])
+    assert fixes.sigma is not None
+    return Fixes(fixes.t[keep], fixes.latitude_deg[keep], fixes.longitude_deg[keep], fixes.sigma[keep])

@@ -1,0 +1,89 @@
+"""The one shape of all factors: residuals with derivatives, a loss, and which poses they are tied to."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.fuse.graph.factors.loss import QUADRATIC, Loss
+
+Flags = NDArray[np.bool_]
+
+_BRIDGED = 3
+"""Numbers by which two flags may differ and still be of one stretch: two sound fixes in a jump are chance."""
+
+
+class Linear(NamedTuple):
+    """M factors of one kind, r rows each, about the present poses and constants, whitened.
+
+    state: (M,) the pose each is tied to. residual: (M, r). by_state: (M, r, 3) derivatives by x, y, heading
+    of that pose; by_next: the same by the pose after it, or None; by_constants: (M, r, COUNT).
+    """
+
+    state: NDArray[np.intp]
+    residual: Array
+    by_state: Array
+    by_next: Array | None
+    by_constants: Array
+
+    @property
+    def squares(self) -> Array:
+        """(M,) squared norm of each factor, in units of its variance."""
+        return np.asarray(np.einsum("ij,ij->i", self.residual, self.residual))
+
+
+@dataclass(frozen=True, eq=False)
+class Factor(ABC):
+    """M factors of one kind. state: (M,) numbers of their poses, increasing: at most one of a kind on a pose.
+    Every array of a kind counts factors along its first axis, so that parts of a graph are cut out and put
+    together without knowing the kind."""
+
+    state: NDArray[np.intp]
+    loss: Loss = field(default=QUADRATIC, kw_only=True)
+
+    @abstractmethod
+    def linear(self, poses: Array, constants: Array) -> Linear:
+        """About poses (n, 3) and constants (COUNT,)."""
+
+    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+        """One line for each thing to say of a solution. out: (M,) which count little; norm: (M,) in sigma;
+        state_t: (n,) s of all poses."""
+        return []
+
+    def part(self, begin: int, end: int) -> Self:
+        """The factors tied to poses begin to end - 1; the poses are numbered from `begin` on."""
+        first, last = np.searchsorted(self.state, [begin, end])
+        return self._cut(int(first), int(last), begin)
+
+    def row(self, i: int) -> Self:
+        """Factor i alone, on pose 0."""
+        return self._cut(i, i + 1, int(self.state[i]))
+
+    def joined(self, later: Self, by: int) -> Self:
+        """These and those of a later part, whose pose 0 is number `by` here."""
+        arrays = self._arrays().items()
+        own: dict[str, Any] = {name: np.concatenate([value, getattr(later, name)]) for name, value in arrays}
+        return replace(self, state=np.append(self.state, later.state + by), **own)
+
+    def _cut(self, first: int, last: int, begin: int) -> Self:
+        own = {name: value[first:last] for name, value in self._arrays().items()}
+        return replace(self, state=self.state[first:last] - begin, **own)
+
+    def _arrays(self) -> dict[str, Any]:
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {n: value for n, value in values.items() if n != "state" and isinstance(value, np.ndarray)}
+
+
+def stretches(flags: Flags) -> list[tuple[int, int]]:
+    """First and last number of each stretch of flags that are set, gaps of up to two bridged."""
+    places = np.flatnonzero(flags)
+    if len(places) == 0:
+        return []
+    ends = np.flatnonzero(np.diff(places) > _BRIDGED)
+    firsts, lasts = np.append(0, ends + 1), np.append(ends, len(places) - 1)
+    return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]

@@ -1,0 +1,198 @@
+"""One node's samples while they are recorded: for who moves something meanwhile and looks at what came."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from hubodo.errors import HubodoError, InputError, LinkError
+from hubodo.ingest.link.link import LinkNews, PortLink
+from hubodo.ingest.link.ports import parse_port
+from hubodo.ingest.live.daemon import steady_clock
+from hubodo.ingest.live.recorder import Recorder
+from hubodo.log.writer import McapLog
+from hubowire.budget import UART_BAUD
+
+Array = NDArray[np.float64]
+
+S = 1_000_000_000
+_TICK_S = 0.02
+_SILENCE_S = 8.0
+"""A node that has said nothing for so long says nothing any more; a start with its clock takes two."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """t: (N,) s since the log's start. gyro: (N, 3) rad/s; accel: (N, 3) m/s², node axes."""
+
+    t: Array
+    gyro: Array
+    accel: Array
+
+
+@dataclass(frozen=True)
+class _TableRow:
+    t_ns: int
+    angle: float
+    moving: bool
+
+
+class _KeepingLog(McapLog):
+    """A log that also keeps in memory what was measured, until it is asked for."""
+
+    def __init__(self, path: Path, *, t_zero_ns: int, metadata: Mapping[str, str]) -> None:
+        super().__init__(path, t_zero_ns=t_zero_ns, metadata=metadata)
+        self.kept: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
+        self._zero_ns = t_zero_ns
+
+    def imu(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
+    ) -> None:
+        """As a log, and kept."""
+        super().imu(node, t_pub_ns, t_log_ns, gyro, accel)
+        t = np.asarray((np.asarray(t_pub_ns, np.int64) - self._zero_ns) * 1e-9, np.float64)
+        self.kept.put((node, t, np.asarray(gyro, np.float64), np.asarray(accel, np.float64)))
+
+
+class NodeStream:
+    """Records the node on a port into a log from a thread of its own; a context manager.
+
+    port: as `hubodo record` takes it. out: the log. node: its name, None for the only one on the port. say:
+    gets the lines that a user should see. Raises InputError when `out` exists or the port cannot be opened.
+    """
+
+    def __init__(
+        self,
+        port: str,
+        out: Path,
+        *,
+        node: str | None = None,
+        baud: int = UART_BAUD,
+        metadata: Mapping[str, str] | None = None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        if out.exists():
+            raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
+        self.node = node
+        self._say = say
+        self._now_ns = steady_clock()
+        self._zero_ns = self._now_ns() // S * S
+        self._news: queue.SimpleQueue[LinkNews | _TableRow] = queue.SimpleQueue()
+        name = parse_port(port)
+        self._link = PortLink(name, name.label, self._news, self._now_ns, baud=baud)
+        try:
+            self._link.open_now()
+        except LinkError as error:
+            raise InputError(str(error)) from None
+        self._log = _KeepingLog(out, t_zero_ns=self._zero_ns, metadata=metadata or {})
+        self._recorder = Recorder(
+            {name.label: name.name},
+            self._log,
+            lambda label, data, to: self._link.send(data, to),
+            self._now_ns,
+            t_zero_ns=self._zero_ns,
+        )
+        self._stopping = threading.Event()
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="node stream", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._link.start()
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stopping.set()
+        self._thread.join()
+        self._link.stop()
+        self._log.close()
+        if isinstance(self._failure, InputError):
+            self._log.path.unlink()  # no node was there
+
+    def now(self) -> float:
+        """s since the log's start, on its clock."""
+        return (self._now_ns() - self._zero_ns) * 1e-9
+
+    def table(self, angle: float, *, moving: bool) -> None:
+        """A row of the log's turntable: its angle, rad, from now on."""
+        self._news.put(_TableRow(self._now_ns(), angle, moving))
+
+    def measure(self, duration: float) -> Samples:
+        """What is measured in the next `duration` s; returns once all of it has come.
+
+        Raises LinkError when the node falls silent, InputError when another than the one named speaks, and
+        whatever the recording failed with.
+        """
+        begin = self.now()
+        parts: list[tuple[Array, Array, Array]] = []
+        heard = time.monotonic()
+        while not parts or parts[-1][0][-1] < begin + duration:
+            if self._failure is not None:
+                raise self._failure
+            try:
+                node, *block = self._log.kept.get(timeout=_TICK_S)
+            except queue.Empty:
+                if time.monotonic() - heard > _SILENCE_S:
+                    raise LinkError(
+                        f"{self._link.label}: no samples for {_SILENCE_S:.0f} s; is the node powered? "
+                        f"hubodo doctor says more"
+                    ) from None
+                continue
+            heard = time.monotonic()
+            if self.node is None:
+                self.node = node
+            if node != self.node:
+                raise InputError(
+                    f"{self._link.label} carries node {node!r}, asked for {self.node!r}; see --node"
+                )
+            t, gyro, accel = block
+            inside = (t >= begin) & (t < begin + duration)
+            if inside.any() or t[-1] >= begin + duration:
+                parts.append((t, gyro, accel))
+        t, gyro, accel = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        inside = (t >= begin) & (t < begin + duration)
+        return Samples(t[inside], gyro[inside], accel[inside])
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                self._turn()
+            while not self._news.empty():
+                self._take(self._news.get_nowait())
+            self._recorder.close()
+        except Exception as error:  # noqa: BLE001 - raised where somebody waits for samples
+            self._failure = error
+
+    def _turn(self) -> None:
+        item = None
+        with contextlib.suppress(queue.Empty):
+            item = self._news.get(timeout=_TICK_S)
+        if item is not None:
+            self._take(item)
+        self._recorder.tick(self._now_ns())
+        self._log.tick()
+        for notice in self._recorder.notices:
+            self._say(notice)
+        self._recorder.notices.clear()
+        verdict: HubodoError | None = self._recorder.verdict()
+        if verdict is not None:
+            raise verdict
+
+    def _take(self, item: LinkNews | _TableRow) -> None:
+        if isinstance(item, _TableRow):
+            row = {"angle": [item.angle], "moving": [float(item.moving)]}
+            self._log.columns("table", [item.t_ns], item.t_ns, row)
+        else:
+            self._recorder.handle(item)

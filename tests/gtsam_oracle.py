@@ -1,0 +1,112 @@
+"""GTSAM as a foreign solver of the graph's problem: its elimination, relinearisation and robust losses."""
+
+import math
+
+import numpy as np
+
+import wanted
+from hubodo.fuse.graph.factors.constants import COUNT
+
+CONSTANTS_KEY = 1 << 60
+"""Key of the vector of constants; poses are numbered from 0."""
+
+
+def solve_with_gtsam(graph, poses, constants):
+    """Poses, constants and cost by Levenberg-Marquardt.
+
+    Sequential elimination, for the default recursion overflows the stack on long chains.
+    """
+    gtsam = wanted.module("gtsam")
+    parameters = gtsam.LevenbergMarquardtParams()
+    parameters.setLinearSolverType("SEQUENTIAL_QR")
+    parameters.setRelativeErrorTol(1e-12)
+    parameters.setAbsoluteErrorTol(1e-9)
+    made = gtsam_graph(gtsam, graph)
+    values = gtsam.LevenbergMarquardtOptimizer(
+        made, gtsam_values(gtsam, poses, constants), parameters
+    ).optimize()
+    found = _poses(values, range(len(poses)))
+    found[:, 2] = np.unwrap(found[:, 2])
+    return found, np.asarray(values.atVector(CONSTANTS_KEY)), float(made.error(values))
+
+
+def covariances_of_gtsam(graph, poses, constants):
+    """(n, 3, 3) of each pose in the world's axes, and that of the constants, at given values."""
+    gtsam = wanted.module("gtsam")
+    values = gtsam_values(gtsam, poses, constants)
+    marginals = gtsam.Marginals(gtsam_graph(gtsam, graph), values)
+    turns = [_turn(heading) for heading in poses[:, 2]]
+    blocks = [turn @ marginals.marginalCovariance(k) @ turn.T for k, turn in enumerate(turns)]
+    return np.array(blocks), marginals.marginalCovariance(CONSTANTS_KEY)
+
+
+def gtsam_graph(gtsam, graph):
+    """A NonlinearFactorGraph of all factors."""
+    made = gtsam.NonlinearFactorGraph()
+    for factors in graph.factors:
+        for i, state in enumerate(factors.state.tolist()):
+            made.add(_factor(gtsam, factors.row(i), state))
+    return made
+
+
+def gtsam_values(gtsam, poses, constants):
+    """Values of poses (n, 3) and of the constants."""
+    made = gtsam.Values()
+    for k, (x, y, heading) in enumerate(poses.tolist()):
+        made.insert(k, gtsam.Pose2(x, y, heading))
+    made.insert(CONSTANTS_KEY, constants)
+    return made
+
+
+def _poses(values, keys):
+    """(n, 3) x, y, heading; headings as GTSAM keeps them, within half a turn."""
+    found = [values.atPose2(key) for key in keys]
+    return np.array([[pose.x(), pose.y(), pose.theta()] for pose in found])
+
+
+def _turn(heading):
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _factor(gtsam, row, state):
+    """One factor on a pose, the one after it where it has one, and the constants.
+
+    GTSAM's increments of a pose are along the pose's own axes, ours along the world's, so the derivatives by
+    x and y are turned.
+    """
+    probe = row.linear(np.zeros((2, 3)), np.zeros(COUNT))
+    keys = [state] if probe.by_next is None else [state, state + 1]
+
+    def evaluate(factor, values, jacobians):
+        poses = _poses(values, keys)
+        if len(poses) == 2:
+            # Two headings on both sides of GTSAM's cut at half a turn are brought together.
+            poses[1, 2] += 2.0 * np.pi * np.round((poses[0, 2] - poses[1, 2]) / (2.0 * np.pi))
+        item = row.linear(poses, values.atVector(CONSTANTS_KEY))
+        if jacobians is not None:
+            blocks = [item.by_state[0]] if item.by_next is None else [item.by_state[0], item.by_next[0]]
+            for index, (block, pose) in enumerate(zip(blocks, poses, strict=True)):
+                jacobians[index] = np.asfortranarray(block @ _turn(pose[2]))
+            jacobians[len(keys)] = np.asfortranarray(item.by_constants[0])
+        return np.asarray(item.residual[0])
+
+    noise = _noise(gtsam, row.loss, probe.residual.shape[1])
+    return gtsam.CustomFactor(noise, [*keys, CONSTANTS_KEY], evaluate)
+
+
+def _noise(gtsam, loss, rows):
+    """Unit noise under a loss; Huber's is GTSAM's own."""
+    unit = gtsam.noiseModel.Unit.Create(rows)
+    if loss.kind == "quadratic":
+        return unit
+    estimators = gtsam.noiseModel.mEstimator
+    if loss.kind == "huber":
+        return gtsam.noiseModel.Robust.Create(estimators.Huber.Create(float(np.sqrt(loss.limit))), unit)
+    bounded = estimators.Custom.Create(
+        lambda norm: float(loss.weight(np.array(norm * norm))),
+        lambda norm: float(loss.costs(np.array(norm * norm))),
+        reweight=estimators.Base.ReweightScheme.Block,
+        name="bounded",
+    )
+    return gtsam.noiseModel.Robust.Create(bounded, unit)

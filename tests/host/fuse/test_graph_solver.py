@@ -1,0 +1,134 @@
+"""Solvers of the graph: linear algebra, and other solvers' optimum."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+from gtsam_oracle import solve_with_gtsam
+from hubodo.fuse.graph.build import build
+from hubodo.fuse.graph.chain import solve_chain
+from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factors.heading import HeadingFactors
+from hubodo.fuse.graph.factors.loss import QUADRATIC
+from hubodo.fuse.graph.factors.position import PositionFactors
+from hubodo.fuse.graph.factors.prior import StartFactor
+from hubodo.fuse.graph.solver import solve, solve_from_afar
+from small_graphs import numeric, small_drive, wiggly_path
+
+
+def changed(graph, kind, **values):
+    """The graph with other values in the factors of one kind."""
+    made = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
+    return Graph(tuple(made))
+
+
+@settings(max_examples=40)
+@given(n=st.integers(1, 40), seed=st.integers(0, 1000))
+def test_the_chain_solver_inverts_what_numpy_inverts(n, seed):
+    rng = np.random.default_rng(seed)
+    whole = np.zeros((3 * n, 3 * n))
+    for k in range(n):
+        j = rng.normal(size=(5, 6))
+        size = 6 if k + 1 < n else 3
+        whole[3 * k : 3 * k + size, 3 * k : 3 * k + size] += (j.T @ j)[:size, :size]
+    whole += 0.05 * np.eye(3 * n)
+    diagonal = np.array([whole[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(n)])
+    upper = np.array([whole[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6] for k in range(n - 1)]).reshape(
+        n - 1, 3, 3
+    )
+    right = rng.normal(size=(n, 3, 2))
+    found = solve_chain(diagonal, upper, right, covariance=True)
+    inverse = np.linalg.inv(whole)
+    assert np.allclose(found.x.reshape(-1, 2), inverse @ right.reshape(-1, 2), atol=1e-8)
+    for k in range(n):
+        assert np.allclose(found.covariance[k], inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3], atol=1e-8)
+        if k + 1 < n:
+            assert np.allclose(
+                found.next_covariance[k], inverse[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6], atol=1e-8
+            )
+
+
+def test_the_chain_keeps_its_digits_where_tenths_of_millimetres_meet_five_metres():
+    """10,000 poses, the stiffest case allowed: against the closed form of a random walk observed in noise."""
+    n, q, r = 10_001, 1e-8, 25.0
+    diagonal, upper = np.zeros((n, 3, 3)), np.tile(-np.eye(3) / q, (n - 1, 1, 1))
+    diagonal += np.eye(3) / r
+    diagonal[:-1] += np.eye(3) / q
+    diagonal[1:] += np.eye(3) / q
+    found = solve_chain(diagonal, upper, np.zeros((n, 3, 1)), covariance=True)
+    # Eigenvectors of the path graph are cosines, its eigenvalues 2 - 2 cos(pi j / n).
+    j = np.arange(1, n)
+    middle = (n - 1) // 2
+    shape = np.sqrt(2.0 / n) * np.cos(np.pi * j * (middle + 0.5) / n)
+    exact = r / n + np.sum(shape**2 / (1.0 / r + (2.0 - 2.0 * np.cos(np.pi * j / n)) / q))
+    assert found.covariance[middle, 0, 0] == pytest.approx(exact, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
+    drive = small_drive(np.random.default_rng(seed))
+    graph, n = drive.graph.under(lambda factor: QUADRATIC), len(drive.poses)
+
+    def residuals(z):
+        poses, constants = z[: 3 * n].reshape(n, 3), z[3 * n :]
+        return np.concatenate([item.residual.ravel() for item, _ in graph.linear(poses, constants)])
+
+    scale = np.append(np.tile([1.0, 1.0, 0.1], n), GraphConfig().constants.array())
+    first = np.append(drive.poses.ravel(), np.zeros(COUNT))
+    theirs = least_squares(
+        residuals, first, jac="2-point", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=60
+    )
+    ours = solve(graph, drive.poses, np.zeros(COUNT), "all")
+    assert ours.converged
+    assert ours.cost == pytest.approx(theirs.cost, rel=1e-8)
+    # A numeric Jacobian leaves scipy some micrometres.
+    assert np.max(np.abs((np.append(ours.poses.ravel(), ours.constants) - theirs.x) / scale)) < 1e-3
+    j = numeric(residuals, np.append(ours.poses.ravel(), ours.constants))
+    covariance = np.linalg.inv(j.T @ j)
+    for k in (0, n // 2, n - 1):
+        part = slice(3 * k, 3 * k + 3)
+        assert np.allclose(ours.covariance[k], covariance[part, part], rtol=1e-4, atol=1e-10)
+        assert np.allclose(ours.start_covariance[k], covariance[part, :3], rtol=1e-4, atol=1e-8)
+    assert np.allclose(ours.constants_covariance, covariance[3 * n :, 3 * n :], rtol=1e-3, atol=1e-12)
+
+
+def test_gtsam_finds_the_same_optimum_with_robust_losses():
+    rng = np.random.default_rng(6)
+    drive = small_drive(rng, 60)
+    place = drive.graph.find(PositionFactors).place.copy()
+    place[20:24] += 30.0
+    graph = changed(drive.graph, PositionFactors, place=place)
+    ours = solve_from_afar(graph, drive.poses, np.zeros(COUNT))
+    shaken = ours.poses + rng.normal(0, 1, ours.poses.shape) * [0.2, 0.2, 0.02]
+    poses, constants, cost = solve_with_gtsam(graph, shaken, np.zeros(COUNT))
+    assert cost == pytest.approx(ours.cost, rel=1e-8)
+    assert np.max(np.abs(poses - ours.poses)) < 1e-4
+    assert np.max(np.abs(constants - ours.constants)) < 1e-5
+
+
+def test_turning_the_world_turns_the_solution():
+    drive = small_drive(np.random.default_rng(12))
+    graph = drive.graph.under(lambda factor: QUADRATIC)
+    turn, c, s = 1.1, np.cos(1.1), np.sin(1.1)
+    matrix = np.array([[c, -s], [s, c]])
+    mean = graph.find(StartFactor).mean[0]
+    turned = changed(graph, PositionFactors, place=graph.find(PositionFactors).place @ matrix.T)
+    turned = changed(turned, HeadingFactors, heading=graph.find(HeadingFactors).heading + turn)
+    turned = changed(turned, StartFactor, mean=np.append(matrix @ mean[:2], mean[2] + turn)[None])
+    first = solve(graph, drive.poses, np.zeros(COUNT))
+    poses = np.column_stack([drive.poses[:, :2] @ matrix.T, drive.poses[:, 2] + turn])
+    second = solve(turned, poses, np.zeros(COUNT))
+    assert np.allclose(second.poses[:, :2], first.poses[:, :2] @ matrix.T, atol=1e-5)
+    assert np.allclose(second.constants, first.constants, atol=1e-7)
+
+
+def test_a_graph_without_fixes_and_headings_is_the_odometry():
+    drive = build(wiggly_path(np.random.default_rng(13)), [], GraphConfig())
+    found = solve(drive.graph, drive.poses, np.zeros(COUNT))
+    assert np.allclose(found.poses, drive.cut.pose, atol=1e-9)

@@ -1,0 +1,113 @@
+"""What a window forgets, it keeps as a prior: against the whole graph, and against GTSAM's marginals."""
+
+import numpy as np
+import pytest
+
+from gtsam_oracle import covariances_of_gtsam, solve_with_gtsam
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factors.loss import QUADRATIC
+from hubodo.fuse.graph.factors.position import PositionFactors
+from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
+from hubodo.fuse.graph.solver import solve
+from hubodo.fuse.graph.window import Window, without_first
+from small_graphs import numeric, small_drive
+
+
+def weighted_dense(graph, poses, constants):
+    """Information of all poses and constants, (3 n + COUNT) square, by numerical differentiation."""
+    n = len(poses)
+
+    def residuals(z):
+        linear = graph.linear(z[: 3 * n].reshape(n, 3), z[3 * n :])
+        rows = [np.sqrt(w)[:, None] * item.residual for (item, _), w in zip(linear, weights, strict=True)]
+        return np.concatenate([row.ravel() for row in rows])
+
+    weights = [loss.weight(item.squares) for item, loss in graph.linear(poses, constants)]
+    j = numeric(residuals, np.append(poses.ravel(), constants))
+    return j.T @ j
+
+
+@pytest.mark.parametrize("count", [1, 2, 17])
+def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
+    """Where it is linearised, the covariance of what stays is the block of the dense inverse.
+
+    The weights of robust losses are as they are.
+    """
+    drive = small_drive(np.random.default_rng(31), 12)
+    rng = np.random.default_rng(32)
+    poses, constants = drive.poses + rng.normal(0, 0.05, drive.poses.shape), rng.normal(0, 1e-3, COUNT)
+    small = without_first(drive.graph, poses, constants, count)
+    whole = np.linalg.inv(weighted_dense(drive.graph, poses, constants))
+    left = np.linalg.inv(weighted_dense(small, poses[count:], constants))
+    scale = np.sqrt(np.diag(left))
+    assert np.max(np.abs(left - whole[3 * count :, 3 * count :]) / np.outer(scale, scale)) < 1e-4
+
+
+def test_what_is_left_has_the_optimum_of_the_whole():
+    drive = small_drive(np.random.default_rng(33))
+    whole = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
+    small = without_first(drive.graph, whole.poses, whole.constants, 20)
+    kinds = {type(factor) for factor in small.factors}
+    assert ForgottenFactor in kinds
+    assert not kinds & {StartFactor, ConstantsFactor}
+    shaken = whole.poses[20:] + np.random.default_rng(34).normal(0, 0.02, whole.poses[20:].shape)
+    again = solve(small, shaken, np.zeros(COUNT), "all")
+    assert np.max(np.abs(again.poses - whole.poses[20:])) < 1e-4
+    assert np.max(np.abs(again.constants - whole.constants)) < 1e-6
+    assert np.allclose(again.covariance, whole.covariance[20:], rtol=1e-3, atol=1e-9)
+    assert np.allclose(again.constants_covariance, whole.constants_covariance, rtol=1e-3, atol=1e-12)
+
+
+def test_a_fix_forgotten_as_refused_stays_refused():
+    drive = small_drive(np.random.default_rng(35), 40)
+    positions = drive.graph.find(PositionFactors)
+    place = positions.place.copy()
+    place[2] += 40.0
+    moved = type(positions)(
+        positions.state, place, positions.sigma, positions.velocity, positions.antenna, loss=positions.loss
+    )
+    rest = tuple(factor for factor in drive.graph.factors if factor is not positions)
+    lost = moved.part(0, int(moved.state[2])).joined(
+        moved.part(int(moved.state[2]) + 1, len(drive.poses)), int(moved.state[2]) + 1
+    )
+    whole = solve(Graph((moved, *rest)), drive.poses, np.zeros(COUNT))
+    with_it = without_first(Graph((moved, *rest)), whole.poses, whole.constants, 20)
+    without = without_first(Graph((lost, *rest)), whole.poses, whole.constants, 20)
+    first, second = (solve(graph, whole.poses[20:], whole.constants) for graph in (with_it, without))
+    assert np.allclose(first.poses, second.poses, atol=1e-6)
+
+
+def test_gtsam_has_the_same_optimum_and_marginals_of_a_graph_with_a_forgotten_past():
+    drive = small_drive(np.random.default_rng(36), 30)
+    graph = drive.graph.under(lambda factor: QUADRATIC)
+    whole = solve(graph, drive.poses, np.zeros(COUNT))
+    small = without_first(graph, whole.poses, whole.constants, 15)
+    ours = solve(small, whole.poses[15:], whole.constants, "all")
+    poses, constants, cost = solve_with_gtsam(small, whole.poses[15:] + 0.01, np.zeros(COUNT))
+    assert cost == pytest.approx(ours.cost, rel=1e-6)
+    assert np.max(np.abs(poses - ours.poses)) < 1e-4
+    assert np.max(np.abs(constants - ours.constants)) < 1e-5
+    # GTSAM's marginals of the whole, which never forgot anything.
+    blocks, of_constants = covariances_of_gtsam(graph, whole.poses, whole.constants)
+    assert np.allclose(ours.covariance, blocks[15:], rtol=1e-3, atol=1e-9)
+    assert np.allclose(ours.constants_covariance, of_constants, rtol=1e-3, atol=1e-12)
+
+
+def test_a_window_keeps_two_poses_however_short_it_is():
+    drive = small_drive(np.random.default_rng(37), 12)
+    found = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
+    window = Window(
+        drive.graph,
+        drive.cut.state_t,
+        found.poses,
+        found.constants,
+        found.covariance[-1],
+        found.constants_covariance,
+    )
+    assert window.since(-1.0) is window
+    short = window.since(1e9)
+    assert short.state_t.tolist() == drive.cut.state_t[-2:].tolist()
+    again = short.solved()
+    assert np.allclose(again.poses, found.poses[-2:], atol=1e-4)
+    assert np.allclose(again.covariance, found.covariance[-1], rtol=1e-3, atol=1e-9)

@@ -1,0 +1,179 @@
+"""`hubodo north --live`: a node is recorded while a table on a serial line, or a hand, turns it."""
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from fakes.fake_table import FakeTable
+from hubodo.cli import main
+from hubodo.log.mcap import read_recording
+
+LATITUDE_DEG = 48.1
+# Earth's level rate there: 15.041 deg/h times the cosine.
+LEVEL_DEG_S = 15.041067 / 3600 * math.cos(math.radians(LATITUDE_DEG))
+STEP_NDPS = 200_000
+"""A fine gyro: Earth's 2.8e-3 deg/s are 14 steps of 2e-4 deg/s."""
+NOISE_STEPS = 4.0
+
+
+class FineNode(FakeNode):
+    """Says that its gyro is finer than a hub's."""
+
+    def hello(self):
+        return replace(super().hello(), gyro_lsb_ndps=STEP_NDPS)
+
+
+@dataclass
+class OnTable(Sequence):
+    """Raw samples of a node that lies on the table, x along its zero, made when they are asked for."""
+
+    table: FakeTable
+    azimuth_deg: float
+    seed: int
+
+    def __post_init__(self):
+        self.rng = np.random.default_rng(self.seed)
+
+    def __len__(self):
+        return 1 << 40
+
+    def __getitem__(self, number):
+        gyro = self.rng.normal(0.0, NOISE_STEPS, 3)
+        at = math.radians(self.azimuth_deg - self.table.at)
+        level = LEVEL_DEG_S / (STEP_NDPS * 1e-9)
+        # x looks at the table's angle, y a quarter turn anticlockwise from it; a bias besides.
+        gyro += 300.0 + np.array([level * math.cos(at), level * math.cos(at - math.pi / 2), 0.0])
+        return (*np.rint(gyro).astype(int).tolist(), *self.rng.integers(-3, 4, 2).tolist(), 2048)
+
+
+def north(node, capsys, *words):
+    common = ["--latitude-deg", LATITUDE_DEG, "--settle", 0.2, "--json"]
+    status = main(["north", "--live", node.path, *map(str, [*common, *words])])
+    out, err = capsys.readouterr()
+    return json.loads(out) if status == 0 else (status, err)
+
+
+def off_by(found, azimuth_deg):
+    return (found["azimuth_deg"] - azimuth_deg + 180.0) % 360.0 - 180.0
+
+
+@pytest.fixture
+def table():
+    with FakeTable(turn=0.05) as made:
+        yield made
+
+
+def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, tmp_path, capsys):
+    azimuth, out = 222.0, tmp_path / "north.mcap"
+    words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 8, "-o", out]
+    with FineNode(rows=OnTable(table, azimuth, 1)) as node:
+        found = north(node, capsys, *words)
+    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 80
+    assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0, 180, 90, 270]
+    assert found["output"] == str(out) and found["gyros"][0]["stops"]["count"] == 8
+    # The log that was kept gives the same answer, and holds the raw frames beside.
+    words = ["north", str(out), "--latitude_deg", str(LATITUDE_DEG), "--method", "maytag4"]
+    assert main([*words, "--settle", "0.2", "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again["azimuth_deg"] == found["azimuth_deg"] and again["sigma_deg"] == found["sigma_deg"]
+    log = read_recording(out)
+    print(found["azimuth_deg"], found["sigma_deg"])
+    assert set(log.table["moving"]) == {0.0, 1.0} and len(log.nodes["left"]) > 8 * 1.2 * 200
+
+
+def test_the_axis_is_turned_until_it_points_east_and_left_there(table, capsys):
+    azimuth = 75.0
+    words = ["--table", table.path, "--method", "east", "--stop", 1.0, "--stops", 15, "--axis", "y"]
+    with FineNode(rows=OnTable(table, azimuth, 2)) as node:
+        found = north(node, capsys, *words)
+    east = found["east"]
+    print(found["azimuth_deg"], found["sigma_deg"], east["table_angle_deg"])
+    assert len(east["steps"]) == 5
+    assert table.at % 360 == pytest.approx(east["table_angle_deg"], abs=1e-3)
+    # y looks a quarter turn anticlockwise of the table's angle, so to azimuth - angle - 90; east is 90.
+    points = (azimuth - east["table_angle_deg"] - 90.0) % 360.0
+    assert abs((points - 90.0 + 180.0) % 360.0 - 180.0) < 4 * found["sigma_deg"] < 80
+    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"]
+
+
+def test_without_a_table_port_the_operator_is_told_what_to_do(table, tmp_path, capsys, monkeypatch):
+    class Hand(io.StringIO):
+        """Reads what was asked on stderr and turns the table so."""
+
+        def readline(self, *_):
+            asked = capsys.readouterr().err
+            told.append(asked.rpartition("turn the table")[2])
+            table.at = float(told[-1].partition(" on its scale")[0].split()[-1].rstrip("°"))
+            return "\n"
+
+    told = []
+    monkeypatch.setattr("sys.stdin", Hand())
+    with FineNode(rows=OnTable(table, 10.0, 3)) as node:
+        found = north(node, capsys, "--method", "maytag", "--stop", 1.0, "--stops", 6, "--near-deg", 10)
+    assert abs(off_by(found, 10.0)) < 4 * found["sigma_deg"]
+    assert len(told) == 6 and all("press Enter" in line for line in told)
+    assert "by 180.0° anticlockwise" in told[1] and "by 180.0° clockwise" in told[2]
+
+
+@pytest.mark.parametrize(
+    "words, text",
+    [
+        (["--method", "carousel"], "--live makes stops"),
+        (["--stops", 3], "give 4 stops"),
+        (["--stop", 0.5], "give 4 stops of 1 s"),
+        (["--method", "east", "--stops", 11], "12 at least"),
+        (["--method", "east", "--axis", "x", "--axis", "y"], "give one --axis"),
+        (["--simulate-azimuth-deg", 10], "goes with a LOG"),
+        (["-o", "north.csv"], "ends in .mcap"),
+        (["--node", "frame"], "carries node 'left', asked for 'frame'"),
+        (["--axis", "z"], "degrees from level"),
+    ],
+)
+def test_what_cannot_be_done_live_is_refused_in_one_line(table, capsys, words, text):
+    with FineNode(rows=OnTable(table, 0.0, 4)) as node:
+        status, err = north(node, capsys, "--table", table.path, *words)
+    assert status == 2 and text in err.splitlines()[-1]
+    assert len(table.visited) <= 1
+
+
+def test_a_log_and_live_exclude_each_other(tmp_path, capsys):
+    for words in ([], [str(tmp_path), "--live", "/dev/null"], [str(tmp_path), "--table", "/dev/null"]):
+        assert main(["north", *words, "--latitude-deg", "48"]) == 2
+        assert "--live PORT" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "fault, text", [({"jammed": True}, "ERR jammed"), ({"off": 3.0}, "stopped at 183.000")]
+)
+def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(tmp_path, capsys, fault, text):
+    out = tmp_path / "north.mcap"
+    with FakeTable(**fault, good=1) as table, FineNode(rows=OnTable(table, 0.0, 5)) as node:
+        status, err = north(node, capsys, "--table", table.path, "--stops", 4, "--stop", 1.0, "-o", out)
+    assert status == 1 and text in err.splitlines()[-1]
+    log = read_recording(out)
+    assert len(log.nodes["left"]) > 200 and log.table["moving"].tolist() == [0.0, 1.0]
+
+
+def test_what_is_no_table_is_said_before_anything_is_recorded(tmp_path, capsys):
+    out = tmp_path / "north.mcap"
+    with FakeTable(silent=True) as table, FineNode() as node:
+        status, err = north(node, capsys, "--table", table.path, "-o", out)
+        assert status == 1 and "answered nothing to 'ANGLE?'" in err
+        status, err = north(node, capsys, "--table", tmp_path / "none", "-o", out)
+        assert status == 1 and "--table" in err and err.count("\n") == 1
+    assert not out.exists()
+
+
+def test_a_node_that_falls_silent_is_said(table, tmp_path, capsys):
+    with FineNode(rows=OnTable(table, 0.0, 6), answers=False) as node:
+        node.unplug()
+        node.plug()
+        node._streaming = False
+        status, err = north(node, capsys, "--table", table.path, "--stops", 4, "--stop", 1.0)
+    assert status == 1 and "no samples for 8 s" in err

@@ -1,0 +1,94 @@
+"""The demo from start to end, as anybody runs it: the track it draws, beside the truth and two rivals."""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from demo_ride import MOVING, SEED
+from scipy.integrate import cumulative_trapezoid
+
+from hubodo.demo.scenario import TRACK_WIDTH, WHEEL_RADIUS, make_scenario
+from hubodo.log.mcap import read_recording
+
+DRAWN = "fused from the two wheels"
+
+
+@pytest.fixture(scope="module")
+def demo(demo_ride):
+    """What it printed."""
+    code, out, errors = demo_ride.result(timeout=170)
+    assert code == 0, errors
+    return json.loads(out)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """x, y of the drive on a fine grid, integrated here."""
+    drive = make_scenario(SEED, MOVING).drive
+    t = np.linspace(drive.speed.start, drive.speed.end, 40_001)
+    heading = cumulative_trapezoid(drive.yaw_rate(t), t, initial=0.0)
+    speed = drive.speed(t)
+    x = cumulative_trapezoid(speed * np.cos(heading), t, initial=0.0)
+    y = cumulative_trapezoid(speed * np.sin(heading), t, initial=0.0)
+    return np.stack([x, y], axis=1)
+
+
+def drawn(page):
+    """x, y of the track in the page."""
+    decoder, at = json.JSONDecoder(), page.index("Plotly.newPlot(")
+    traces, _ = decoder.raw_decode(page, page.index("[{", at))
+    (trace,) = (trace for trace in traces if trace["name"] == DRAWN)
+
+    def numbers(value):
+        packed = isinstance(value, dict)
+        return np.frombuffer(base64.b64decode(value["bdata"]), value["dtype"]) if packed else np.array(value)
+
+    return np.stack([numbers(trace["x"]), numbers(trace["y"])], axis=1)
+
+
+def dead_reckoning(log):
+    """Where a tape measure and the bare gyros say it ends: the two spin rates, no bias, no filter."""
+    left, right = (read_recording(log).nodes[name] for name in ("left", "right"))
+    t = np.arange(max(left.t[0], right.t[0]), min(left.t[-1], right.t[-1]), 0.002)
+    spin = [np.interp(t, node.t, node["gz"]) for node in (left, right)]
+    speed, yaw_rate = WHEEL_RADIUS * (spin[0] + spin[1]) / 2, WHEEL_RADIUS * (spin[1] - spin[0]) / TRACK_WIDTH
+    heading = cumulative_trapezoid(yaw_rate, t, initial=0.0)
+    return np.array([np.trapezoid(speed * np.cos(heading), t), np.trapezoid(speed * np.sin(heading), t)])
+
+
+def test_both_nodes_came_through_whole(demo):
+    assert sorted(demo["recorded"]["nodes"]) == ["left", "right"]
+    for node in demo["recorded"]["nodes"].values():
+        assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
+
+
+def test_the_length_it_prints_is_that_of_the_drive(demo, truth):
+    length = float(np.sum(np.hypot(*np.diff(truth, axis=0).T)))
+    assert demo["true_length"] == pytest.approx(length, abs=1e-3)
+    assert demo["fused"]["distance"] == pytest.approx(length, rel=0.01)
+
+
+def test_the_track_it_draws_ends_where_the_drive_ends_and_its_rivals_do_not(demo, truth):
+    track = drawn(Path(demo["page"]).read_text("utf-8"))
+    end = truth[-1]
+    error = float(np.hypot(*(track[-1] - end)))
+    printed = demo["fused"]["truth"]
+    print(f"seed {SEED}: ends {error:.3f} m from the truth, {printed['final_error']:.3f} m by its own words")
+    # Every n-th point of the track is drawn: at rest the last of them is the end.
+    assert error == pytest.approx(printed["final_error"], abs=2e-3)
+    assert error < 0.01 * demo["true_length"]
+    tape = float(np.hypot(*(dead_reckoning(demo["log"]) - end)))
+    still = float(np.hypot(*truth.T).max())
+    print(f"tape measure and bare gyros: {tape:.3f} m; standing still: {still:.3f} m at most")
+    assert tape > 5 * error and still > 5 * printed["maximum_error"]
+
+
+def test_the_track_it_draws_is_the_way_of_the_drive(demo, truth):
+    """Each point of it lies beside the way, and the way comes by."""
+    track = drawn(Path(demo["page"]).read_text("utf-8"))
+    way = truth[::40]
+    apart = np.hypot(*(track[:, None, :] - way[None, :, :]).transpose(2, 0, 1))
+    assert apart.min(axis=1).max() < 0.01 * demo["true_length"]
+    assert apart.min(axis=0).max() < 0.02 * demo["true_length"]
