@@ -16,6 +16,7 @@ from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import Start
 
+# Effects that are added at most, a round each: a bound on the time.
 _MOST = 8
 # What shows from one sample to the next needs every one.
 _FROM_ALL = ("sample_repeat",)

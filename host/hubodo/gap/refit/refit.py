@@ -11,6 +11,7 @@ from hubodo.gap.linear.directions import moved, term_directions
 from hubodo.gap.linear.linearised import linearise, solved
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
+from hubodo.gap.process_noise.weights import weights_of
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import Start
@@ -50,6 +51,10 @@ class Refit:
     def state(self) -> State:
         return self.point.state
 
+    def bare(self) -> Refit:
+        """For keeping: see `Point.bare`."""
+        return replace(self, point=self.point.bare())
+
     def place(self, term: ModelTerm) -> slice:
         """Where the coordinates of a free term stand."""
         at = 0
@@ -87,7 +92,12 @@ def gain_over(before: Refit, made: Refit) -> float:
 
 def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
     """All terms that are `fitted`, moved to where the data want them; the weights stay."""
-    best, step = _look(point.at(track_wheel_phase(point.state)[0]))
+    return fit_tracked(point.at(track_wheel_phase(point.state)[0]), rounds)
+
+
+def fit_tracked(point: Point, rounds: int = _ROUNDS) -> Refit:
+    """As `refit`, from a state whose wheels have been tracked."""
+    best, step = _look(point)
     for _ in range(rounds):
         size = float(np.sqrt(step @ np.linalg.pinv(best.whole_covariance) @ step)) if len(step) else 0.0
         if size < _ARRIVED:
@@ -101,19 +111,18 @@ def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
         else:
             break
         best, step = made, next_step
-    return replace(best, point=best.point.bare())
+    return best
 
 
 def refit_with_weights(state: State) -> Refit:
     """A fit and weights that agree with it: what moves a wheel rightly leaves it less to wander."""
-    weights = own_weights(track_wheel_phase(state)[0])
-    made = refit(Point(state, weights))
+    tracked, _walks = track_wheel_phase(state)
+    made = fit_tracked(Point(tracked, own_weights(tracked)))
     for _ in range(_AGREED):
-        fresh = own_weights(made.state)
-        if all(fresh.walks[name] > 0.5 * walk for name, walk in weights.walks.items()):
+        tracked, walks = track_wheel_phase(made.state)
+        if all(walks[name] > 0.5 * walk for name, walk in made.point.weights.walks.items()):
             break
-        weights = fresh
-        made = refit(Point(made.state, weights))
+        made = fit_tracked(Point(tracked, weights_of(tracked, walks)))
     return made
 
 

@@ -80,11 +80,9 @@ class State:
         """(6, N) of each node: measured minus predicted."""
         return {node.name: node.y - stacked(self.readings[node.name]) for node in self.problem.nodes}
 
-    @cached_property
-    def input_answers(self) -> Mapping[str, InputAnswers]:
-        """What an error of the inputs does to each node."""
-        nodes = self.problem.nodes
-        return {node.name: input_answers(node, self.readings[node.name], self.start(node)) for node in nodes}
+    def input_answers(self, node: NodeData) -> InputAnswers:
+        """What an error of the inputs does to a node."""
+        return input_answers(node, self.readings[node.name], self.start(node))
 
     @cached_property
     def phase_columns(self) -> Mapping[str, Array]:
