@@ -34,7 +34,7 @@ class BoardCalls:
         self.status = 0
         self.aim = (0, 0, 0, 1)
         self.port, self.timeout = 0, 0
-        self.socket, self.peer, self.armed = 0, bytes(6), False
+        self.socket, self.peer = 0, bytes(6)
 
     def now(self):
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
@@ -171,7 +171,7 @@ class BoardCalls:
         self.peer = struct.pack(">HH", high, low) + struct.pack("<H", port)
 
     def udp_from(self, handle, timeout_ms):
-        self.socket, self.timeout, self.status, self.armed = handle, timeout_ms, 0, True
+        self.socket, self.timeout, self.status = handle, timeout_ms, 0
 
     def udp_peer(self, k):
         return self.peer[k] if k < 4 else struct.unpack_from("<H", self.peer, 4)[0]
