@@ -21,7 +21,7 @@ REAL_TIME = (
     "host/test_verb_record.py",
 )
 
-# Rides that take their time begin with the first test of this folder: it comes first, and what looks at them last.
+# Rides that take their time begin with the first test of this folder: it comes first, their own tests last.
 FIRST = "signal_path"
 LAST = tuple(f"signal_path/test_{name}.py" for name in ("wheelchair_ride", "hidden_effect", "demo"))
 
