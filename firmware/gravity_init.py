@@ -121,8 +121,9 @@ class GravitySums:
 
 
 class GravityInit(PseudoInit):
-    """`PseudoInit` with that rate. A stretch that turns less than once is left out; a run without any is
-    refused (WHEEL_RESTS).
+    """`PseudoInit` with that rate.
+
+    A stretch that turns less than once is left out; a run without any is refused (WHEEL_RESTS).
 
     A scale error of the gyro looks like a bias that grows with the speed: `gyro_scale_ppm` must be right to
     0.1 % for 0.3 deg/s at 300 deg/s.

@@ -1,35 +1,22 @@
-"""The graph's factors handed to GTSAM one by one: its elimination, relinearisation and robust losses as a
-foreign solver of the same problem."""
+"""GTSAM as a foreign solver of the graph's problem: its elimination, relinearisation and robust losses."""
 
-import importlib
 import math
-import os
 
 import numpy as np
-import pytest
 
+import wanted
 from hubodo.fuse.graph.factors.constants import COUNT
-from shared_data import where
 
 CONSTANTS_KEY = 1 << 60
 """Key of the vector of constants; poses are numbered from 0."""
 
 
-def load_gtsam():
-    """The module; skips the test where it is not installed, fails it where CI is set or recordings are."""
-    try:
-        return importlib.import_module("gtsam")
-    except ImportError:
-        text = "GTSAM, the foreign solver of the graph, is not installed: pip install gtsam"
-        if os.environ.get("CI") or where("").is_dir():
-            pytest.fail(text)
-        pytest.skip(text)
-
-
 def solve_with_gtsam(graph, poses, constants):
-    """Poses, constants and cost by Levenberg-Marquardt; sequential elimination, for the default recursion
-    overflows the stack on long chains."""
-    gtsam = load_gtsam()
+    """Poses, constants and cost by Levenberg-Marquardt.
+
+    Sequential elimination, for the default recursion overflows the stack on long chains.
+    """
+    gtsam = wanted.module("gtsam")
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setLinearSolverType("SEQUENTIAL_QR")
     parameters.setRelativeErrorTol(1e-12)
@@ -45,7 +32,7 @@ def solve_with_gtsam(graph, poses, constants):
 
 def covariances_of_gtsam(graph, poses, constants):
     """(n, 3, 3) of each pose in the world's axes, and that of the constants, at given values."""
-    gtsam = load_gtsam()
+    gtsam = wanted.module("gtsam")
     values = gtsam_values(gtsam, poses, constants)
     marginals = gtsam.Marginals(gtsam_graph(gtsam, graph), values)
     turns = [_turn(heading) for heading in poses[:, 2]]
@@ -83,8 +70,11 @@ def _turn(heading):
 
 
 def _factor(gtsam, row, state):
-    """One factor on a pose, the one after it where it has one, and the constants. GTSAM's increments of a
-    pose are along the pose's own axes, ours along the world's, so the derivatives by x and y are turned."""
+    """One factor on a pose, the one after it where it has one, and the constants.
+
+    GTSAM's increments of a pose are along the pose's own axes, ours along the world's, so the derivatives by
+    x and y are turned.
+    """
     probe = row.linear(np.zeros((2, 3)), np.zeros(COUNT))
     keys = [state] if probe.by_next is None else [state, state + 1]
 

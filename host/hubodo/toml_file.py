@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import os
 import re
 import tempfile
@@ -10,6 +11,7 @@ import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
 from pathlib import Path
+from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from hubodo.errors import ConfigError, InputError
@@ -72,6 +74,9 @@ def read_table(table: object, shape: type[_T], where: str) -> _T:
 
 
 def _value(value: object, hint: Any, where: str) -> Any:
+    if NoneType in get_args(hint):
+        # TOML has no word for nothing: a key that is there has a value.
+        (hint,) = (option for option in get_args(hint) if option is not NoneType)
     if hint == tuple[str, ...]:
         if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
             return tuple(value)
@@ -129,6 +134,12 @@ def only_keys(table: object, known: Iterable[str], where: str) -> None:
     for key in as_table(table, where):
         if key not in names:
             raise ConfigError(f"{where}: unknown key {key!r}{near(key, names)}; known are {', '.join(names)}")
+
+
+def above_zero(value: float, where: str) -> None:
+    """Raises ConfigError for a number that is not finite or not above 0. where: file, table and key."""
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigError(f"{where} = {value}: must be a finite number above 0")
 
 
 def near(word: str, known: Iterable[str]) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from hubodo.errors import ConfigError
-from hubodo.toml_file import as_table, load_toml, near, only_keys, read_table
+from hubodo.toml_file import above_zero, as_table, load_toml, only_keys, read_table
 
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
@@ -68,9 +67,7 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     only_keys(body, ("wheel_radius", "track_width"), f"{path}: [vehicle]")
     sizes = read_table(body, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
-        value = getattr(sizes, item.name)
-        if not (math.isfinite(value) and value > 0):
-            raise ConfigError(f"{path}: [vehicle] {item.name} = {value}: must be above 0 (metres)")
+        above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
     nodes: dict[str, NodeMount] = {}
     for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
@@ -87,12 +84,8 @@ class _Sizes:
 
 
 def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
-    sides = ("left", "right")
-    for key in ("side", "facing"):
-        value = table.get(key)
-        if value is not None and value not in sides:
-            raise ConfigError(f"{where} {key} = {value!r}: write left or right{near(str(value), sides)}")
-    if ("side" in table) != ("facing" in table):
-        missing = "facing" if "side" in table else "side"
+    mount = read_table({key: table[key] for key in ("side", "facing") if key in table}, NodeMount, where)
+    if (mount.side is None) != (mount.facing is None):
+        missing = "side" if mount.side is None else "facing"
         raise ConfigError(f"{where}: {missing} is missing; a node on a wheel has both side and facing")
-    return NodeMount(cast(Side | None, table.get("side")), cast(Facing | None, table.get("facing")))
+    return mount

@@ -98,8 +98,10 @@ def _tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
 
 
 def _differential(drive: wheel_drives.WheelDrive, told: bool = False) -> tuple[float, ...]:
-    """Both spin gyros less their mean at rest; heading from the difference of the wheels. told: divided by
-    their true scale, as if gravity had counted the turns."""
+    """Both spin gyros less their mean at rest; heading from the difference of the wheels.
+
+    told: divided by their true scale, as if gravity had counted the turns.
+    """
     t = np.arange(0.2, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
@@ -111,8 +113,10 @@ def _differential(drive: wheel_drives.WheelDrive, told: bool = False) -> tuple[f
 
 
 def _raw_gyro(drive: wheel_drives.WheelDrive) -> tuple[float, ...]:
-    """One node: all gyros less their mean at rest; wheel angle summed from the spin, yaw turned back by
-    it."""
+    """One node: all gyros less their mean at rest.
+
+    The wheel angle is summed from the spin, and the yaw turned back by it.
+    """
     node = drive.nodes["left"]
     rest = node.t < REST
     gyro = node.gyro - node.gyro[rest].mean(axis=0)

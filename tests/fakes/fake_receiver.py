@@ -11,8 +11,10 @@ from datetime import UTC, datetime
 
 
 class FakeReceiver:
-    """Runs inside `with`. place(s since the start) -> latitude, longitude in degrees, 1 sigma in m; told
-    `late` s after it was true."""
+    """Runs inside `with`.
+
+    place(s since the start) -> latitude, longitude in degrees, 1 sigma in m; told `late` s after it was true.
+    """
 
     def __init__(
         self, place: Callable[[float], tuple[float, float, float]], rate_hz: float = 5.0, late: float = 0.05

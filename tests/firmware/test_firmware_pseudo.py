@@ -61,8 +61,10 @@ def rows(rate, bias, seed, noise=NOISE):
 
 
 def float_filter(table, stretch, rate, at_rest):
-    """(bias, sigma) in steps: the float filter with the means of the same stretches; at rest the first is
-    where it begins."""
+    """(bias, sigma) in steps of the float filter with the means of the same stretches.
+
+    At rest the first is where it begins.
+    """
     count = len(table) // stretch
     means = table[: count * stretch, :3].reshape(count, stretch, 3).mean(axis=1)
     noise = NOISE * STEP / math.sqrt(stretch)
@@ -143,6 +145,26 @@ def test_a_wheel_that_turns_is_refused_at_rest_and_what_was_known_stays(kind):
     init.bias_q14[0] = 77
     assert fed(init, table) and init.refused == wire.REASON_WHEEL_TURNS
     assert init.state == wire.FILTER_STATE_WAITING and init.bias_q14[0] == 77
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("bias_dps, refused", [(29.7, False), (-29.7, False), (30.3, True), (-30.3, True)])
+def test_a_bias_beyond_thirty_degrees_a_second_is_refused_on_each_axis_and_to_either_side(
+    axis, bias_dps, refused
+):
+    bias = np.zeros(3)
+    bias[axis] = bias_dps / 0.07
+    init = pseudo_init.PseudoInit(
+        wire.BIAS_KIND_TABLE,
+        node_settings(table_rate_udps=round(1428.6 * 70_000), bias_sigma_udps=10_000),
+        SimpleNamespace(period_ns=4_807_692),
+    )
+    for which in range(3):
+        init.give(which, round(bias[which] * 2**14))
+    init.begin(4096, LSB_NDPS, ACCEL_LSB_NG)
+    assert fed(init, rows(motion("table", 4096, 1428.6), bias, 3))
+    assert init.refused == (wire.REASON_WHEEL_TURNS if refused else 0)
+    assert init.samples == (0 if refused else 4096)
 
 
 def test_it_begins_from_the_bias_that_is_known_and_follows_the_warm_up():

@@ -24,8 +24,11 @@ DRIVES = ("told apart", "blunt")
 
 @dataclass(frozen=True)
 class Pair:
-    """Two effects in the form in which they look alike. motion, temperature: of the blunt log. dead: `gyro`,
-    `accel` or neither, whose channels are all zero there. why: what makes it blunt."""
+    """Two effects in the form in which they look alike.
+
+    motion, temperature: of the blunt log. dead: `gyro`, `accel` or neither, whose channels are all zero
+    there. why: what makes it blunt.
+    """
 
     one: Effect
     other: Effect

@@ -151,8 +151,10 @@ class Meter:
 
 
 def _next_size(low: float, high: float, size: float, wanted: float) -> float:
-    """Where a gain that grows as the square of the size is `wanted` times larger, if inside (low, high);
-    else half way between the bounds; else outwards, while one is not known yet."""
+    """Where a gain that grows as the square of the size is `wanted` times larger, if inside (low, high).
+
+    Else half way between the bounds; else outwards, while one is not known yet.
+    """
     guess = size * np.sqrt(wanted)
     if low * 1.01 < guess < high * 0.99:
         return guess

@@ -17,8 +17,11 @@ PAIRS = ("xz", "xy", "yz", "yx", "zy", "zx")
 
 @dataclass(frozen=True)
 class Effect:
-    """scope: `left`, `right`, `all` (both nodes, same numbers) or `vehicle`. parameters: as in the model
-    file, SI. size: times the typical magnitude."""
+    """An effect that is hidden.
+
+    scope: `left`, `right`, `all` (both nodes, same numbers) or `vehicle`. parameters: as in the model file,
+    SI. size: times the typical magnitude.
+    """
 
     name: str
     scope: str

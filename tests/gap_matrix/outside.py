@@ -28,8 +28,11 @@ _SHOWS = 0.2
 
 @dataclass(frozen=True)
 class Outsider:
-    """What is hidden: its kind, its node, how large. added: (n, 6). channels: `left.gx` and so on, where it
-    shows. words: of which one should stand in a description of what it depends on."""
+    """What is hidden: its kind, its node, how large.
+
+    added: (n, 6). channels: `left.gx` and so on, where it shows. words: of which one should stand in a
+    description of what it depends on.
+    """
 
     name: str
     node: str

@@ -12,8 +12,10 @@ FREE = {"gyro_lag": ("time_constant",), "wheel_eccentricity": ("amplitude",)}
 
 
 def told_apart_by(meter, hidden, other):
-    """Nats by which the hidden effect stays ahead of the other one at its best; the other's channels are
-    linear in its size."""
+    """Nats by which the hidden effect stays ahead of the other one at its best.
+
+    The other's channels are linear in its size.
+    """
     zero = dict.fromkeys(other.parameters, 0.0)
     lasting = {key: other.parameters[key] for key in ("time_constant",) if other.name == "gyro_warmup"}
     units = [

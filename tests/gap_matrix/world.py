@@ -20,8 +20,11 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Motion:
-    """What the vehicle does. speed, yaw_rate: (N,) m/s, rad/s of the body origin every `step` s from t = 0,
-    with continuous first derivatives."""
+    """What the vehicle does.
+
+    speed, yaw_rate: (N,) m/s, rad/s of the body origin every `step` s from t = 0, with continuous first
+    derivatives.
+    """
 
     speed: Array
     yaw_rate: Array

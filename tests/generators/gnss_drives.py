@@ -19,8 +19,11 @@ WGS84 = pyproj.Geod(ellps="WGS84")
 
 @dataclass(frozen=True)
 class Errors:
-    """What the odometer gets wrong: fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white
-    noise: along and sideways m per sqrt(m), heading rad per sqrt(s)."""
+    """What the odometer gets wrong.
+
+    Fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white noise: along and sideways m per
+    sqrt(m), heading rad per sqrt(s).
+    """
 
     scale: float = 0.0
     turn: float = 0.0
@@ -39,8 +42,11 @@ def drawn(rng: np.random.Generator) -> Errors:
 
 @dataclass(frozen=True)
 class GnssDrive:
-    """t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: the
-    odometer's poses in its own frame, from 0, 0, 0. fix_*: fixes. length: m."""
+    """A drive with its odometry and its fixes.
+
+    t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: the
+    odometer's poses in its own frame, from 0, 0, 0. fix_*: fixes. length: m.
+    """
 
     t: np.ndarray
     x: np.ndarray
@@ -111,8 +117,10 @@ def drive(
 
 
 def geodetic(east, north, latitude_deg, longitude_deg):
-    """Latitude and longitude in degrees of points `east` and `north` metres from origins: as far along the
-    geodesic and in the direction that both say. All scalars or (N,)."""
+    """Latitude and longitude in degrees of points `east` and `north` metres from origins.
+
+    That is as far along the geodesic and in the direction that both say. All scalars or (N,).
+    """
     east, north, lat, lon = np.broadcast_arrays(east, north, latitude_deg, longitude_deg)
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)
     longitude, latitude, _ = WGS84.fwd(lon, lat, azimuth, distance)
@@ -136,8 +144,10 @@ def _odometer(rng, t, x, y, heading, way, errors):
 
 
 def _integral(value):
-    """By Simpson's rule on pairs of steps, the trapezoid between: exact far below a micrometre for smooth
-    motion."""
+    """By Simpson's rule on pairs of steps, the trapezoid between.
+
+    Exact far below a micrometre for smooth motion.
+    """
     trapezoid = 0.5 * STEP * (value[1:] + value[:-1])
     bend = np.zeros(len(value))
     bend[1:-1] = value[2:] - 2.0 * value[1:-1] + value[:-2]

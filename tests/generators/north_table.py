@@ -37,8 +37,9 @@ class Sensor:
 
 
 def earth_in_sensor(azimuth, angle, latitude):
-    """Rate (N,) that a level axis feels: table zero at `azimuth` clockwise from north, table turned by
-    `angle`.
+    """Rate (N,) that a level axis feels on a table that is turned by `angle`.
+
+    azimuth: of table zero, clockwise from north.
 
     East, north, up. Table zero points to (sin azimuth, cos azimuth, 0); a turn anticlockwise seen from
     above is a right-handed turn about up.
@@ -61,8 +62,9 @@ class Run:
 
 
 def maytag(error, dt, azimuth, latitude, angles, stop, turn, *, transient=0.0, rng=None):
-    """Stops of `stop` s at each of `angles`, turns of `turn` s between; error (N,) rad/s is used from its
-    start.
+    """Stops of `stop` s at each of `angles`, turns of `turn` s between.
+
+    error: (N,) rad/s, is used from its start.
 
     transient: rad/s that the axis feels from the turn itself, decaying with 0.15 s after the table has
     stopped.

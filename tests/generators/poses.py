@@ -1,5 +1,4 @@
-"""An IMU carried by hand from rest to rest, from first principles: attitude matrices of scipy, rates in
-closed form.
+"""An IMU carried by hand from rest to rest, from first principles: scipy's attitudes, rates in closed form.
 
 Shares nothing with the calibration under test. Between poses the node turns about one axis fixed in it, by
 an angle that follows a raised cosine, so its rate is known exactly at every instant; sensor errors are
@@ -59,8 +58,9 @@ def carry(
     attitudes=None,
     g_sensitivity=None,
 ):
-    """Rests of `rest` s in random attitudes (or those given, scipy Rotation node to world), turns of `turn`
-    s between.
+    """Rests of `rest` s in random attitudes, turns of `turn` s between.
+
+    attitudes: those given, scipy Rotation from node to world.
 
     latitude: rad, adds Earth rate. g_sensitivity: (3, 3) (rad/s)/(m/s²).
     """

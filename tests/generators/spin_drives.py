@@ -17,8 +17,11 @@ GRAVITY = 9.80665
 
 @dataclass(frozen=True)
 class SpinDrive:
-    """t (N,) s; rate: the true wheel rate, z: the gyro, bias: what it adds (N,) rad/s; rest: samples at the
-    start in which the wheel stands; dt: s."""
+    """A gyro on a wheel.
+
+    t: (N,) s. rate: the true wheel rate, z: the gyro, bias: what it adds, (N,) rad/s. rest: samples at the
+    start in which the wheel stands. dt: s.
+    """
 
     t: np.ndarray
     rate: np.ndarray
@@ -29,8 +32,11 @@ class SpinDrive:
 
 
 def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, rest=20.0):
-    """(N,) rad/s: speeds of 0.3 .. `top` m/s held for 3 .. 8 s, changed at `acceleration` m/s^2, corners
-    rounded over 0.2 s; every fifth leg is a stop. It stands for the first `rest` seconds."""
+    """(N,) rad/s: speeds of 0.3 ..
+
+    `top` m/s held for 3 .. 8 s, changed at `acceleration` m/s^2, corners rounded over 0.2 s; every fifth leg
+    is a stop. It stands for the first `rest` seconds.
+    """
     wanted = [np.zeros(int(rest / dt))]
     held, leg = 0.0, 0
     while held < duration - rest:
@@ -49,8 +55,11 @@ def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, rest=20.0):
 
 
 def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, rest=20.0):
-    """The gyro on that wheel. noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per
-    sqrt(s); rest: s at the start in which the wheel stands, a tenth of it held back for the first corner."""
+    """The gyro on that wheel.
+
+    noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per sqrt(s); rest: s at the
+    start in which the wheel stands, a tenth of it held back for the first corner.
+    """
     count = len(rate)
     drift = bias * rng.standard_normal() + np.cumsum(walk * np.sqrt(dt) * rng.standard_normal(count))
     z = rate + drift + noise * rng.standard_normal(count)

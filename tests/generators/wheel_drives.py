@@ -53,8 +53,10 @@ PERFECT = Errors(*([0.0] * 15))
 
 @dataclass(frozen=True)
 class Node:
-    """What a node recorded: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², node axes; and what is true of
-    it."""
+    """What a node recorded, and what is true of it.
+
+    t: (N,) s; gyro: (N, 3) rad/s; accel: (N, 3) m/s², node axes.
+    """
 
     t: np.ndarray
     gyro: np.ndarray
@@ -79,8 +81,11 @@ class WheelDrive:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the vehicle is made to do. speed, yaw_rate: m/s, rad/s at 1 kHz, smooth. slip: m/s that each named
-    wheel turns beyond the road under it."""
+    """What the vehicle is made to do.
+
+    speed, yaw_rate: m/s, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond the road under
+    it.
+    """
 
     speed: np.ndarray
     yaw_rate: np.ndarray
@@ -128,8 +133,11 @@ def drive(
     facing: dict[str, str] | None = None,
     arm: tuple[float, float] | None = None,
 ) -> WheelDrive:
-    """Run a plan. facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm,
-    m, instead of a drawn one."""
+    """Run a plan.
+
+    facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm, m, instead of a
+    drawn one.
+    """
     errors = errors or Errors()
     dt = 1.0 / RATE_HZ
     t = np.arange(len(plan.speed)) * dt

@@ -1,5 +1,4 @@
-"""`hubodo fuse` on logs in which something is wrong: a track with larger sigma that says why, or one clear
-line."""
+"""`hubodo fuse` on logs in which something is wrong: larger sigmas that say why, or one clear line."""
 
 import csv
 import json

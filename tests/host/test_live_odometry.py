@@ -58,8 +58,10 @@ def hubodo(*args):
 
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
-    """Eleven seconds recorded by the command, calibrated; one node unplugged on the way, the other restarted
-    at the end: (log, JSON result, drive)."""
+    """Eleven seconds recorded by the command, calibrated: (log, JSON result, drive).
+
+    One node is unplugged on the way, the other restarted at the end.
+    """
     folder = tmp_path_factory.mktemp("ride")
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
     (folder / "calibration.toml").write_text(calibration_toml(CALIBRATION))

@@ -38,3 +38,10 @@ def test_values_keep_their_underscores(tmp_path, capsys):
     (log / "left_1.csv").write_text("t,gx,gy,gz,ax,ay,az\n0,0,0,0,0,0,9.8\n0.01,0,0,0,0,0,9.8\n")
     assert main(["north", str(log), "--node", "left_2", "--latitude_deg", "48"]) == 2
     assert "'left_2'; it has left_1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [["calibrate", "imu", "--json"], ["calibrate", "--json", "imu"]])
+def test_json_is_taken_before_and_behind_the_kind_of_calibration(words, tmp_path, capsys):
+    log = str(tmp_path / "none")
+    assert main([*words, log, "--node", "frame", "-o", str(tmp_path / "c.toml")]) == 2
+    assert "unrecognized" not in capsys.readouterr().err

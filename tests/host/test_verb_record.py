@@ -14,7 +14,6 @@ import threading
 import time
 import tty
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ import serial
 from rich.console import Console
 
 from fakes.fake_node import FakeNode, sample
+from fakes.recorder_thread import Device, RecorderThread
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.live.daemon import record
@@ -43,43 +43,6 @@ from hubowire.messages import Hello, TimeRequest
 ROOT = Path(__file__).resolve().parents[2]
 DPS_LSB = np.radians(0.07)
 TROLLEY = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
-
-
-@dataclass
-class Device:
-    """What a port lister says about one device."""
-
-    device: str
-    serial_number: str | None
-
-
-class RecorderThread:
-    """`record` in a thread, so that the test can do things to the nodes meanwhile."""
-
-    def __init__(self, out, *ports, **kwargs):
-        settings = {key: kwargs.pop(key) for key in list(kwargs) if key in ("wait", "duration", "gnss")}
-        config = RecordConfig(ports=ports, **settings)
-        self.stop = threading.Event()
-        self.result = self.error = None
-
-        def run():
-            try:
-                self.result = record(config, out, stop=self.stop, **kwargs)
-            except Exception as error:  # noqa: BLE001 handed to the test by `__exit__`
-                self.error = error
-
-        self.thread = threading.Thread(target=run)
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self.stop.set()
-        self.thread.join(10)
-        assert not self.thread.is_alive()
-        if self.error is not None:
-            raise self.error
 
 
 def cli(*args, **kwargs):

@@ -1,5 +1,4 @@
-"""`hubodo allan` and `hubodo warmup`: the forms that programs read, files for people, refusals in one "
-"line."""
+"""`hubodo allan` and `hubodo warmup`: forms for programs, files for people, refusals in one line."""
 
 import json
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""Avrutov 2010, paper beside ours: the test case, Figure 2 with its knee at eight decimals, and what
-averaging does.
+"""Avrutov 2010, paper beside ours: the test case, Figure 2 with its knee at eight decimals, averaging.
 
 .venv/bin/python tests/papers/avrutov.py [--seed N] [--png FILE]
 """
@@ -28,15 +27,19 @@ ALPHA, BETA, GAMMA = np.arange(0, 360, 40), np.arange(0, 81, 10), np.arange(0, 3
 DECIMALS = range(2, 13)
 ORDERS = ["".join(p) for p in itertools.permutations("XYZ")]
 WORKS = 5.0
-"""%; a bias known to this counts as found: Figure 2 has no scale, the paper says only from where it
-"works"."""
+"""%; a bias known to this counts as found.
+
+Figure 2 has no scale, the paper says only from where it "works".
+"""
 NOISE_LSB = 3.0
 AVERAGES = (1, 100, 10_000)
 
 
 def gravity(order, every_combination=False):
-    """(R, 3) unit vectors of gravity (0, 0, -g) in the node for the paper's angles; the order is not in the
-    paper."""
+    """(R, 3) unit vectors of gravity (0, 0, -g) in the node for the paper's angles.
+
+    Their order is not in the paper.
+    """
     combine = itertools.product if every_combination else zip
     angles = np.radians(np.array(list(combine(ALPHA, BETA, GAMMA)), float))
     return Rotation.from_euler(order, angles).inv().apply([0.0, 0.0, -1.0])

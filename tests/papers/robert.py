@@ -1,5 +1,4 @@
-"""Robert 2014, thesis beside ours: how well two MEMS gyros measure Earth rate at Fort Worth, and find north
-with it.
+"""Robert 2014, thesis beside ours: how well two MEMS gyros measure Earth rate, and find north with it.
 
 .venv/bin/python tests/papers/robert.py [--seeds N] [--static FOLDER]
 """

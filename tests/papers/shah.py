@@ -33,8 +33,11 @@ DRIVES = {
     "gentle, 0.02 m/s^2": (0.02, 0.3),
     "brisk, LSM6DS33's noise": (0.5, 9e-4),
 }
-"""Acceleration in m/s^2 and noise in rad/s a sample. The paper tells neither; RMSEs of 0.15 to 0.2 rad/s take
-a noise of about 0.3 rad/s, 300 times that of the chip on its board."""
+"""Acceleration in m/s^2 and noise in rad/s a sample.
+
+The paper tells neither; RMSEs of 0.15 to 0.2 rad/s take a noise of about 0.3 rad/s, 300 times that of the
+chip on its board.
+"""
 BIN = 1e-5
 """rad/s, of Figure 3."""
 
@@ -59,8 +62,10 @@ def kalman(made, rate_step, noise):
 
 
 def tuned_step(acceleration, noise):
-    """rad/s a sample: the best on the training drive. A random walk is not what a driver does, so no value
-    can be computed."""
+    """rad/s a sample: the best on the training drive.
+
+    A random walk is not what a driver does, so no value can be computed.
+    """
     made = drive(TRAINING_SEED, acceleration, noise)
     steps = np.geomspace(1e-3, 30.0, 60) * noise
     return min(steps, key=lambda step: rmse(kalman(made, step, noise), made))

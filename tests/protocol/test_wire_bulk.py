@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from wire_strategies import dirty, drive, message, message_frames, portions
 
 from hubodo.ingest.node import bulk
-from hubodo.ingest.node.bulk import BulkDecoder, FrameGroup, fixed_fields, imu_samples
+from hubodo.ingest.node.bulk import BulkDecoder, FrameGroup
+from hubodo.ingest.node.many_frames import by_node
 from hubowire import Frame, FrameDecoder, PayloadError, decode, encode, encode_frame
-from hubowire.messages import Filter, Hello, ImuBatch, Mag
+from hubowire.messages import ImuBatch
 
 
 def frames_of(groups: list[FrameGroup]) -> list[Frame]:
@@ -73,73 +74,44 @@ def test_the_end_of_each_frame_is_where_its_delimiter_stands_in_the_stream():
     assert sum(len(group.end) for group in groups) == 40
 
 
-def reference_samples(frames: list[Frame]) -> tuple[dict[int, list[tuple]], int]:
-    """Sample rows by node from one message at a time."""
-    found: dict[int, list[tuple]] = {}
-    malformed = 0
-    for frame in frames:
-        try:
-            batch = decode(frame.type_id, frame.payload)
-        except PayloadError:
-            malformed += frame.type_id == ImuBatch.type_id
-            continue
-        if not isinstance(batch, ImuBatch):
-            continue
-        rows = found.setdefault(frame.node, [])
-        for n, sample in enumerate(batch.samples):
-            t_us = (batch.t_us + (n * batch.period_ns + 500) // 1000) % 2**30
-            index = (batch.index + n) % 2**16
-            rows.append((sample, t_us, batch.period_ns, index, batch.temperature_raw, batch.flags, frame.seq))
-    return found, malformed
+def no_times(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return end, np.zeros_like(end)
 
 
-def rows_of(samples: bulk.ImuSamples) -> list[tuple]:
-    columns = (
-        samples.t_us,
-        samples.period_ns,
-        samples.index,
-        samples.temperature_raw,
-        samples.flags,
-        samples.seq,
-    )
-    raw = [tuple(row) for row in samples.raw.tolist()]
-    return list(zip(raw, *(column.tolist() for column in columns), strict=True))
+def is_sound_batch(frame: Frame) -> bool:
+    """Whether a frame is a batch of at least one sample, all of which are there."""
+    try:
+        batch = decode(frame.type_id, frame.payload)
+    except PayloadError:
+        return False
+    return isinstance(batch, ImuBatch) and len(batch.samples) > 0
 
 
-def check_samples(frames: list[Frame], groups: list[FrameGroup]) -> None:
-    expected, bad = reference_samples(frames)
-    samples, malformed = imu_samples(groups)
-    assert malformed == bad
-    assert {node: rows_of(some) for node, some in samples.items() if len(some.raw)} == {
-        node: rows for node, rows in expected.items() if rows
-    }
+def check_by_node(frames: list[Frame], groups: list[FrameGroup]) -> None:
+    """Batches and other frames of each node are the frames, in their order."""
+    found = by_node(groups, no_times)
+    assert set(found) == {frame.node for frame in frames}
+    for node, some in found.items():
+        own = [frame for frame in frames if frame.node == node]
+        batches = [decode(frame.type_id, frame.payload) for frame in own if is_sound_batch(frame)]
+        assert [frame.seq for frame in own if is_sound_batch(frame)] == some.batches.seq.tolist()
+        again = [some.batch(k) for k in range(len(some.batches))]
+        assert [decode(frame.type_id, frame.payload) for frame in again] == batches
+        assert [other.frame for other in some.others] == [f for f in own if not is_sound_batch(f)]
+        ends = [other.end for other in some.others]
+        assert ends == sorted(ends) and bool((np.diff(some.batches.end) > 0).all())
 
 
-def test_samples_equal_those_of_the_messages_one_by_one():
+def test_batches_and_other_frames_of_each_node_are_those_of_the_messages():
     print("seeds 21, 22")
     stream = dirty(drive(np.random.default_rng(21), 3000), np.random.default_rng(22), 0.001)
     frames, groups = FrameDecoder().feed(stream), BulkDecoder().feed(stream)
-    check_samples(frames, groups)
-    samples, malformed = imu_samples(groups)
-    assert set(samples) == {1, 2} and malformed > 0
-    assert samples[1].raw.dtype == np.int16 and samples[1].raw.shape[1] == 6
+    check_by_node(frames, groups)
+    assert any(not is_sound_batch(f) for f in frames if f.type_id == ImuBatch.type_id)
 
 
 @given(st.lists(message(ImuBatch), max_size=20), st.binary(max_size=8))
-def test_samples_of_any_batches_equal_those_one_by_one(batches: list[ImuBatch], newer: bytes):
+def test_any_batches_are_those_of_the_messages(batches: list[ImuBatch], newer: bytes):
     frames = [Frame(2, 1, n, (encode(batch) + newer)[:242]) for n, batch in enumerate(batches)]
     frames += [Frame(2, 1, 999, bytes(5))]
-    check_samples(frames, BulkDecoder().feed(b"".join(map(encode_frame, frames))))
-
-
-@given(st.lists(message(Filter), min_size=1, max_size=5), st.lists(message(Mag), min_size=1, max_size=5))
-def test_fixed_fields_equal_those_of_the_messages(filters: list[Filter], mags: list[Mag]):
-    frames = [Frame(m.type_id, 1, n, encode(m)) for n, m in enumerate([*filters, *mags])]
-    groups = {group.type_id: group for group in BulkDecoder().feed(b"".join(map(encode_frame, frames)))}
-    rows = fixed_fields(Filter, groups[Filter.type_id])
-    assert rows["bias_q12"].tolist() == [list(m.bias_q12) for m in filters]
-    assert rows["samples"].tolist() == [m.samples for m in filters]
-    rows = fixed_fields(Mag, groups[Mag.type_id])
-    assert rows["t_us"].tolist() == [m.t_us for m in mags]
-    with pytest.raises(ValueError, match="Hello: needs 51 bytes, 10 came"):
-        fixed_fields(Hello, groups[Mag.type_id])
+    check_by_node(frames, BulkDecoder().feed(b"".join(map(encode_frame, frames))))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from wire_strategies import dirty, drive
 
-from hubodo.ingest.node.bulk import BulkDecoder, imu_samples
+from hubodo.ingest.node.bulk import BulkDecoder
+from hubodo.ingest.node.many_frames import by_node
 from hubowire import Damage, FrameDecoder, PayloadError, decode
 
 TOTAL = 10_000_000
@@ -23,7 +24,7 @@ def streaming(decoder: FrameDecoder, data: bytes) -> None:
 
 
 def in_bulk(decoder: BulkDecoder, data: bytes) -> None:
-    imu_samples(decoder.feed(data))
+    by_node(decoder.feed(data), lambda end: (end, np.zeros_like(end)))
 
 
 def portions(seed: int):

@@ -60,8 +60,11 @@ def portions(draw: st.DrawFn, stream: bytes) -> list[bytes]:
     return [stream[a:b] for a, b in pairwise(edges)]
 
 
-def dirty(stream: bytes, rng: np.random.Generator, share: float = 0.01) -> bytes:
-    """The stream with `share` of its bytes replaced, and a hundredth as many cuts, splices and insertions."""
+def dirty(stream: bytes, rng: np.random.Generator, share: float = 0.01, *, splices: bool = True) -> bytes:
+    """The stream with `share` of its bytes replaced, and a hundredth as many cuts, splices and insertions.
+
+    splices: pieces of the stream that come again elsewhere, before their time too.
+    """
     data = np.frombuffer(stream, np.uint8).copy()
     hit = rng.random(len(data)) < share
     data[hit] = rng.integers(0, 256, np.count_nonzero(hit))
@@ -72,7 +75,7 @@ def dirty(stream: bytes, rng: np.random.Generator, share: float = 0.01) -> bytes
         match rng.integers(0, 5):
             case 0:
                 out = out[:at] + out[at + length :]
-            case 1:
+            case 1 if splices:
                 out = out[:at] + out[from_where : from_where + length] + out[at:]
             case 2:
                 out = out[:at] + bytes(length % 5) + out[at:]

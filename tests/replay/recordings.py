@@ -34,8 +34,11 @@ UPDATE = "python tests/replay/update.py"
 TOLERANCE = 0.0
 """On the arithmetic that the references were made with: same rounding, Python and numpy."""
 ELSEWHERE = 1e-6
-"""m, rad: another processor's fused operations and LAPACK kernels round each of some hundred filter steps
-anew, 1e-16 each, and gains of a badly known state magnify that by up to 1e8."""
+"""m, rad: by how much a recording may differ on another processor.
+
+Its fused operations and LAPACK kernels round each of some hundred filter steps anew, 1e-16 each, and gains of
+a badly known state magnify that by up to 1e8.
+"""
 IGNORED = ("log time", "sequence number")
 """Of a message: they say when it was written, not what was found."""
 

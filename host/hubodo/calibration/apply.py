@@ -89,8 +89,10 @@ class SampleCorrection:
         return _clipped(gyro, chain.rate.T, GYRO_LIMIT), _clipped(accel, chain.force.T, ACCEL_LIMIT)
 
     def _offsets(self, chain: Chain) -> Chain:
-        """A chain whose gyro and accel are what the effects add to a reading at its time, temperature and
-        force."""
+        """A chain whose gyro and accel are what the effects add to a reading.
+
+        The reading is of its time, temperature and force.
+        """
         made = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
             effect.offset(made)

@@ -32,8 +32,10 @@ class Triad:
     matrix: Array = field(default_factory=lambda: np.eye(3))
 
     def apply(self, raw: Array, extra_bias: Array | float = 0.0) -> Array:
-        """True values from raw ones, (N, 3) or (3,). extra_bias: what time or temperature adds to the
-        bias."""
+        """True values from raw ones, (N, 3) or (3,).
+
+        extra_bias: what time or temperature adds to the bias.
+        """
         return np.asarray(
             np.linalg.solve(self.matrix, np.atleast_2d(raw - self.bias - extra_bias).T).T
         ).reshape(np.shape(raw))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -39,19 +40,19 @@ class NodeMisalignment(Effect):
     y: float = parameter("rad", 0.02, turned=True, estimate=_TILT)
     z: float = parameter("rad", 0.02, turned=True)
 
-    def matrix(self) -> Array:
+    @cached_property
+    def rotation(self) -> Array:
         """R(x, y, z), (3, 3)."""
         return np.asarray(Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix())
 
     def mount(self, chain: Chain) -> None:
-        turned = self.matrix().T
+        turned = self.rotation.T
         for name in ("rate", "rate_derivative", "force"):
             setattr(chain, name, turned @ getattr(chain, name))
 
     def unmount(self, chain: Chain) -> None:
-        back = self.matrix()
         for name in ("rate", "rate_derivative", "force"):
-            setattr(chain, name, times(back, getattr(chain, name)))
+            setattr(chain, name, times(self.rotation, getattr(chain, name)))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ XYZ = ("x", "y", "z")
 def times(matrix: Array, vectors: Array) -> Array:
     """matrix @ vectors, (3, N), as plain products and sums: the same bits for any N."""
     x, y, z = vectors
-    return np.stack([m[0] * x + m[1] * y + m[2] * z for m in matrix])
+    return np.asarray(matrix[:, :1] * x + matrix[:, 1:2] * y + matrix[:, 2:] * z)
 
 
 @dataclass(frozen=True)

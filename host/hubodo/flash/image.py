@@ -31,8 +31,11 @@ NATIVE = frozenset(
         *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
     }
 )
-"""Files of the loop, beside all drivers: as machine code each function has its variables on the stack, where
-bytecode takes them from the heap as soon as there are more than eleven."""
+"""Files of the loop, which become machine code as all drivers do.
+
+Each function then has its variables on the stack, where bytecode takes them from the heap as soon as there
+are more than eleven.
+"""
 
 
 class ImageError(HubodoError):

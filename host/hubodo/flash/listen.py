@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass, field
 
 from hubodo.ingest.link.transport import LinkDown, SerialTransport
-from hubodo.ingest.node.decoder import NodeCounts, NodeDecoder
+from hubodo.ingest.node.boot import NodeCounts
+from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.samples import HealthSeen, ImuBlock, TimeReplySeen
 from hubowire import FrameDecoder, Message, encode, encode_frame

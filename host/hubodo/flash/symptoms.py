@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.flash.finding import Finding, ok, unknown, wrong
 from hubodo.flash.listen import Heard
 from hubodo.flash.wires import chip_name
-from hubodo.ingest.node.decoder import G
+from hubodo.ingest.node.scale import G
 from hubowire.messages import Board, Fault, Health, Hello, Part, ResetCause, node_name
 
 RATE_TOLERANCE = 0.12

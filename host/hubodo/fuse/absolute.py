@@ -11,14 +11,14 @@ from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes
 from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.outages import outages
+from hubodo.fuse.graph.review import COUNTS
 from hubodo.fuse.graph.steps import path_of
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheels import WheelOdometry, start_heading
 from hubodo.recording import Recording
 
-_FIX_COUNTS = 0.4
-# A constant whose sigma has not shrunk by a tenth is the prior's, not this drive's.
 _SEEN = 0.9
+"""Of the prior's sigma: a constant that has not shrunk by a tenth is the prior's, not this drive's."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def absolute_track(
     truth = None
     if recording.truth is not None:
         truth = (recording.truth.t, recording.truth["x"], recording.truth["y"])
-    used = found.fix_t[found.fix_weight > _FIX_COUNTS]
+    used = found.fix_t[found.fix_weight > COUNTS]
     gaps = outages(found.from_start, used, truth) if len(used) else ()
     learnt = {
         "fixes": len(found.fix_t),

@@ -12,9 +12,11 @@ from hubodo.recording import Recording, Table
 from hubodo.smooth import smooth, through
 
 _FEWEST = 20
+"""Rows; fewer are no drive, and a smoothing spline has nothing to judge its noise by."""
 _STEP = 0.02
-# m/s; at less than this a course says little about where the vehicle points, so the turn fades out.
+"""s; a vehicle's speed and yaw rate have nothing above 25 Hz."""
 _CRAWL = 0.2
+"""m/s; at less than this a course says little about where the vehicle points, so the turn fades out."""
 
 
 def drive_from_reference(recording: Recording, where: str) -> Inputs:

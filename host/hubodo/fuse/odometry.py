@@ -13,19 +13,24 @@ from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, WheelSamples,
 from hubodo.vehicle import Side
 
 _PORTION_NS = 1_000_000_000
+"""ns of each wheel that are handled in turn."""
+
 _Row = list[float]
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """track_width: m, between the contacts. step_ns: distance of the poses. standstill_bias: whether the
-    bias of a gyro is measured while its wheel rests."""
+    """How the odometry is made.
+
+    track_width: m, between the contacts. step_ns: distance of the poses. bias_at_rest: whether the bias of
+    a gyro is measured while its wheel rests.
+    """
 
     left: WheelSpec
     right: WheelSpec
     track_width: float
     step_ns: int = 10_000_000
-    standstill_bias: bool = True
+    bias_at_rest: bool = True
     noise: OdometryNoise = field(default_factory=OdometryNoise)
 
 
@@ -49,7 +54,7 @@ class OdometryState:
     twist_covariance: tuple[tuple[float, float], ...]
 
 
-class Outcome(Enum):
+class SampleFate(Enum):
     """What became of samples."""
 
     ADVANCED = "new poses"
@@ -58,10 +63,10 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Handled:
-    """Outcome of `handle`, and the poses that it made known, oldest first."""
+class OdometryOutput:
+    """fate: what became of the samples; states: the poses that they made known, oldest first."""
 
-    outcome: Outcome
+    fate: SampleFate
     states: tuple[OdometryState, ...]
 
 
@@ -79,8 +84,8 @@ class DifferentialOdometry:
         self._config = config
         noise = config.noise
         self._wheels: dict[Side, RollingWheel] = {
-            "left": RollingWheel(config.left, noise, config.standstill_bias),
-            "right": RollingWheel(config.right, noise, config.standstill_bias),
+            "left": RollingWheel(config.left, noise, config.bias_at_rest),
+            "right": RollingWheel(config.right, noise, config.bias_at_rest),
         }
         self._t_ns: int | None = None
         self._at: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
@@ -91,14 +96,14 @@ class DifferentialOdometry:
         self._bias_sigmas = [config.left.gyro_bias_sigma, config.right.gyro_bias_sigma]
         self._state: OdometryState | None = None
 
-    def handle(self, samples: WheelSamples) -> Handled:
+    def handle(self, samples: WheelSamples) -> OdometryOutput:
         """Takes samples of one wheel; wheels may come in any order and portions."""
         wheel = self._wheels[samples.side]
         late = wheel.add(samples)
         states = tuple(self._advance())
         if late:
-            return Handled(Outcome.LATE, states)
-        return Handled(Outcome.ADVANCED if states else Outcome.WAITING, states)
+            return OdometryOutput(SampleFate.LATE, states)
+        return OdometryOutput(SampleFate.ADVANCED if states else SampleFate.WAITING, states)
 
     def state(self) -> OdometryState | None:
         """The newest pose, None before both wheels have moved time forward."""
@@ -109,7 +114,7 @@ class DifferentialOdometry:
         return {side: (wheel.bias, wheel.bias_sigma) for side, wheel in self._wheels.items()}
 
     def finish(self) -> tuple[OdometryState, ...]:
-        """No more samples will come: what waited for a first look at standstill goes on without."""
+        """No more samples will come: what waited for a first look at rest goes on without."""
         for wheel in self._wheels.values():
             wheel.ready = True
         return tuple(self._advance())

@@ -25,8 +25,11 @@ _WIDENED = (
     (72.0, 84.0, 21.0, 33.0, 27.0),
     (72.0, 84.0, 33.0, 42.0, 39.0),
 )
-"""Degrees: south, north, west and east of the areas about Norway and Svalbard where the military grid widens
-a zone, and the meridian of the zone there; the EPSG register has the regular zones alone."""
+"""Where the military grid widens a zone about Norway and Svalbard, in degrees.
+
+South, north, west and east of each area, and the meridian of the zone there; the EPSG register has the
+regular zones alone.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +91,7 @@ def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
 
 
 def epsg_of(latitude_deg: float, longitude_deg: float) -> int:
-    """EPSG number of the UTM zone of a point, with the widened zones of Norway and Svalbard; UPS at the
-    poles."""
+    """EPSG number of a point's UTM zone, with the wide zones of Norway and Svalbard; UPS at the poles."""
     if latitude_deg >= _NORTH_END:
         return _UPS_NORTH
     if latitude_deg < _SOUTH_END:

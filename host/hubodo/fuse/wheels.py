@@ -13,6 +13,7 @@ from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
+from hubodo.fuse.node_bias import with_node_biases
 from hubodo.fuse.odometry import OdometryConfig, integrate
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
@@ -27,6 +28,7 @@ from hubodo.vehicle import Side, Vehicle
 Method = Literal["filter", "differential"]
 METHODS: tuple[Method, ...] = ("filter", "differential")
 _FEW = 20
+"""Samples, a fifth of a second: below that a node counts as not there."""
 SIDES: tuple[Side, Side] = ("left", "right")
 
 
@@ -95,9 +97,9 @@ def wheel_odometry(
     A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
 
     lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
-    calibration: applied to the samples; what only the filter can use becomes its prior. Raises InputError for
-    nodes that are missing, for two on one wheel, and for a log too short, CalibrationError for a calibration
-    of another node.
+    calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
+    that a node told of itself where the calibration has none. Raises InputError for nodes that are missing,
+    for two on one wheel, and for a log too short, CalibrationError for a calibration of another node.
     """
     if (
         recording.wheels is not None
@@ -106,8 +108,7 @@ def wheel_odometry(
     ):
         return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
-    used: dict[str, Any] = {}
-    told: tuple[str, ...] = ()
+    applied = None
     if calibration is not None:
         applied = apply_calibration(
             recording.nodes,
@@ -116,10 +117,29 @@ def wheel_odometry(
             events=recording.events,
             t_zero_ns=recording.t_zero_ns,
         )
-        recording = replace(recording, nodes=applied.nodes)
-        calibration, used, told = applied.left, dict(applied.used), applied.warnings
+        recording, calibration = replace(recording, nodes=applied.nodes), applied.left
     if method == "differential":
         return _differential(recording, vehicle, names, log)
+    calibration, told_bias = with_node_biases(calibration, recording, names)
+    made = _filtered(recording, vehicle, names, log, calibration, lag)
+    if told_bias:
+        made = replace(made, learnt={**made.learnt, "bias_from_node": list(told_bias)})
+    warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
+    if applied is None:
+        return replace(made, warnings=warnings)
+    learnt = {**made.learnt, "calibrated": dict(applied.used)} if applied.used else made.learnt
+    return replace(made, warnings=applied.warnings + warnings, learnt=learnt)
+
+
+def _filtered(
+    recording: Recording,
+    vehicle: Vehicle,
+    names: tuple[str, ...],
+    log: str,
+    calibration: Calibration | None,
+    lag: float,
+) -> WheelOdometry:
+    """The wheel filter on nodes of a recording whose samples are calibrated."""
     used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
     names = tuple(name for name in names if len(used_nodes[name]) > _FEW) or names
     try:
@@ -132,9 +152,7 @@ def wheel_odometry(
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
-    warnings = told + screenings + tuple(report.pop("warnings")) + _missing(recording, vehicle, names, nodes)
-    if used:
-        report["calibrated"] = used
+    warnings = screenings + tuple(report.pop("warnings"))
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
     return WheelOdometry(
         track,
@@ -205,7 +223,7 @@ def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdome
         gyro[:, 2] = wheels[side] / radius
         return WheelSamples(side, t_ns, gyro, still)
 
-    config = OdometryConfig(spec, spec, vehicle.track_width, standstill_bias=False)
+    config = OdometryConfig(spec, spec, vehicle.track_width, bias_at_rest=False)
     states = integrate(config, [spinning(side) for side in SIDES])
     if not states:
         raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")

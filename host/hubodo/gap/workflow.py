@@ -53,13 +53,13 @@ def find_gap(
 
 
 def _result(begin: State, found: SearchResult, rounds: Rounds, warnings: tuple[str, ...]) -> GapResult:
-    problem, final = begin.problem, found.final.point
+    problem, final = begin.problem, found.final.point.bare()
     held = split(problem)
     terms = [term for term in final.state.terms if term.fitted]
     given = [term for term in final.state.terms if not term.fitted]
-    points = [*(_stage(begin, terms[:k], final) for k in range(len(terms))), final]
-    steps = [one.residuals for one in points]
-    outside = [_trained(one, held) for one in points]
+    stages = [_stage(begin, terms[:k], final) for k in range(len(terms))]
+    steps = [*(one.bare().residuals for one in stages), final.residuals]
+    outside = [_trained(one, held) for one in (*stages, final)]
     findings = []
     for k, term in enumerate(terms):
         one = finding(term, found, rounds, steps[k : k + 2], outside[k : k + 2])

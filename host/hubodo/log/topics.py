@@ -6,6 +6,7 @@ import json
 
 EVENTS = "/hubodo/events"
 RAW = "/hubodo/raw/"
+ASKED = "/hubodo/asked/"
 COLUMNS = "/hubodo/columns/"
 ODOM = "/odom"
 ODOM_MAP = "/odom_map"

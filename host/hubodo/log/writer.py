@@ -158,6 +158,14 @@ class McapLog(ChunkLog):
             channel = self.add_channel(topics.RAW + link, topics.RAW_SCHEMA, "", b"", topics.RAW_ENCODING)
         self.write(channel, t_log_ns, t_log_ns, frame)
 
+    def asked(self, link: str, t_ns: int, token: bytes) -> None:
+        """The token of a question about a node's clock, at the time at which it was sent."""
+        topic = topics.ASKED + link
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self.add_channel(topic, "", "", b"", topics.RAW_ENCODING)
+        self.write(channel, t_ns, t_ns, token)
+
     def event(self, event: Event) -> None:
         """An event; written at once, not kept pending, because it is rare and explains what follows."""
         channel = self._channels.get(topics.EVENTS)

@@ -100,11 +100,11 @@ def start_of(model: Model, node: str, experiment: Experiment, seed: int) -> Star
 def simulate(
     model: Model, experiment: Experiment, rate: float, reference_rate: float, seed: int
 ) -> Recording:
-    """One draw of all that would be recorded: nodes at `rate` Hz, the reference with the model's input noise
-    at `reference_rate` Hz, the truth.
+    """One draw of all that would be recorded.
 
-    Each node draws from a generator of its own, so that another node or effect does not change its noise.
-    Raises InputError when the model has no node.
+    That is nodes at `rate` Hz, the reference with the model's input noise at `reference_rate` Hz, and the
+    truth. Each node draws from a generator of its own, so that another node or effect does not change its
+    noise. Raises InputError when the model has no node.
     """
     if not model.vehicle.nodes:
         raise InputError("the model has no node; add [nodes.left] with side and facing")

@@ -13,6 +13,7 @@ from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
+    above_zero,
     as_table,
     load_toml,
     near,
@@ -137,13 +138,8 @@ def _noise(table: Mapping[str, Any], path: Path) -> Noise:
         )
     imu = read_table(table["imu"], _Imu, f"{path}: [imu]")
     for key in ("gyro_noise", "accel_noise"):
-        _above_zero(getattr(imu, key), f"{path}: [imu] {key}")
+        above_zero(getattr(imu, key), f"{path}: [imu] {key}")
     return Noise(imu.gyro_noise, imu.accel_noise)
-
-
-def _above_zero(value: float, where: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigError(f"{where} = {value}: must be a finite number above 0")
 
 
 def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputNames:

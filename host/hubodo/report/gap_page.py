@@ -55,8 +55,10 @@ _BADGES = {
 
 
 def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
-    """The page as text. log, model: names of what was compared. written: the text of the model with what was
-    added."""
+    """The page as text.
+
+    log, model: names of what was compared. written: the text of the model with what was added.
+    """
     chosen = channels_that_matter(result)
     courses = {name: course(residual.node) for name, residual in result.steps[0].items()}
     sections = [

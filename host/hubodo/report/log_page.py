@@ -1,5 +1,4 @@
-"""A log as one page for a colleague: what it holds, what was lost, its sensors, its drive, what it cannot
-show."""
+"""A log as one page for a colleague: its content, losses, sensors and drive, and what it cannot show."""
 
 from __future__ import annotations
 

@@ -32,8 +32,10 @@ _TURNS = 0.35
 
 @dataclass(frozen=True)
 class SensorReport:
-    """Sections of one node. missing: what its record cannot show, with the reason, one line each. facts: the
-    findings, one line each."""
+    """Sections of one node.
+
+    missing: what its record cannot show, with the reason, one line each. facts: the findings, one line each.
+    """
 
     sections: tuple[Section, ...]
     missing: tuple[str, ...]

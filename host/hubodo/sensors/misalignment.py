@@ -74,6 +74,8 @@ def align_by_earth_rate(
 
 
 def turned(triad: Triad, angle: Array) -> Triad:
-    """The same triad for true values given in a frame turned by `angle`: true_new = R true_old, so M_new = M
-    R'."""
+    """The same triad for true values given in a frame turned by `angle`.
+
+    true_new = R true_old, so M_new = M R'.
+    """
     return Triad(triad.bias, np.asarray(triad.matrix @ Rotation.from_rotvec(angle).as_matrix().T))

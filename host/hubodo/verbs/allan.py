@@ -1,5 +1,4 @@
-"""`hubodo allan`: what a sensor at rest is worth: Allan deviation, the five noise terms, how long to "
-"average."""
+"""`hubodo allan`: what a sensor at rest is worth: Allan deviation, noise terms, how long to average."""
 
 from __future__ import annotations
 

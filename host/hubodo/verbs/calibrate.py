@@ -20,6 +20,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             name, help=module.HELP, description=module.HELP, epilog=f"example: {module.EXAMPLE}"
         )
         module.add_arguments(kind)
+        # Those of every verb, here behind the kind as well; without a default, to leave what stood before it.
+        for option in ("--json", "--debug"):
+            kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> calibrate_wheels.CalibratedWheels | calibrate_imu.CalibratedImu:

@@ -1,5 +1,4 @@
-"""`hubodo calibrate imu`: bias, scale and cross-axis of both triads of a node, from rests in nine or more
-poses."""
+"""`hubodo calibrate imu`: bias, scale and cross-axis of both triads of a node, from nine poses or more."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`hubodo import`: a CSV folder into a log."""
+"""`hubodo import`: a CSV folder into a log, or the raw frames of a log into another."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Any
 
 from rich.console import Console
 
+from hubodo.errors import InputError
+from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
 from hubodo.log.container import temporary_beside
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.progress import progress_line
 
-HELP = "turn a folder of CSV files into a log"
-EXAMPLE = "hubodo import drive/ -o drive.mcap"
+HELP = "turn a folder of CSV files into a log, or decode the raw frames of a log again"
+EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
 
 @dataclass(frozen=True)
@@ -41,9 +43,38 @@ class Imported:
         console.print(f"wrote {self.log}: {self.messages} messages", highlight=False, markup=False)
 
 
+@dataclass(frozen=True)
+class Decoded:
+    """What became of the raw frames of a log."""
+
+    source: str
+    done: DecodedAgain
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` prints it."""
+        done = self.done
+        return {"log": str(done.out), "source": self.source, "nodes": done.nodes, "messages": done.messages}
+
+    def render(self, console: Console) -> None:
+        """One line per node."""
+        lines = [
+            f"{name}: {node['samples']} samples, {node['samples_lost']} lost, clock {node['clock']['source']}"
+            if node["refused"] is None
+            else node["refused"]
+            for name, node in self.done.nodes.items()
+        ]
+        for line in [*lines, f"wrote {self.done.out}: {self.done.messages} messages"]:
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo import`."""
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of CSV files (may be gzipped)")
+    parser.add_argument(
+        "source",
+        metavar="DIR",
+        type=Path,
+        help="folder of CSV files (may be gzipped), or a log whose raw frames this version is to decode",
+    )
     parser.add_argument(
         "-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="the log to write"
     )
@@ -52,11 +83,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> Imported:
-    """Read the folder, write the log."""
+def run(args: argparse.Namespace) -> Imported | Decoded:
+    """Read the folder or the frames, write the log."""
     temporary_beside(args.output)
+    if args.source.is_file():
+        if args.repair:
+            raise InputError("--repair: drops rows of CSV files; a log is repaired by hubodo recover")
+        with progress_line() as show:
+            return Decoded(str(args.source), decode_again(args.source, args.output, progress=show))
     with progress_line() as show:
-        recording = read_folder(args.folder, repair=args.repair, progress=show)
+        recording = read_folder(args.source, repair=args.repair, progress=show)
         messages = write_recording(recording, args.output, progress=show)
     return Imported(
         log=str(args.output),

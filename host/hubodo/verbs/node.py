@@ -15,8 +15,8 @@ from hubodo.errors import InputError
 from hubodo.ingest.link.ports import parse_port
 from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
-from hubodo.ingest.node.decoder import RAD_PER_NANO_DEG
 from hubodo.ingest.node.identity import hello_metadata, known_name
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
 from hubowire.messages import (
@@ -198,8 +198,10 @@ def _setting(text: str) -> tuple[ConfigKey, int]:
 
 
 def _set(node: Conversation, wanted: list[tuple[ConfigKey, int]]) -> None:
-    """Stores settings; those of sampling are put into force by a start, after which the node says what it has
-    taken."""
+    """Stores settings.
+
+    Those of sampling are put into force by a start, after which the node says what it has taken.
+    """
     for key, value in wanted:
         node.ask(SetConfig(key, value))
         if key == ConfigKey.NODE_ID:

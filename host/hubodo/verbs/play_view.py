@@ -34,9 +34,11 @@ _RATE_WINDOW_S = 2.0
 
 @dataclass(frozen=True)
 class Replayed:
-    """The odometry made again, and of them `located` on the map. equal: whether every row is, to the last
-    bit, the one recorded; None where another vehicle or calibration was given, or the log has no
-    odometry."""
+    """The odometry made again, and of them `located` on the map.
+
+    equal: whether every row is, to the last bit, the one recorded; None where another vehicle or calibration
+    was given, or the log has no odometry.
+    """
 
     nodes: tuple[str, ...]
     poses: int

@@ -24,9 +24,11 @@ CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
 @dataclass(frozen=True)
 class Standstill:
-    """One channel at rest. t: (N,) s; values: (N,) rad/s or m/s²; temperature: (N,) degrees C or None;
-    step: a temperature step, or None; serial: of the node, "" when the log does not tell; warnings: of the
-    log."""
+    """One channel at rest.
+
+    t: (N,) s; values: (N,) rad/s or m/s²; temperature: (N,) degrees C or None; step: a temperature step, or
+    None; serial: of the node, "" when the log does not tell; warnings: of the log.
+    """
 
     node: str
     channel: str

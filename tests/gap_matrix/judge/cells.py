@@ -26,9 +26,12 @@ CONTROLLED = (
 
 @dataclass(frozen=True)
 class Cell:
-    """One log to diagnose. name: effect, pair or kind. variant: strength or drive. seeds: the first that can
-    show what is hidden is taken. hidden: names and nats. factor: times the typical size, instead of nats.
-    options: for `cases.setup`."""
+    """One log to diagnose.
+
+    name: effect, pair or kind. variant: strength or drive. seeds: the first that can show what is hidden is
+    taken. hidden: names and nats. factor: times the typical size, instead of nats. options: for
+    `cases.setup`.
+    """
 
     table: str
     name: str
@@ -89,8 +92,10 @@ def _singles(wanted: Wanted) -> Iterator[Cell]:
 
 
 def _nulls(wanted: Wanted) -> Iterator[Cell]:
-    """Drives of one to four minutes; every tenth a bench, every tenth a turntable, every fourth with effects
-    that the model file declares."""
+    """Drives of one to four minutes.
+
+    Every tenth is a bench, every tenth a turntable, every fourth has effects that the model file declares.
+    """
     for k in range(wanted.nulls):
         kind = {4: "bench", 9: "turntable"}.get(k % 10, "drive")
         known = ["lever_arm", "gyro_scale_factor"] if k % 4 == 2 else []

@@ -15,8 +15,11 @@ from gap_matrix.judge.diagnoses import DIAGNOSES, AllBut, Diagnosis
 
 
 def run(cell: Cell, diagnosis: str) -> dict[str, Any]:
-    """The row of a cell. What goes wrong in a diagnosis is a row with `error`; a cell that no seed of its
-    list can make has `unmade`."""
+    """The row of a cell.
+
+    What goes wrong in a diagnosis is a row with `error`; a cell that no seed of its list can make has
+    `unmade`.
+    """
     row: dict[str, Any] = {
         "key": cell.key,
         "table": cell.table,

@@ -47,8 +47,10 @@ def scope_right(result: Json, truth: Json) -> bool:
 
 
 def sure_and_wrong(result: Json, truth: Json) -> list[str]:
-    """Names of the vocabulary that are not true, with a confidence above SURE and without the truth beside
-    them as inseparable."""
+    """Names of the vocabulary that are wrong, with a confidence above SURE.
+
+    Those that have the truth beside them as inseparable are not among them.
+    """
     true = {effect["name"] for effect in truth["effects"]}
     return [
         found["effect"]

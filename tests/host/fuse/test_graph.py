@@ -24,8 +24,10 @@ PAPER = GraphConfig(
     honest=False,
     search_delay=False,
 )
-"""Shah et al. section IV: odometry noise 10 % of the increment, fixes 5 m in east and north, no constants
-solved for."""
+"""Shah et al. section IV.
+
+Odometry noise 10 % of the increment, fixes 5 m in east and north, no constants solved for.
+"""
 
 
 def make(seed, length=250.0, errors=None, motion=None, **kwargs):
@@ -89,8 +91,10 @@ def of_the_prior(rng):
 
 
 def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says():
-    """NEES of three dimensions at one pose of each of 60 drives, seeds 0 to 59, and of four constants; both
-    means within the 99.9 % band."""
+    """NEES of three dimensions at one pose of each of 60 drives, and of four constants.
+
+    Seeds 0 to 59; both means within the 99.9 % band.
+    """
     poses, constants = [], []
     for seed in range(60):
         errors, undone = of_the_prior(np.random.default_rng([seed, 45]))

@@ -1,5 +1,4 @@
-"""What the graph expects of the wheel filter's track: what the filter itself knows, and never less than a
-tyre changes."""
+"""What the graph expects of the wheel filter's track: its own sigmas, and never less than a tyre changes."""
 
 import numpy as np
 import pytest

@@ -15,8 +15,7 @@ from small_graphs import numeric, small_drive
 
 
 def weighted_dense(graph, poses, constants):
-    """Information of all poses and constants, (3 n + COUNT) square, from residuals differentiated
-    numerically."""
+    """Information of all poses and constants, (3 n + COUNT) square, by numerical differentiation."""
     n = len(poses)
 
     def residuals(z):
@@ -31,8 +30,10 @@ def weighted_dense(graph, poses, constants):
 
 @pytest.mark.parametrize("count", [1, 2, 17])
 def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
-    """Where it is linearised: the covariance of what stays is the block of the dense inverse, with the
-    weights of robust losses as they are."""
+    """Where it is linearised, the covariance of what stays is the block of the dense inverse.
+
+    The weights of robust losses are as they are.
+    """
     drive = small_drive(np.random.default_rng(31), 12)
     rng = np.random.default_rng(32)
     poses, constants = drive.poses + rng.normal(0, 0.05, drive.poses.shape), rng.normal(0, 1e-3, COUNT)

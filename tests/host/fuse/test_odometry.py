@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, Outcome, integrate
+from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, SampleFate, integrate
 from hubodo.fuse.rolling_wheel import OdometryNoise, WheelSamples, WheelSpec
 
 S = 1_000_000_000
@@ -20,7 +20,7 @@ G = 9.80665
 def config(**kwargs):
     left = WheelSpec(R, kwargs.pop("left_facing", "left"), *kwargs.pop("left_bias", ()))
     right = WheelSpec(R, kwargs.pop("right_facing", "left"), *kwargs.pop("right_bias", ()))
-    return OdometryConfig(left, right, B, **{"standstill_bias": False, **kwargs})
+    return OdometryConfig(left, right, B, **{"bias_at_rest": False, **kwargs})
 
 
 def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, noise=0.0, rng=None):
@@ -130,10 +130,10 @@ def test_wheels_with_other_rates_and_phases_still_agree():
 def test_one_wheel_alone_waits_and_its_samples_are_not_forgotten():
     a, b = pair(2, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
-    assert odometry.handle(a).outcome is Outcome.WAITING
+    assert odometry.handle(a).fate is SampleFate.WAITING
     assert odometry.state() is None
     handled = odometry.handle(b)
-    assert handled.outcome is Outcome.ADVANCED
+    assert handled.fate is SampleFate.ADVANCED
     assert handled.states[-1] == odometry.state()
 
 
@@ -141,7 +141,7 @@ def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
     a, b = pair(1, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
     odometry.handle(a)
-    assert odometry.handle(a).outcome is Outcome.LATE
+    assert odometry.handle(a).fate is SampleFate.LATE
     assert odometry.handle(b).states[-1].x == pytest.approx(0.99, abs=0.02)
 
 
@@ -164,7 +164,7 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
 
     a = wheel("left", 13, lambda t: speed(t) / R, bias=0.05, noise=0.004, rng=rng)
     b = wheel("right", 13, lambda t: speed(t) / R, bias=-0.08, noise=0.004, rng=rng)
-    odometry = DifferentialOdometry(config(standstill_bias=True))
+    odometry = DifferentialOdometry(config(bias_at_rest=True))
     last = None
     for x, y in zip(split(a, 8), split(b, 8), strict=True):
         odometry.handle(x)
@@ -180,7 +180,7 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
 
 def test_slow_rolling_is_not_mistaken_for_rest():
     a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
-    odometry = DifferentialOdometry(config(standstill_bias=True))
+    odometry = DifferentialOdometry(config(bias_at_rest=True))
     odometry.handle(a)
     odometry.handle(b)
     assert odometry.biases()["left"][0] == 0.0
@@ -206,7 +206,7 @@ def test_the_covariance_covers_many_noisy_drives():
             gyro = samples.gyro * scale + rng.normal(0, 0.002)
             gyro[:, 2] += rng.normal(0, 0.02, len(gyro))
             made.append(WheelSamples(side, samples.t_ns, gyro, samples.accel))
-        off = OdometryConfig(cfg.left, cfg.right, B * track, standstill_bias=False, noise=noise)
+        off = OdometryConfig(cfg.left, cfg.right, B * track, bias_at_rest=False, noise=noise)
         last = drive(off, *made)[-1]
         error = np.array([last.x - truth.x, last.y - truth.y, last.heading - truth.heading])
         total += float(error @ np.linalg.solve(np.array(truth.covariance), error))

@@ -11,12 +11,13 @@ from generators import wheel_drives
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.calibrate import calibrate_wheels
-from hubodo.fuse.wheel.config import WheelConfig, WheelNode, wheel_config
+from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.verbs import calibrate
+from wheel_runs import config, tables
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
 TRUTH_OF = {
@@ -35,19 +36,6 @@ def _drive(seed: int, length: float = 120.0, facing: dict[str, str] | None = Non
     return wheel_drives.drive(wheel_drives.loop(rng, length, 6.0), rng, ERRORS, facing=facing)
 
 
-def _tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
-    names = ("t", "gx", "gy", "gz", "ax", "ay", "az")
-    return {
-        name: Table(dict(zip(names, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
-        for name, node in drive.nodes.items()
-    }
-
-
-def _config(drive: wheel_drives.WheelDrive, facing: dict[str, str] | None = None) -> WheelConfig:
-    nodes = {name: WheelNode(name, (facing or {}).get(name, "left")) for name in drive.nodes}  # type: ignore[arg-type]
-    return WheelConfig(drive.radius, drive.track, nodes)
-
-
 def _positions(drive: wheel_drives.WheelDrive, seed: int, sigma: float) -> tuple[np.ndarray, ...]:
     """At 5 Hz, turned by a radian: a map does not know how the vehicle stands."""
     rng = np.random.default_rng(seed)
@@ -64,7 +52,7 @@ def test_what_is_seen_lies_within_four_sigma_of_the_truth(
 ) -> None:
     for seed in (70, 71):
         drive = _drive(seed, facing=facing)
-        found = calibrate_wheels(_config(drive, facing), _tables(drive), *_positions(drive, seed, sigma))
+        found = calibrate_wheels(config(drive, facing=facing), tables(drive), *_positions(drive, seed, sigma))
         for name, node in drive.nodes.items():
             for (effect, parameter), truth in TRUTH_OF.items():
                 quantity = found.nodes[name].get(effect, {}).get(parameter)
@@ -80,7 +68,7 @@ def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> N
     drive = _drive(72)
     t, x, y, sigma = _positions(drive, 72, 0.01)
     half = t < 0.5 * t[-1]
-    found = calibrate_wheels(_config(drive), _tables(drive), t[half], x[half], y[half], sigma[half])
+    found = calibrate_wheels(config(drive), tables(drive), t[half], x[half], y[half], sigma[half])
     calibration = Calibration()
     for name in drive.nodes:
         calibration = calibration.with_node(name, found.effects(name))
@@ -88,7 +76,7 @@ def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> N
     vehicle = Vehicle(drive.radius, drive.track, {name: NodeMount(name, "left") for name in drive.nodes})  # type: ignore[arg-type]
     off = {}
     for label, known in (("nominal", None), ("calibrated", calibration)):
-        track = run(wheel_config(vehicle, list(drive.nodes), known), _tables(drive)).track
+        track = run(wheel_config(vehicle, list(drive.nodes), known), tables(drive)).track
         off[label] = abs(float(np.sum(np.hypot(np.diff(track.x), np.diff(track.y)))) - drive.length)
     print(off)
     assert off["calibrated"] < 0.3 * off["nominal"]
@@ -97,7 +85,7 @@ def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> N
 def test_a_straight_drive_names_track_and_scale_as_unseen() -> None:
     rng = np.random.default_rng(73)
     drive = wheel_drives.drive(wheel_drives.legs([(6.0, 0.0, 0.0), (30.0, 1.2, 0.0)]), rng, ERRORS)
-    found = calibrate_wheels(_config(drive), _tables(drive), *_positions(drive, 73, 0.01))
+    found = calibrate_wheels(config(drive), tables(drive), *_positions(drive, 73, 0.01))
     named = " ".join(found.unseen)
     assert "left.gyro_scale_factor.x" in named
     assert "vehicle.track_width.error" in named
@@ -106,9 +94,7 @@ def test_a_straight_drive_names_track_and_scale_as_unseen() -> None:
 
 def test_one_node_has_no_track_width() -> None:
     drive = _drive(74, 60.0)
-    config = _config(drive)
-    config = replace(config, nodes={"left": config.nodes["left"]})
-    found = calibrate_wheels(config, _tables(drive), *_positions(drive, 74, 0.01))
+    found = calibrate_wheels(config(drive, ("left",)), tables(drive), *_positions(drive, 74, 0.01))
     assert found.vehicle == {}
     assert any("one node does not show it" in line for line in found.unseen)
 
@@ -117,15 +103,15 @@ def test_too_few_positions_and_too_short_a_drive_are_refused() -> None:
     drive = _drive(75, 20.0)
     t, x, y, sigma = _positions(drive, 75, 0.01)
     with pytest.raises(CalibrationError, match="at least ten"):
-        calibrate_wheels(_config(drive), _tables(drive), t[:5], x[:5], y[:5], sigma[:5])
+        calibrate_wheels(config(drive), tables(drive), t[:5], x[:5], y[:5], sigma[:5])
     with pytest.raises(CalibrationError, match="m from the start"):
-        calibrate_wheels(_config(drive), _tables(drive), t, 0.01 * x, 0.01 * y, sigma)
+        calibrate_wheels(config(drive), tables(drive), t, 0.01 * x, 0.01 * y, sigma)
 
 
 def test_the_verb_writes_a_calibration_file_that_reads_back(tmp_path: Path) -> None:
     drive = _drive(76, 60.0)
     t, x, y, _ = _positions(drive, 76, 0.01)
-    write_folder(Recording(_tables(drive), truth=Table({"t": t, "x": x, "y": y})), tmp_path / "log")
+    write_folder(Recording(tables(drive), truth=Table({"t": t, "x": x, "y": y})), tmp_path / "log")
     vehicle = tmp_path / "v.toml"
     vehicle.write_text(
         f"[vehicle]\nwheel_radius = {drive.radius}\ntrack_width = {drive.track}\n"

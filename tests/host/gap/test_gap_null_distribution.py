@@ -85,8 +85,10 @@ def test_logs_with_nothing_hidden_have_p_values_that_are_not_small(tmp_path):
 
 
 def test_a_coarse_reference_that_cuts_corners_is_not_taken_for_an_effect(tmp_path, monkeypatch):
-    """At 10 Hz a straight line between samples is not how this drive went into its turns: a few seconds of
-    large residuals, which some effect always fits best."""
+    """At 10 Hz a straight line between samples is not how this drive went into its turns.
+
+    That leaves a few seconds of large residuals, which some effect always fits best.
+    """
     monkeypatch.setattr(cases, "REFERENCE_STEP", 0.1)
     make(tmp_path / "log", 11, [], duration=120.0, speed_noise=0.01)
     case = tmp_path / "log"
@@ -96,8 +98,10 @@ def test_a_coarse_reference_that_cuts_corners_is_not_taken_for_an_effect(tmp_pat
 
 
 def test_with_a_coarse_and_noisy_reference_a_radius_is_still_a_radius(tmp_path, monkeypatch):
-    """The noise of the speed turns the wheel within the half second of a window, too: without that, a scale
-    factor of the gyro seems to fit better."""
+    """The noise of the speed turns the wheel within the half second of a window, too.
+
+    Without that, a scale factor of the gyro seems to fit better.
+    """
     monkeypatch.setattr(cases, "REFERENCE_STEP", 0.1)
     make(tmp_path / "log", 11, ["wheel_radius"], factor=3.0, duration=60.0, speed_noise=0.01)
     made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")

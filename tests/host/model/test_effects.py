@@ -10,7 +10,7 @@ import pytest
 
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
-from hubodo.effects import EFFECTS
+from hubodo.effects import EFFECTS, told_apart
 from hubodo.effects.gyro import GyroRateRandomWalk
 from hubodo.model.forward import NodeForward, Start
 from hubodo.model.inputs import Body, Inputs, SpeedCorrection
@@ -70,8 +70,11 @@ def test_each_sign_is_needed(kind):
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.level != "node"], ids=lambda kind: kind.name)
 def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
-    """The mirror image of the vehicle turns the other way, its left wheel is the right one and its node faces
-    the other way; forces mirror as vectors, rates as axial vectors."""
+    """The mirror image of the vehicle turns the other way.
+
+    Its left wheel is the right one and its node faces the other way; forces mirror as vectors, rates as axial
+    vectors.
+    """
     effect = [sized(kind)]
     gyro, accel = reads(effect, "left")
     mirrored_gyro, mirrored_accel = reads(effect, "right", side="right", yaw=-1.0)
@@ -197,3 +200,10 @@ def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
     np.testing.assert_allclose(added[0], 2e-3 * plain_force[1], rtol=0, atol=1e-12)
     np.testing.assert_allclose(added[1], 1e-3 * plain_force[2], rtol=0, atol=1e-12)
     np.testing.assert_allclose(added[2], 0.0, rtol=0, atol=1e-15)
+
+
+def test_what_tells_two_effects_apart_does_not_depend_on_which_is_named_first():
+    words = "drive long and fast: gravity turning in ax and ay counts revolutions"
+    assert told_apart("gyro_scale_factor", "wheel_radius") == words
+    assert told_apart("wheel_radius", "gyro_scale_factor") == words
+    assert told_apart("wheel_radius", "outliers") == told_apart("empirical:gz ~ spin", "wheel_radius") == ""

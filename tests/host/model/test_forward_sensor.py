@@ -1,5 +1,8 @@
-"""The sensor chain of the forward model: each effect against its formula written down a second time, the
-order of the chain against a slow version of it, sample by sample, and what an absent effect must not do."""
+"""The sensor chain of the forward model: each effect against its formula written down a second time.
+
+Besides: the order of the chain against a slow version of it, sample by sample, and what an absent effect must
+not do.
+"""
 
 import re
 from pathlib import Path

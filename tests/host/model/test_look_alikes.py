@@ -1,5 +1,7 @@
-"""Effects that are said to pass for each other do so on a drive that does not separate them, and no longer on
-the manoeuvre that is said to: the angle between what both do to the channels."""
+"""Effects that are said to pass for each other do so, until the manoeuvre that is said to part them.
+
+The measure is the angle between what both do to the channels.
+"""
 
 from dataclasses import dataclass
 
@@ -123,8 +125,10 @@ PAIRS = {
 
 
 def changes(drive, name):
-    """What each coordinate of an effect of a usual size does, (6, samples) in sigma, leg after leg; and what
-    a turn of the wheel at the start does."""
+    """What each coordinate of an effect of a usual size does, (6, samples) in sigma, leg after leg.
+
+    Besides, what a turn of the wheel at the start does.
+    """
     forward, kind = drive.forward(), BY_NAME[name]
     at = min(kind.seeds(), key=lambda seed: abs(seed.values().get("time_constant", 25.0) - 25.0))
 

@@ -25,8 +25,7 @@ def test_it_agrees_with_allantools_to_1e_10_at_octaves_and_at_any_factor():
 
 
 def test_it_agrees_with_the_published_values_of_nist_sp_1065():
-    """The 1000-point test suite of NIST SP 1065, section 12.4 (page 107): overlapping deviation of "
-    "frequency data."""
+    """Overlapping deviation of the 1000-point test suite of NIST SP 1065, section 12.4 (page 107)."""
     numbers = np.empty(1000)
     state = 1234567890
     for k in range(1000):

@@ -1,5 +1,4 @@
-"""Noise terms from the Allan deviation: covariance against foreign oracles, known truth, what cannot be "
-"shown."""
+"""Noise terms from the Allan deviation: foreign oracles, known truth, and what cannot be shown."""
 
 import allantools
 import numpy as np
@@ -88,8 +87,10 @@ def test_the_slope_of_noise_wanders_as_stated():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
-    """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows; tests/accuracy/allan_truth.py has 50 "
-    "seeds."""
+    """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows.
+
+    tests/accuracy/allan_truth.py has 50 seeds.
+    """
     truth = {"q": 1e-4, "n": 1e-3, "b": 4e-3, "k": 8e-3}
     samples = 1 << 19
     noise = gyro_noise(samples, DT, np.random.default_rng(seed), **truth)
@@ -99,6 +100,34 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
         assert term.value == pytest.approx(true, rel=within), (name, seed)
         assert abs(term.value - true) < 4.5 * term.sigma + 0.01 * true, (name, seed)
     assert report.fit.terms["R"].value is None
+
+
+def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
+    """Sixteen octaves of white noise: N alone is shown, fifteen remain, and chi-square is about as large."""
+    samples, chi2 = 1 << 18, []
+    for seed in range(12):
+        fit = characterise(
+            np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
+        ).fit
+        shown = [name for name, term in fit.terms.items() if term.value is not None]
+        assert fit.dof == len(fit.factors) - len(shown), (seed, shown)
+        chi2.append(fit.chi2 / fit.dof)
+    print("chi-square over its degrees, seeds 0..11:", np.round(chi2, 2))
+    # 12 times some 14 degrees: the mean is 1 with 11 %; the fit that is judged has up to three terms more.
+    assert 0.55 < np.mean(chi2) < 1.4
+
+
+def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
+    """A gyro behind a low-pass of ten samples: its shortest averaging times are not of these terms."""
+    samples = 1 << 18
+    rough = gyro_noise(samples + 40, DT, np.random.default_rng(3), n=1e-3)
+    smooth = np.convolve(rough, np.exp(-np.arange(40) / 10.0) / 10.0, "valid")[:samples]
+    fit = characterise(np.arange(samples) * DT, smooth, "gz").fit
+    shown = sum(term.value is not None for term in fit.terms.values())
+    assert fit.factors[0] > 1
+    # Octaves from the first that was fitted to the sixteenth part of the record.
+    assert fit.dof == len(fit.factors) - shown
+    assert fit.factors.tolist() == [2**k for k in range(int(np.log2(fit.factors[0])), 64)][: len(fit.factors)]
 
 
 def test_a_ramp_comes_back_and_is_not_seen_where_there_is_none():
@@ -130,8 +159,10 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
 
 
 def test_white_noise_alone_shows_nothing_else_in_most_records():
-    """0.5 % false alarms for each of three terms: of 40 records 0.6 are expected, 4 or more come once in "
-    "300."""
+    """0.5 % false alarms for each of three terms.
+
+    Of 40 records 0.6 are expected, 4 or more come once in 300.
+    """
     wrong = 0
     for seed in range(24):
         samples = 1 << 15
@@ -166,8 +197,10 @@ def test_a_temperature_step_takes_the_slow_terms_away_and_leaves_the_white_noise
 
 
 def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
-    """Half differences of adjacent stops, averaged over a fixed time with turns in between: the stop given "
-    "is best."""
+    """The stop that is given is best for half differences of adjacent stops with turns in between.
+
+    They are averaged over a fixed time.
+    """
     truth, turn, total = {"n": 1e-3, "b": 1e-3, "k": 3e-5}, 2.0, 2000.0
     samples = 1 << 18
     noise = gyro_noise(samples, 0.1, np.random.default_rng(1), **truth)
@@ -191,8 +224,10 @@ def test_too_short_a_record_is_refused_with_what_to_do():
 
 
 def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
-    """ADIS16405, 2.8 h at 100 Hz. Data sheet (Analog Devices, rev. B, table 1): angle random walk 2.0 "
-    "deg/sqrt(h) typical."""
+    """ADIS16405, 2.8 h at 100 Hz.
+
+    Its data sheet (Analog Devices, rev. B, table 1) has an angle random walk of 2.0 deg/sqrt(h), typical.
+    """
     rows = np.loadtxt(shared_data("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
     report = characterise(rows[:, 0], rows[:, 3], "gz")
     found = report.as_json()["coefficients"]["N"]

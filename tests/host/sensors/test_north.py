@@ -1,5 +1,4 @@
-"""North: every method finds the azimuth within its sigma, on tables made without the estimator's
-equations."""
+"""North: every method finds the azimuth within its sigma, on tables that share none of its equations."""
 
 import numpy as np
 import pytest
@@ -206,3 +205,30 @@ def test_bad_records_end_in_words(change, error, words):
     rate = run.rate * 0 if change.get("constant") else run.rate
     with pytest.raises(error, match=words):
         find_north(run.t, rate, table_of(run), LATITUDE, change.get("method", "maytag"))
+
+
+@pytest.mark.parametrize("late", [-1e5, 1e5])
+def test_a_carousel_on_another_clock_than_the_node_is_refused(late):
+    run = carousel(TACTICAL.error(3700, DT, np.random.default_rng(0)), DT, 1.0, LATITUDE, 30.0, 360.0)
+    table = TableMotion(run.table_t + late, run.table_angle, run.table_moving)
+    with pytest.raises(InputError, match="no time in common"):
+        find_north(run.t, run.rate, table, LATITUDE, "carousel")
+
+
+@pytest.mark.parametrize("common, words", [(99, "no time in common"), (100, "turns; a carousel needs 2")])
+def test_a_hundred_samples_are_the_least_that_carousel_and_node_must_share(common, words):
+    """The table's first and last row fall on samples of the node, which count as shared."""
+    run = carousel(TACTICAL.error(3700, DT, np.random.default_rng(0)), DT, 1.0, LATITUDE, 30.0, 360.0)
+    ends = run.t[[500, 500 + common - 1]]
+    table = TableMotion(ends, np.array([0.0, 1.0]), np.array([True, True]))
+    with pytest.raises(InputError, match=words):
+        find_north(run.t, run.rate, table, LATITUDE, "carousel")
+
+
+@pytest.mark.parametrize("count, words", [(99, "99 samples; record minutes"), (100, "too few|no stop")])
+def test_a_hundred_samples_are_the_least_of_a_record(count, words):
+    run = maytag(
+        TACTICAL.error(2000, DT, np.random.default_rng(0)), DT, 0.0, LATITUDE, [0.0, np.pi], 10.0, 2.0
+    )
+    with pytest.raises(InputError, match=words):
+        find_north(run.t[:count], run.rate[:count], table_of(run), LATITUDE, "maytag")

@@ -127,6 +127,24 @@ def test_random_walk_and_flicker_covariances_are_the_integrals_they_stand_for():
     assert np.linalg.eigvalsh(flicker(start, end)).min() > 0
 
 
+def test_the_covariance_is_the_sum_of_three_independent_noises():
+    """White noise averages as n² / T; a walk as K² times the integral of min; none takes from another."""
+    start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
+    n, b, k = 2.0, 3.0, 0.5
+    assert covariance(Drift(n, 0.0, 0.0), start, end) == pytest.approx(np.diag(n**2 / (end - start)))
+    walked = covariance(Drift(0.0, 0.0, k), start, end)
+    # Of two intervals one after the other the walk's mean over the first is all they share.
+    assert walked[0, 1] == pytest.approx(k**2 * (start[0] + end[0]) / 2, rel=1e-12)
+    # The mean of a walk over T from its start: K² T / 3.
+    assert walked[0, 0] == pytest.approx(k**2 * 1.5 / 3, rel=1e-12)
+    assert walked[2, 2] == pytest.approx(k**2 * (7.0 + 1.0 / 3), rel=1e-12)
+    flickered = covariance(Drift(0.0, b, 0.0), start, end)
+    assert np.linalg.eigvalsh(flickered).min() > 0
+    assert covariance(Drift(n, b, k), start, end) == pytest.approx(
+        np.diag(n**2 / (end - start)) + flickered + walked, rel=1e-12
+    )
+
+
 def test_the_allan_deviation_of_the_flicker_covariance_is_flat_at_0_664():
     t = np.arange(512.0)
     c = flicker(t, t + 1)

@@ -1,5 +1,4 @@
-"""A real Xsens MTi turned by hand (imu_tk): before and after, on rests and turns that took no part in the
-fit."""
+"""A real Xsens MTi turned by hand (imu_tk): before and after, on rests and turns that were not fitted."""
 
 import numpy as np
 

@@ -84,6 +84,14 @@ def test_the_file_keeps_every_digit_the_provenance_and_what_was_in_it_before(tmp
         ("[nodes.a.effects.gyro_bias]\nx = {value=1}", "sigma is missing"),
         ("[nodes.a.effects.gyro_bias]\nx = {value=1, sigma=-1}", "negative"),
         ("[nodes.a.effects.gyro_bias]\nx = 3", "must be a table"),
+        ("[nodes.a.effects.wheel_radius]\nerror = {value=2, sigma=1}", "must lie within ±0.9"),
+        ("[nodes.a.effects.gyro_rate_random_walk]\nk = {value=-1, sigma=1}", "must be above 0"),
+        (
+            "[nodes.a.effects.track_width]\nerror = {value=0, sigma=1}",
+            "move it to [vehicle.effects.track_width]",
+        ),
+        ("[nodes.a.effects.gyro_bias]\nmethod = 3", "must be a text"),
+        ("[vehicle]\nwheel_radius = 0.3", "unknown key 'wheel_radius'"),
         ("[node.a]", "did you mean 'nodes'"),
         ("nodes = [", "not TOML"),
     ],
@@ -94,3 +102,12 @@ def test_a_wrong_file_is_refused_with_the_place_and_a_near_match(tmp_path, text,
     with pytest.raises(ConfigError) as caught:
         read_calibration(path)
     assert words in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_any_effect_of_the_model_may_be_calibrated(tmp_path):
+    path = tmp_path / "c.toml"
+    text = "[nodes.a.effects.wheel_camber]\nangle = {value=0.02, sigma=0.001}\n"
+    path.write_text(text + "[vehicle.effects.road_grade]\nangle = {value=0.01, sigma=0.001}\n")
+    read = read_calibration(path)
+    assert read.nodes["a"].effects["wheel_camber"].parameters == {"angle": Quantity(0.02, 0.001)}
+    assert read.vehicle["road_grade"].value("angle") == 0.01

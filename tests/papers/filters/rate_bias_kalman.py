@@ -139,8 +139,11 @@ class RateBiasKalman:
 
     @property
     def bias(self) -> float:
-        """rad/s. Not observable by itself: the observability matrix has rank 1. It is the bias at the start
-        plus k2 / (k1 + k2) of all that rate + bias has moved since, a true turn included."""
+        """rad/s.
+
+        Not observable by itself: the observability matrix has rank 1. It is the bias at the start plus k2 /
+        (k1 + k2) of all that rate + bias has moved since, a true turn included.
+        """
         return self._bias_at_zero + self._bias_share * self._sum
 
     def run(self, z: FloatArray) -> RateBias:

@@ -13,6 +13,7 @@ import numpy as np
 from hubodo.arrays import Array
 
 _DENSE = 4
+"""Blocks; so few are inverted at once, which takes no longer than one more level."""
 
 
 class ChainSolution(NamedTuple):

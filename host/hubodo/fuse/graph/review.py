@@ -13,7 +13,7 @@ from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.solver import Solution
 
 COUNTS = 0.4
-"""Weight below which a measurement counts little enough to be worth a word: halfway down the bounded loss."""
+"""Weight below which a measurement is worth a word: that of a fix five sigma off."""
 _BLUNT_HEADING = 0.3
 """rad; 17 degrees, at which a track looks turned to the eye."""
 _FEWEST = 60

@@ -10,9 +10,17 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.between import Complex
 
 _SIGMAS = 6.0
+"""Of the change between two fixes: chance goes beyond in one of 6e7."""
 _STRETCH = 1.05
+"""Times the way that the wheels say they rolled: a radius by tape measure, and a tyre's growth."""
 _MOST_RUNS = 400
+"""With more changes than that the sigmas are false, not the fixes; comparing all pairs would take long."""
 _RAYLEIGH_MEDIAN = 1.1774
+"""sqrt(2 ln 2), the median length of a pair of unit normals."""
+_ENOUGH = 30
+"""Fixes whose median change is known to an eighth."""
+_BEYOND_CHANCE = 1.3
+"""More than twice that eighth."""
 
 
 def scatter(place: Complex, way: Array, sigma: Array) -> float:
@@ -22,11 +30,11 @@ def scatter(place: Complex, way: Array, sigma: Array) -> float:
     errors is 1.18 sqrt(2) sigma; the way in between is taken off. Less than 30 % beyond chance is left
     alone.
     """
-    if len(place) < 30:
+    if len(place) < _ENOUGH:
         return 1.0
     free = np.maximum(np.abs(np.diff(place)) - np.diff(way), 0.0)
     size = float(np.median(free / np.hypot(sigma[1:], sigma[:-1]))) / _RAYLEIGH_MEDIAN
-    return size if size > 1.3 else 1.0
+    return size if size > _BEYOND_CHANCE else 1.0
 
 
 def without_jumps(place: Complex, way: Array, sigma: Array) -> NDArray[np.bool_]:

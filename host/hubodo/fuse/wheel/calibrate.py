@@ -22,7 +22,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.filter import START, Step, WheelFilter
+from hubodo.fuse.wheel.filter import LISTENED, Step, WheelFilter
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose, WheelStep
@@ -152,7 +152,7 @@ def _told(
     core.begin([step.windows for step in steps if not step.listen])
     used, place = 0, 0
     for step in steps:
-        pose = core.step(step.windows, step.number, step.listen, START)
+        pose = core.step(step.windows, step.number, step.listen, LISTENED)
         for index in _until(t, place, pose.t):
             place = index + 1
             late = pose.t - float(t[index])

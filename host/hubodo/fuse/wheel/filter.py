@@ -36,10 +36,13 @@ from hubodo.fuse.wheel.step import Pose, WheelStep
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.vehicle import facing_sign
 
-START = 10
-"""Windows that are looked at together for the wheel angles before the first pose."""
+LISTENED = 10
+"""Windows that are looked at together for the wheel angles before the first pose: a second of gravity,
+through which a vehicle does not brake or turn one way."""
 
 _PATIENCE = 10
+"""Windows by which a node may fall behind the other before it is taken as not heard: a second, what a radio
+link may hold samples back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ class WheelSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Handled:
+class FilterOutput:
     """What samples led to. poses: of the windows they completed. refused: how many were left out because
     their time did not increase or their node is on no wheel."""
 
@@ -108,22 +111,22 @@ class WheelFilter:
         self._last: dict[str, WheelSample] = {}
         self._pose: Pose | None = None
 
-    def handle(self, sample: WheelSample) -> Handled:
+    def handle(self, sample: WheelSample) -> FilterOutput:
         """One sample; the nodes' samples may come in any order."""
         builder = self._builders.get(sample.node)
         if builder is None:
-            return Handled(refused=1)
+            return FilterOutput(refused=1)
         before = builder.refused
         windows = builder.add(sample.t, sample.gyro, sample.accel)
         if builder.refused > before:
-            return Handled(refused=1)
+            return FilterOutput(refused=1)
         self._last[sample.node] = sample
         if not windows:
-            return Handled()
+            return FilterOutput()
         self._queues[sample.node].extend(windows)
-        return Handled(self._advance(_PATIENCE))
+        return FilterOutput(self._advance(_PATIENCE))
 
-    def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> Handled:
+    def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
         """A block of each node: name -> t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², over the same
         time."""
         refused = 0
@@ -135,12 +138,12 @@ class WheelFilter:
             before = builder.refused
             self._queues[name].extend(builder.add_many(t, gyro, accel))
             refused += builder.refused - before
-        return Handled(self._advance(_PATIENCE), refused)
+        return FilterOutput(self._advance(_PATIENCE), refused)
 
-    def finish(self) -> Handled:
+    def finish(self) -> FilterOutput:
         """No more samples come: the windows that still waited for the other node or for the first second."""
         poses = self._advance(0)
-        return Handled(poses + self._begin())
+        return FilterOutput(poses + self._begin())
 
     def state(self) -> WheelState | None:
         """The newest state, not more than a sample old; None before the first pose."""
@@ -207,7 +210,7 @@ class WheelFilter:
     def _take(self, step: Step) -> tuple[Pose, ...]:
         if self._pose is None:
             self._pending.append(step)
-            return self._begin() if len(self._pending) >= START else ()
+            return self._begin() if len(self._pending) >= LISTENED else ()
         return (self._run(step),)
 
     def _begin(self) -> tuple[Pose, ...]:
@@ -219,7 +222,7 @@ class WheelFilter:
     def _run(self, step: Step) -> Pose:
         if self.steps is not None:
             self.steps.append(step)
-        self._pose = self.core.step(step.windows, step.number, step.listen, START)
+        self._pose = self.core.step(step.windows, step.number, step.listen, LISTENED)
         return self._pose
 
 

@@ -16,10 +16,12 @@ _FROZEN = 0.5
 """s without a change of one bit: noise alone changes some bit of six within a few samples."""
 
 _OTHER_TURNS = 0.1
-"""rad/s of spread in the rates of the other wheel, by which a vehicle is known to move."""
+"""rad/s of spread in the rates of the other wheel, by which a vehicle is known to move: a thousand times the
+noise of the LSM6DS33 in a sample."""
 
-_RUN = 20
-_CROWDED = 0.6
+_RUN, _CROWDED = 20, 0.6
+"""So many samples in less than this share of their usual time are of two times: those of one clock would take
+half of it when mixed one to one. Estimated."""
 
 
 def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:

@@ -18,10 +18,11 @@ WINDOW = 0.1
 mrad/(rad/s)."""
 
 LONGEST_GAP = 3600.0
-"""s; a sample that is later than that after the one before is taken for a jump of the clock and left out."""
+"""s, an hour, as long as a node may be off within one drive; a sample that is later than that after the one
+before is taken for a jump of the clock and left out."""
 
 LONGEST_STEP = 0.08
-"""s between samples; what is longer is a gap."""
+"""s between samples; what is longer is a gap: at its slowest, 13 Hz, an LSM6DS33 takes 0.077."""
 
 _PORTION = 4096
 """Samples worked at a time: what is made of them stays in the processor's cache."""

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hubodo.fuse.wheel.filter import Step
 
 _STRETCH = 200
+"""Steps that are in memory at once, 10 MB of matrices: about the square root of an hour's, which costs
+least."""
 
 
 class _Record(NamedTuple):

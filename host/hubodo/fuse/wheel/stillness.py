@@ -9,6 +9,7 @@ from enum import IntEnum
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 
 _SPAN = 10
+"""Windows that are looked at, one second: longer than a wheel pauses when its direction is changed."""
 
 
 class Stillness(IntEnum):
@@ -21,7 +22,9 @@ class Stillness(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class RestLimits:
-    """rate_spread: rad/s of the gyro within a window, its own noise included. turning: m/s² by which the mean
+    """Where stillness ends; all estimated: between what idle hands and engines do and the slowest drive.
+
+    rate_spread: rad/s of the gyro within a window, its own noise included. turning: m/s² by which the mean
     specific force may change over a second. rate: rad/s by which the mean rates may differ from their
     biases, beside three sigma of these. Those of rocking are `rocking_spread`, `rocking_turning`,
     `rocking_rate`."""

@@ -15,7 +15,7 @@ from hubodo.fuse.track import Track
 from hubodo.fuse.wheel import smoother
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, SEEN_BY_TWO, Entry
-from hubodo.fuse.wheel.filter import START, WheelFilter
+from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
@@ -26,7 +26,7 @@ from hubodo.recording import Table
 
 _TURN = 2.0 * np.pi
 _DISAGREE = 10
-"""Windows in which the wheels roll apart, after which a clock is doubted."""
+"""Windows in which the wheels roll apart, a second of them, after which a clock is doubted. Estimated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +115,9 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
     steps = made.steps or []
     if lag >= len(steps) * WINDOW > 0.0:
-        poses = smoother.smooth(config, steps, START)
+        poses = smoother.smooth(config, steps, LISTENED)
     elif lag > 0.0:
-        poses = smooth_with_lag(config, steps, START, math.ceil(lag / WINDOW - 1e-9))
+        poses = smooth_with_lag(config, steps, LISTENED, math.ceil(lag / WINDOW - 1e-9))
     track = collect(poses)
     alone = _without_what_jumped(config, nodes, lag, made)
     if alone is not None:

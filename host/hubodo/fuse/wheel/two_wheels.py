@@ -11,13 +11,25 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.preintegration import WINDOW
 
 GATE = 3.0
-"""Sigma beyond which a row loses weight."""
+"""Sigma beyond which a row loses weight: of honest ones, one in 370 does."""
 
 BOTH = 0.0
-_ENOUGH = 10
-_FITS = 0.2
+"""Verdict of `Agreement`: both wheels are to be distrusted."""
+
+_MOVES = 0.1
+"""m/s below which a wheel says nothing about its mounting: a tenth of walking pace. Estimated."""
+
+_ENOUGH, _SURE = 10, 3000
+"""Windows: a second for a verdict, so that one bump makes none; five minutes until all is taken to be as
+declared. Estimated."""
+
+_FITS, _SAME = 0.2, 0.02
+"""rad/s: rms by which a mounting may miss the yaw rate of the gyros and still explain it, and how well the
+right one is sure to meet it, 1 % of brisk turns. Estimated."""
+
 _WORSE = 6.0
-_SURE = 3000
+"""How many times the squares of the declared mounting must be those of another one: two and a half times its
+rms. Estimated; a curve soon makes it hundreds."""
 
 
 def robust_variances(
@@ -76,7 +88,7 @@ class Agreement:
         Returns once, when another mounting explains what was seen much better: the side to distrust, +1 or
         -1, or BOTH.
         """
-        if max(abs(left), abs(right)) < 0.1:
+        if max(abs(left), abs(right)) < _MOVES:
             return None
         self.travel[0] += left * WINDOW
         self.travel[1] += right * WINDOW
@@ -88,7 +100,7 @@ class Agreement:
             return None
         best = min(range(4), key=lambda index: self.squares[index])
         fits = self.squares[best] < _FITS**2 * self.count
-        if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + 0.02**2 * self.count):
+        if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + _SAME**2 * self.count):
             return None
         if best == 3:
             self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"

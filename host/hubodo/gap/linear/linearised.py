@@ -17,8 +17,11 @@ _ROUNDING = 1e-5
 
 @dataclass(frozen=True)
 class Linearised:
-    """directions: as asked; after them come nuisances, always free. blocks: (B, D+1, D+1), a gram for each
-    stretch of time, the last row the residual's. raw: (D+1,) see `Innovations`. logs: their logarithms."""
+    """A model about a point, as grams of its directions.
+
+    directions: as asked; after them come nuisances, always free. blocks: (B, D+1, D+1), a gram for each
+    stretch of time, the last row the residual's. raw: (D+1,) see `Innovations`. logs: their logarithms.
+    """
 
     directions: tuple[Direction, ...]
     nuisances: int

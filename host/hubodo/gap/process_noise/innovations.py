@@ -106,11 +106,10 @@ class _Block:
         raw[self.at] += np.diag(squares)
 
     def _strip(self, window: int) -> Array:
-        """Take out of the columns of a window what a walk without bounds does for them, and give how much
-        further that is than before, (free, P).
+        """Take out of the columns of a window what a walk without bounds does for them.
 
-        What a column turned a wheel by since the log began may be many turns: beside that, what tells it from
-        the walk would drown in rounding.
+        Gives how much further that is than before, (free, P). What a column turned a wheel by since the log
+        began may be many turns: beside that, what tells it from the walk would drown in rounding.
         """
         rows = self.rows[self.ends[window] : self.ends[window + 1]]
         moves = np.zeros_like(self.stripped)

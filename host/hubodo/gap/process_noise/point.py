@@ -58,29 +58,28 @@ class Point:
         """Without what was worked out: for keeping, as a state of a long log takes much memory."""
         return Point(replace(self.state), self.weights)
 
-    @cached_property
-    def process_noise(self) -> ProcessNoise:
-        return process_noise(self.state, self.weights.walks)
-
     def innovations(self, columns: Mapping[str, Columns], size: int) -> Innovations:
         """Of all nodes, and of their columns; size: of those in all."""
-        shares = [self._share(node, columns[node.name]) for node in self.problem.nodes]
-        return innovations(shares, self.process_noise.walks, size, WINDOW, BLOCK)
+        noise = process_noise(self.state, self.weights.walks)
+        shares = [self._share(node, noise, columns[node.name]) for node in self.problem.nodes]
+        return innovations(shares, noise.walks, size, WINDOW, BLOCK)
 
     def smoothed(self) -> Iterator[tuple[NodeData, Felt, Walk, Array]]:
         """For each walk that a node feels, (N,) where it is beside its path, as all windows show it."""
-        walks, grid = self.process_noise.walks, window_grid(self.problem)
-        none = (Columns(np.zeros((0, *node.y.shape), np.float32), ()) for node in self.problem.nodes)
-        shares = [self._share(node, own) for node, own in zip(self.problem.nodes, none, strict=True)]
-        mean = innovations(shares, walks, 0, WINDOW, BLOCK, smooth=True).mean
+        noise, grid = process_noise(self.state, self.weights.walks), window_grid(self.problem)
+        shares = []
+        for node in self.problem.nodes:
+            none = Columns(np.zeros((0, *node.y.shape), np.float32), ())
+            shares.append(self._share(node, noise, none))
+        mean = innovations(shares, noise.walks, 0, WINDOW, BLOCK, smooth=True).mean
         for node in self.problem.nodes:
             inside = window_of(grid, node)
-            for one in self.process_noise.felt[node.name]:
-                along = mean[:, one.place]
-                if walks[one.place].white:
-                    yield node, one, walks[one.place], along[inside]
+            for one in noise.felt[node.name]:
+                walk, along = noise.walks[one.place], mean[:, one.place]
+                if walk.white:
+                    yield node, one, walk, along[inside]
                 else:
-                    yield node, one, walks[one.place], np.interp(node.t, grid + 0.5 * WINDOW, along)
+                    yield node, one, walk, np.interp(node.t, grid + 0.5 * WINDOW, along)
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
@@ -121,8 +120,8 @@ class Point:
         declared = np.hypot(sensor_noise(self.problem, mean.effects.values()), mean.input_sigma)
         return replace(mean, value=mean.node.y - predicted, declared=declared)
 
-    def _share(self, node: NodeData, own: Columns) -> Share:
-        noise, felt = self.weights.noise[node.name], self.process_noise.felt[node.name]
+    def _share(self, node: NodeData, process: ProcessNoise, own: Columns) -> Share:
+        noise, felt = self.weights.noise[node.name], process.felt[node.name]
         edges = np.append(np.searchsorted(node.t, window_grid(self.problem)), len(node.t))
         return Share(
             edges,

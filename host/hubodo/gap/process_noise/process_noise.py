@@ -21,8 +21,10 @@ _CLOCK_WANDERS = 10.0
 
 @dataclass(frozen=True)
 class Felt:
-    """What one node feels of a walk: its place among all, (6, N) change of the channels, (N,) where it was
-    thought to be."""
+    """What one node feels of a walk.
+
+    Its place among all, (6, N) change of the channels, (N,) where it was thought to be.
+    """
 
     place: int
     answer: Array

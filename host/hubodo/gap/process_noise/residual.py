@@ -53,8 +53,10 @@ def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float
 
 
 def floor(residuals: Mapping[str, Residual]) -> float:
-    """The gap that would be left if nothing but noise were: the scatter from sample to sample, and that of
-    the inputs as it is declared."""
+    """The gap that would be left if nothing but noise were.
+
+    That is the scatter from sample to sample, and that of the inputs as it is declared.
+    """
     total, count = 0.0, 0
     for one in residuals.values():
         spare = (np.hypot(one.noise.found, one.input_sigma) / one.declared)[one.node.used]

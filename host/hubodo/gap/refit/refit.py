@@ -28,11 +28,14 @@ _AGREED = 5
 
 @dataclass(frozen=True)
 class Refit:
-    """point: where the fit ended. free: the terms it moved. covariance: (K, K) of the free coordinates in
+    """A refit: where it ended, and what it knows there.
+
+    point: where the fit ended. free: the terms it moved. covariance: (K, K) of the free coordinates in
     scales, as independent samples would have it. robust: the same from the scatter of the scores of blocks.
     deviance: -2 ln likelihood, up to what is common to all refits with the same weights. score: (B, K), what
-    each block says about the coordinates. whole_covariance: with the nuisances.
-    gram: the information about all of them, and the residual's row."""
+    each block says about the coordinates. whole_covariance: with the nuisances. gram: the information about
+    all of them, and the residual's row.
+    """
 
     point: Point
     free: tuple[ModelTerm, ...]

@@ -23,8 +23,10 @@ _FAR = 300.0
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """One candidate's score test. basis: (D, k) directions of its coordinates. covariance: (k, k) of them,
-    zero for what is not seen."""
+    """One candidate's score test.
+
+    basis: (D, k) directions of its coordinates. covariance: (k, k) of them, zero for what is not seen.
+    """
 
     basis: Array
     covariance: Array
@@ -36,8 +38,11 @@ class ScoreTest:
 
 @dataclass(frozen=True)
 class NullDistribution:
-    """What chance brings. surprises: (DRAWS,) ascending, of the best of all candidates; see `surprise`. Empty
-    where there was no candidate: then noise is taken for independent."""
+    """What chance brings.
+
+    surprises: (DRAWS,) ascending, of the best of all candidates; see `surprise`. Empty where there was no
+    candidate: then noise is taken for independent.
+    """
 
     surprises: Array
 

@@ -41,8 +41,10 @@ _TONE_ABOVE = 0.2
 
 @dataclass(frozen=True)
 class Structure:
-    """A term on some channels of a node. gain: of ln likelihood, over its channels. evidence: less what it
-    costs. shares: gain of each channel."""
+    """A term on some channels of a node.
+
+    gain: of ln likelihood, over its channels. evidence: less what it costs. shares: gain of each channel.
+    """
 
     term: ModelTerm
     expression: str

@@ -63,8 +63,10 @@ def _scatter(residual: Array, members: NDArray[np.intp]) -> Array:
 
 @dataclass(frozen=True)
 class InputAnswers:
-    """Change of the channels, (6, N) each, per m/s of speed, m/s² of acceleration, rad/s of yaw rate; a
-    wheel's angle stays as it is."""
+    """Change of the channels, (6, N) each, by what moves the body, a wheel's angle staying as it is.
+
+    Per m/s of speed, m/s² of acceleration and rad/s of yaw rate.
+    """
 
     speed: Array
     acceleration: Array

@@ -13,8 +13,11 @@ from hubodo.gap.tell.result import GapResult
 
 @dataclass(frozen=True)
 class Row:
-    """One scope of the effect in one round. gain: of the log-likelihood; evidence: ln Bayes factor against
-    nothing. probability: None where it was not refitted."""
+    """One scope of the effect in one round.
+
+    gain: of the log-likelihood; evidence: ln Bayes factor against nothing. probability: None where it was not
+    refitted.
+    """
 
     round: int
     scope: str

@@ -26,8 +26,11 @@ _SETTLES = "as it settles after the start"
 
 @dataclass(frozen=True)
 class Course:
-    """How one node moved, (N,) each: angle rad, spin rad/s and its slope of its wheel, None on the body;
-    speed m/s, acceleration m/s², yaw_rate rad/s, yaw_acceleration rad/s² of the body; temperature °C."""
+    """How one node moved, (N,) each.
+
+    angle: rad, spin: rad/s and its slope, of its wheel, None on the body. speed: m/s, acceleration: m/s²,
+    yaw_rate: rad/s and yaw_acceleration: rad/s², of the body. temperature: °C.
+    """
 
     t: Array
     angle: Array | None

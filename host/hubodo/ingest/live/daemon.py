@@ -65,7 +65,6 @@ def record(
     links, names, gnss = _links(config, news, now_ns, lister)
     if out.exists():
         raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
-    stopping = stop or threading.Event()
     with ExitStack() as stack:
         for link in links.values():
             stack.callback(link.stop)
@@ -94,28 +93,44 @@ def record(
             localizer=localizer,
         )
         view = stack.enter_context(View(Console(file=sys.stderr), now_ns()))
-        stack.enter_context(stop_on_signals(stopping))
+        stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
         stack.enter_context(_short_collections())
-        for link in links.values():
-            link.start()
-        start_ns = now_ns()
-        verdict = _loop(config, news, recorder, log, view, now_ns, stopping)
-        for link in links.values():
-            link.stop()
-        while not news.empty():
-            recorder.handle(news.get_nowait())
-        duration = (now_ns() - start_ns) / S
-        recorder.close()
-        if localizer is not None and not localizer.close():
-            view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
-        while not news.empty():
-            recorder.handle(news.get_nowait())
+        verdict, duration = _run(config, links, news, recorder, localizer, log, view, now_ns, stopping)
         log.close()
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:
         raise verdict
     return make_result(recorder, file=str(out), duration=duration, messages=log.message_count, size=log.size)
+
+
+def _run(
+    config: RecordConfig,
+    links: Mapping[str, PortLink],
+    news: queue.SimpleQueue[LinkNews | Answer],
+    recorder: Recorder,
+    localizer: LocalizerThread | None,
+    log: McapLog,
+    view: View,
+    now_ns: Callable[[], int],
+    stopping: threading.Event,
+) -> tuple[InputError | WireMismatch | CalibrationError | None, float]:
+    """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
+    for link in links.values():
+        link.start()
+    start_ns = now_ns()
+    verdict = _loop(config, news, recorder, log, view, now_ns, stopping)
+    for link in links.values():
+        link.stop()
+    while not news.empty():
+        recorder.handle(news.get_nowait())
+    duration = (now_ns() - start_ns) / S
+    recorder.close()
+    if localizer is not None and not localizer.close():
+        view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
+    while not news.empty():
+        recorder.handle(news.get_nowait())
+    return verdict, duration
 
 
 @contextmanager

@@ -34,8 +34,10 @@ class Latency:
         return self._worst_ns / S if self.count else None
 
     def quantile(self, share: float) -> float | None:
-        """s below which that share of the durations lies, to 20 us, never below the truth; None before the
-        first one."""
+        """s below which that share of the durations lies, to 20 us and never below the truth.
+
+        None before the first one.
+        """
         seen = 0
         for place, number in enumerate(self._bins):
             seen += number

@@ -30,8 +30,10 @@ _STEP = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FixSample:
-    """A GNSS fix: t_ns on the host's clock; sigma: m of each horizontal direction, None where the receiver
-    did not say."""
+    """A GNSS fix.
+
+    t_ns: on the host's clock. sigma: m of each horizontal direction, None where the receiver did not say.
+    """
 
     t_ns: int
     latitude_deg: float
@@ -46,9 +48,12 @@ def horizontal_sigma(east: float, north: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
-    """Where the vehicle is: rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where
-    /odom's own frame lies on the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of
-    origin_deg (latitude, longitude)."""
+    """Where the vehicle is on the map.
+
+    Rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where /odom's own frame lies on
+    the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of origin_deg (latitude,
+    longitude).
+    """
 
     t_ns: NDArray[np.int64]
     position: Array

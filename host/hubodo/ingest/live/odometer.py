@@ -53,8 +53,11 @@ class Block:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryRows:
-    """Rows of /odom, each (N, ...): t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s;
-    pose_covariance (N, 3, 3) of x, y, heading; twist_covariance (N, 2, 2) of speed, yaw rate."""
+    """Rows of /odom, each (N, ...).
+
+    t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s; pose_covariance (N, 3, 3) of x, y,
+    heading; twist_covariance (N, 2, 2) of speed, yaw rate.
+    """
 
     t_ns: NDArray[np.int64]
     position: Array

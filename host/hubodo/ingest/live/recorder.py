@@ -15,6 +15,7 @@ from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
@@ -164,14 +165,11 @@ class Recorder:
         return node
 
     def _name(self, label: str, node_id: int) -> str:
-        wanted = self._names[label]
         taken = {node.name for node in self.nodes.values()}
-        if wanted is not None and wanted not in taken:
-            return wanted
+        unique, clash = free_name(self._names[label], node_id, taken)
+        if not clash:
+            return unique
         name = node_name(node_id)
-        if name not in taken:
-            return name
-        unique = next(f"{name}_{n}" for n in range(2, 300) if f"{name}_{n}" not in taken)
         self.notices.append(
             f"{label}: another node called {name!r} is there already; this one is recorded as {unique!r}: "
             f"give ports names (left=/dev/...) or change the node id"

@@ -1,4 +1,4 @@
-"""One start of a node: what its frames are read by, and where each of its streams stands."""
+"""What a node's decoder keeps: counts, and of one start of it its scales and where each stream stands."""
 
 from __future__ import annotations
 
@@ -7,6 +7,21 @@ from dataclasses import dataclass, field
 from hubodo.ingest.node.clock import TickUnwrapper
 from hubodo.ingest.node.gaps import LinkCounts
 from hubowire.messages import Health, Hello
+
+
+@dataclass(slots=True)
+class NodeCounts:
+    """What has come from a node, and what has not."""
+
+    frames: int = 0
+    frames_lost: int = 0
+    frames_late: int = 0
+    frames_unread: int = 0  # no Hello in time, refused, or a payload shorter than its message
+    samples: int = 0
+    samples_lost: int = 0
+    saturated_batches: int = 0
+    gaps: int = 0
+    restarts: int = 0
 
 
 @dataclass(slots=True)

@@ -1,6 +1,8 @@
-"""Many frames at once: the vectorised twin of `hubowire.FrameDecoder`, for logs and busy links."""
+"""Many frames at once: the vectorised twin of `hubowire.FrameDecoder`, for what a log holds."""
 
-from collections.abc import Iterable, Iterator
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Literal
@@ -8,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from hubowire.codec import layout
 from hubowire.framing import (
     CRC_INITIAL,
     CRC_POLYNOMIAL,
@@ -16,10 +17,10 @@ from hubowire.framing import (
     DELIMITER,
     HEADER_SIZE,
     MAX_FRAME,
+    Frame,
     StreamAccount,
     crc16,
 )
-from hubowire.messages import ImuBatch, Message, wire_fields
 
 Bytes = npt.NDArray[np.uint8]
 Words = npt.NDArray[np.uint16]
@@ -29,7 +30,6 @@ Indices = npt.NDArray[np.intp]
 _FEW = 12
 # Bounds the working memory and keeps it in the cache; the frames do not depend on it.
 _PIECE = 1 << 20
-_TIME_MODULUS = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,25 +47,13 @@ class FrameGroup:
     end: npt.NDArray[np.int64]
     payload: Bytes
 
+    def take(self, rows: Indices) -> FrameGroup:
+        """Those of its frames."""
+        return FrameGroup(self.type_id, self.node, self.seq[rows], self.end[rows], self.payload[rows])
 
-@dataclass(frozen=True, slots=True)
-class ImuSamples:
-    """Samples of one node in the order they came; all arrays have n rows.
-
-    raw: (n, 6) int16, gyro x, y, z, accelerometer x, y, z in steps, node axes.
-    t_us: int64, device time modulo 2^30: the batch's, and from there on by the batch's period.
-    period_ns: uint32, index: uint16 (sample number modulo 2^16), temperature_raw: int16,
-    flags: uint8 (those of the batch), seq: uint16 and end: int64 (those of the frame, see `FrameGroup`).
-    """
-
-    raw: npt.NDArray[np.int16]
-    t_us: npt.NDArray[np.int64]
-    period_ns: npt.NDArray[np.uint32]
-    index: Words
-    temperature_raw: npt.NDArray[np.int16]
-    flags: Bytes
-    seq: Words
-    end: npt.NDArray[np.int64]
+    def frame(self, row: int) -> Frame:
+        """One of its frames."""
+        return Frame(self.type_id, self.node, int(self.seq[row]), self.payload[row].tobytes())
 
 
 class BulkDecoder(StreamAccount):
@@ -142,88 +130,6 @@ class BulkDecoder(StreamAccount):
         if len(lengths):
             setattr(self.damage, cause, getattr(self.damage, cause) + len(lengths))
             self.damage.bytes_lost += int(lengths.sum()) + len(lengths)
-
-
-def fixed_fields(message: type[Message], group: FrameGroup) -> npt.NDArray[Any]:
-    """The fields of a group's payloads as a structured array (n,), without the rows of a counted table.
-
-    The count of the table is the field ``count``. Raises ValueError when the payloads are too short.
-    """
-    dtype = _fixed_dtype(message)
-    if group.payload.shape[1] < dtype.itemsize:
-        raise ValueError(f"{message.__name__}: needs {dtype.itemsize} bytes, {group.payload.shape[1]} came")
-    return np.ascontiguousarray(group.payload[:, : dtype.itemsize]).view(dtype).reshape(-1)
-
-
-def imu_samples(groups: Iterable[FrameGroup]) -> tuple[dict[int, ImuSamples], int]:
-    """The samples in the ImuBatch frames among `groups`, by node; and how many batches were malformed.
-
-    A malformed batch is shorter than its own count of samples demands, and is left out.
-    """
-    found: dict[int, list[ImuSamples]] = {}
-    malformed = 0
-    for group in groups:
-        if group.type_id != ImuBatch.type_id:
-            continue
-        if group.payload.shape[1] < layout(ImuBatch).fixed.size:
-            malformed += len(group.seq)
-            continue
-        batches = fixed_fields(ImuBatch, group)
-        for count, rows in _by_value(batches["count"]):
-            samples = _expand(group, batches[rows], rows, count)
-            if samples is None:
-                malformed += len(rows)
-            else:
-                found.setdefault(group.node, []).append(samples)
-    return {node: _joined(parts) for node, parts in found.items()}, malformed
-
-
-def _expand(group: FrameGroup, batches: npt.NDArray[Any], rows: Indices, count: int) -> ImuSamples | None:
-    """The samples of equally long batches; None when the payloads do not hold that many."""
-    shape = layout(ImuBatch)
-    assert shape.rows is not None
-    first, last = shape.fixed.size, shape.fixed.size + count * shape.rows.size
-    if group.payload.shape[1] < last:
-        return None
-    raw = group.payload[rows, first:last].view("<i2").reshape(-1, 6)
-    within = np.arange(count)
-    elapsed_us = (batches["period_ns"].astype(np.int64)[:, None] * within + 500) // 1000
-    return ImuSamples(
-        raw=raw,
-        t_us=((batches["t_us"][:, None] + elapsed_us) & (_TIME_MODULUS - 1)).reshape(-1),
-        period_ns=np.repeat(batches["period_ns"], count),
-        index=(batches["index"][:, None] + within).astype(np.uint16).reshape(-1),
-        temperature_raw=np.repeat(batches["temperature_raw"], count),
-        flags=np.repeat(batches["flags"], count),
-        seq=np.repeat(group.seq[rows], count),
-        end=np.repeat(group.end[rows], count),
-    )
-
-
-def _joined(parts: list[ImuSamples]) -> ImuSamples:
-    """The samples of several groups in the order they came."""
-    if len(parts) == 1:
-        return parts[0]
-    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ImuSamples.__slots__}
-    end = columns["end"]
-    if (end[1:] < end[:-1]).any():
-        order = np.argsort(end, kind="stable")
-        columns = {name: column[order] for name, column in columns.items()}
-    return ImuSamples(**columns)
-
-
-def _fixed_dtype(message: type[Message]) -> np.dtype[Any]:
-    fields: list[Any] = []
-    for row in wire_fields(message):
-        count, letter = row.type.removesuffix("[]")[:-1], row.type.removesuffix("[]")[-1]
-        if row.repeats:
-            fields.append(("count", "u1"))
-        elif letter == "s":
-            fields.append((row.name, f"V{count}"))
-        else:
-            code = np.dtype(letter).newbyteorder("<")
-            fields.append((row.name, code, (int(count),)) if count else (row.name, code))
-    return np.dtype(fields)
 
 
 def _by_value(values: npt.NDArray[Any]) -> Iterator[tuple[int, Indices]]:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import struct
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import assert_never
 
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_seen
-from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace, samples_lost
+from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, samples_lost
 from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
@@ -24,6 +22,7 @@ from hubodo.ingest.node.samples import (
     Sample,
     TimeReplySeen,
 )
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, PayloadError, decode
 from hubowire.messages import (
@@ -48,9 +47,6 @@ from hubowire.messages import (
     TimeRequest,
 )
 
-G = 9.80665
-RAD_PER_NANO_DEG = math.pi / 180 * 1e-9
-
 _HELLO_HEAD = struct.Struct("<I3B")  # fixed for every version of the table
 _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
@@ -59,21 +55,6 @@ _OVERRUN_FLAGS = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
 _NAMES = {message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply)}
 
 Output = Sample | Event
-
-
-@dataclass(slots=True)
-class NodeCounts:
-    """What has come from a node, and what has not."""
-
-    frames: int = 0
-    frames_lost: int = 0
-    frames_late: int = 0
-    frames_unread: int = 0  # no Hello in time, refused, or a payload shorter than its message
-    samples: int = 0
-    samples_lost: int = 0
-    saturated_batches: int = 0
-    gaps: int = 0
-    restarts: int = 0
 
 
 class NodeDecoder:

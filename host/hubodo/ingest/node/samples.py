@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,55 @@ class ImuBlock:
     temperature: float
     raw: NDArray[np.int16]
     received_ns: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImuRun:
+    """Blocks of one node that follow each other without a gap, as one.
+
+    device_ns, gyro, accel, raw: of all N samples, as of `ImuBlock`. first: (B,) the first sample of each
+    block; temperature: (B,) degC; received_ns: (B,).
+    """
+
+    device_ns: NDArray[np.int64]
+    gyro: NDArray[np.float64]
+    accel: NDArray[np.float64]
+    raw: NDArray[np.int16]
+    first: NDArray[np.int64]
+    temperature: NDArray[np.float64]
+    received_ns: NDArray[np.int64]
+
+    def part(self, begin: int, end: int) -> ImuRun:
+        """Blocks begin to end."""
+        if begin == 0 and end == len(self.first):
+            return self
+        first = self.first[begin]
+        last = self.first[end] if end < len(self.first) else len(self.device_ns)
+        rows = slice(first, last)
+        return ImuRun(
+            self.device_ns[rows],
+            self.gyro[rows],
+            self.accel[rows],
+            self.raw[rows],
+            self.first[begin:end] - first,
+            self.temperature[begin:end],
+            self.received_ns[begin:end],
+        )
+
+    def blocks(self) -> Iterator[ImuBlock]:
+        """The blocks one by one."""
+        edges = [*self.first.tolist(), len(self.device_ns)]
+        told = zip(self.temperature.tolist(), self.received_ns.tolist(), strict=True)
+        for (begin, end), (temperature, received_ns) in zip(pairwise(edges), told, strict=True):
+            rows = slice(begin, end)
+            yield ImuBlock(
+                self.device_ns[rows],
+                self.gyro[rows],
+                self.accel[rows],
+                temperature,
+                self.raw[rows],
+                received_ns,
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,4 +143,4 @@ class Refused:
     received_ns: int
 
 
-Sample = ImuBlock | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | Refused
+Sample = ImuBlock | ImuRun | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | Refused

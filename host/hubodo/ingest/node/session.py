@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import assert_never
@@ -10,18 +9,21 @@ from typing import assert_never
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_columns
-from hubodo.ingest.node.clock import PERIOD_US, ClockSync, StrictlyIncreasing
-from hubodo.ingest.node.decoder import NodeDecoder, Output
+from hubodo.ingest.node.clock import ClockSync, StrictlyIncreasing
+from hubodo.ingest.node.decoder import Output
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.health import health_data
 from hubodo.ingest.node.identity import hello_metadata
-from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
+from hubodo.ingest.node.many_frames import NodeFrames
+from hubodo.ingest.node.published import ArrivalOrder, Published, RateWindow
 from hubodo.ingest.node.questions import Questions
+from hubodo.ingest.node.runs import RunDecoder
 from hubodo.ingest.node.samples import (
     FilterSeen,
     HealthSeen,
     HelloSeen,
     ImuBlock,
+    ImuRun,
     MagSample,
     Refused,
     TimeReplySeen,
@@ -37,12 +39,9 @@ _CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answer o
 _HELLO_EVERY_NS = S // 2
 _START_AFTER_NS = 2 * S
 _OUTSTANDING = 32
-_RATE_WINDOW_NS = 2 * S
-_TICKS_PERIOD = PERIOD_US * 1e-6
 
 Send = Callable[[bytes], bool]
-Timed = ImuBlock | MagSample | FilterSeen
-"""What goes into the log at the time of its measurement."""
+Timed = ImuBlock | MagSample | FilterSeen  # what goes into the log at the time of its measurement
 
 
 class NodeSession:
@@ -68,7 +67,7 @@ class NodeSession:
         self.name = name
         self.link = link
         self.node_id = node_id
-        self.decoder = NodeDecoder(name, datagrams=datagrams)
+        self.decoder = RunDecoder(name, datagrams=datagrams)
         self.clock = ClockSync()
         self.health: Health | None = None
         self.filter: FilterSeen | None = None
@@ -96,7 +95,7 @@ class NodeSession:
         self._next_hello = 0
         self._start_at: int | None = None
         self._muted = False
-        self._recent: deque[tuple[int, int]] = deque()
+        self._recent = RateWindow()
 
     def frame(self, frame: Frame, t_ns: int, link: LinkCounts) -> Iterator[Published]:
         """An undamaged frame of this node."""
@@ -107,6 +106,20 @@ class NodeSession:
             if not self.decoder.wants_hello:
                 self._ask(GetHello())  # it may be another start, or another board
         yield from self._take(self.decoder.frame(frame, t_ns, link))
+
+    def many(self, some: NodeFrames, downs: int) -> Iterator[Published]:
+        """Frames that a log has kept; downs: how often their link had been lost before."""
+        yield from self._take(self.decoder.many(some, downs))
+
+    def settle(self, now_ns: int) -> Iterator[Published]:
+        """Lets go of what waited long enough for a report of the node."""
+        yield from self._take(self.decoder.tick(now_ns))
+
+    def asked(self, token: bytes, t_ns: int) -> None:
+        """A question of the clock exchange was sent at t_ns."""
+        while len(self._asked) >= _OUTSTANDING:
+            self._asked.pop(next(iter(self._asked)))
+        self._asked[token] = t_ns
 
     def tick(self, now_ns: int) -> Iterator[Published]:
         """Asks what is due, and lets go of samples that waited long enough for the clock."""
@@ -132,9 +145,9 @@ class NodeSession:
         """One question of the clock exchange; its token names the time at which it was sent."""
         self._token += 1
         token = bytes(0x20 + (self._token >> shift & 0x0F) for shift in range(0, 32, 4))
-        while len(self._asked) >= _OUTSTANDING:
-            self._asked.pop(next(iter(self._asked)))
-        self._asked[token] = self._now_ns()
+        now_ns = self._now_ns()
+        self.asked(token, now_ns)
+        self._sink.asked(self.link, now_ns, token)
         self._ask(TimeRequest(token))
 
     def mute(self) -> None:
@@ -149,23 +162,13 @@ class NodeSession:
         yield from self._take(self.decoder.close())
         yield from self._release()
         if self.health is not None:
-            text = f"{self.name}: last report of the node"
-            self._sink.event(Event(now_ns, "health", self.name, text, health_data(self.name, self.health)))
+            self._sink.event(last_report(self.name, self.health, now_ns))
         if self.clock.source != "none":
-            estimate = self.clock.estimate()
-            text = (
-                f"{self.name}: clock {estimate.source}, drift {estimate.drift * 1e6:+.1f} ppm, "
-                f"1 sigma {estimate.sigma_ns * 1e-6:.3f} ms"
-            )
-            self._sink.event(
-                Event(now_ns, "clock", self.name, text, {"node": self.name, **estimate.as_json()})
-            )
+            self._sink.event(clock_found(self.name, self.clock.estimate(), now_ns))
 
     def rate(self, now_ns: int) -> float:
         """Samples a second over the last two seconds, Hz."""
-        while self._recent and self._recent[0][0] < now_ns - _RATE_WINDOW_NS:
-            self._recent.popleft()
-        return sum(count for _, count in self._recent) / (_RATE_WINDOW_NS / S)
+        return self._recent.rate(now_ns)
 
     def mean_rate(self) -> float | None:
         """Samples a second over the whole recording by their own times, lost ones counted; Hz."""
@@ -194,9 +197,9 @@ class NodeSession:
                     self._start_at = output.received_ns + _START_AFTER_NS
                     self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
                 case ImuBlock():
-                    self._start_at = None
-                    self.clock.arrival(int(output.device_ns[-1]) // 1000, output.received_ns)
-                    yield from self._hold(output)
+                    yield from self._block(output)
+                case ImuRun():
+                    yield from self._run(output)
                 case MagSample():
                     yield from self._hold(output)
                 case FilterSeen():
@@ -211,6 +214,26 @@ class NodeSession:
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
                 case _:
                     assert_never(output)
+
+    def _block(self, block: ImuBlock) -> Iterator[Published]:
+        self._start_at = None
+        self.clock.arrival(int(block.device_ns[-1]) // 1000, block.received_ns)
+        yield from self._hold(block)
+
+    def _run(self, run: ImuRun) -> Iterator[Published]:
+        """The blocks of a run, in one go where their clock is known and nothing waits."""
+        if self.clock.source != "two way" or self._held or self._boot is not None:
+            for block in run.blocks():
+                yield from self._block(block)
+            return
+        t_ns = self._times.apply(self.clock.host_ns(run.device_ns))
+        log_ns = self._order.stamps(run.received_ns)
+        counts = np.diff(run.first, append=len(t_ns))
+        self._sink.imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
+        self._sink.temperature(self.name, t_ns[run.first], log_ns, run.temperature)
+        self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
+        for block, begin in zip(run.blocks(), run.first.tolist(), strict=True):
+            yield Published(self.name, t_ns[begin : begin + len(block.raw)], block, self.power_on_ns)
 
     def _gap(self, event: Event) -> Event:
         """Counts a gap, and puts its start on the time of measurement, where the samples stand."""
@@ -267,20 +290,11 @@ class NodeSession:
         self._sink.imu(self.name, t_ns, log_ns, item.gyro, item.accel)
         self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
-        self._recent.append((item.received_ns, len(t_ns)))
+        self._recent.add(item.received_ns, len(t_ns))
         yield Published(self.name, t_ns, item, self.power_on_ns)
 
     def _started(self, hello: Hello, t_ns: int) -> None:
         """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""
         if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
             self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
-        age = (t_ns - self.power_on_ns) / S
-        data = {
-            "node": self.name,
-            "boot_id": hello.boot_id,
-            "power_on_ns": self.power_on_ns,
-            "age": age,
-            "age_modulo": _TICKS_PERIOD,
-        }
-        text = f"{self.name}: switched on {age:.1f} s before this sample, or a multiple of 18 min earlier"
-        self._sink.event(Event(t_ns, "started", self.name, text, data))
+        self._sink.event(switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns))

@@ -34,8 +34,10 @@ _FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the odometry of a log was made with. vehicle: None where the log does not tell. rate_hz: poses a
-    second at most."""
+    """What the odometry of a log was made with.
+
+    vehicle: None where the log does not tell. rate_hz: poses a second at most.
+    """
 
     vehicle: Vehicle | None
     calibration: Calibration | None

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.ingest.node.decoder import RAD_PER_NANO_DEG, G
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
 from hubodo.log.logfile import Log
 from hubodo.log.topics import RAW
 from hubodo.recording import Recording, Table

@@ -169,8 +169,10 @@ def _edf(points: AllanPoints, fit: NoiseFit) -> FloatArray:
 
 
 def _minimum(points: AllanPoints, fit: NoiseFit, edf: FloatArray) -> tuple[float | None, float | None]:
-    """Averaging time and value of the smallest fitted deviation, None when nothing rises or levels off "
-    "after it."""
+    """Averaging time and value of the smallest fitted deviation.
+
+    None when nothing rises or levels off after it.
+    """
     rising = [name for name in ("B", "K", "R") if fit.terms[name].value is not None]
     if not rising:
         return None, None

@@ -143,8 +143,10 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
 
 @dataclass(frozen=True)
 class _Trial:
-    """All terms fitted to the points from one averaging time on, and how badly they fit without a model "
-    "error."""
+    """All terms fitted to the points from one averaging time on.
+
+    chi2: how badly they fit without a model error.
+    """
 
     gls: Gls
     active: list[int]
@@ -205,8 +207,10 @@ def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: All
 
 
 def _needed(term: int, size: float, theta: FloatArray, points: AllanPoints) -> float | None:
-    """Record length in s, to a factor of 2, in which a term of this size would stand at 3 sigma; None "
-    "beyond 4096."""
+    """Record length in s, to a factor of 2, in which a term of this size would stand at 3 sigma.
+
+    None beyond 4096 times this record.
+    """
     shortest, longest = 1, _DOUBLINGS + 1
     while shortest < longest:
         doublings = (shortest + longest) // 2
@@ -231,8 +235,10 @@ def _seen(term: int, size: float, theta: FloatArray, samples: int, dt: float) ->
 
 @lru_cache(maxsize=2 * _DOUBLINGS)
 def _octaves(samples: int, dt: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Factors, design and covariance tensor of a record of this length; all terms ask for the same "
-    "lengths."""
+    """Factors, design and covariance tensor of a record of this length.
+
+    Kept, as all terms ask for the same lengths.
+    """
     factors = averaging_factors(samples)
     factors = factors[factors <= samples // _PARTS]
     return factors, design(np.asarray(factors * dt, np.float64)), covariance_tensor(factors, samples, dt)

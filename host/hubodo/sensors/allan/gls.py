@@ -91,8 +91,10 @@ class Gls:
         return self.chi2(theta) - self.chi2(self.theta)
 
     def misfit(self) -> float:
-        """Relative model error, independent from point to point, under which the residuals are most "
-        "likely; mostly 0."""
+        """Relative model error under which the residuals are most likely; mostly 0.
+
+        It is taken as independent from point to point.
+        """
         model = self._matrix @ self.theta
         residual = self._avar - model
 
@@ -108,8 +110,10 @@ class Gls:
         return float(sizes[best]) if found[best] < surprise(0.0) - _CLEARLY else 0.0
 
     def excess(self) -> float:
-        """Chi-square per degree of freedom where it is above 1: what the error bars are too small by, "
-        "squared."""
+        """Chi-square per degree of freedom where it is above 1, else 1.
+
+        Its root is what the error bars are too small by.
+        """
         dof = max(1, len(self._avar) - int(np.count_nonzero(self.theta)))
         return max(1.0, self.chi2(self.theta) / dof)
 

@@ -1,5 +1,4 @@
-"""Both triads of one node from one record of rests and turns: chooses the reference that the record can
-bear."""
+"""Both triads of one node from one record of rests and turns, by the reference that the record can bear."""
 
 from __future__ import annotations
 
@@ -24,8 +23,11 @@ Array = NDArray[np.float64]
 
 FOLDS = 5
 EARTH_RATE_SNR = 10.0
-"""A rest must know Earth rate ten times better than its size; below it the directions in eq. 5 are mostly
-noise, and the bias of their squares, 1/SNR², exceeds one per cent."""
+"""A rest must know Earth rate this much better than its size.
+
+Below it the directions in eq. 5 are mostly noise, and the bias of their squares, 1/SNR², exceeds one per
+cent.
+"""
 G_SENSITIVITY_P = 1e-3
 
 
@@ -74,8 +76,10 @@ class GyroCalibration:
 
 @dataclass(frozen=True)
 class ImuCalibration:
-    """Result for one node: rests, both triads, how good they are where they were not fitted, what was
-    used."""
+    """Result for one node.
+
+    Rests, both triads, how good they are where they were not fitted, what was used.
+    """
 
     rests: Rests
     gravity: float
@@ -149,11 +153,10 @@ def calibrate_imu(
 def rest_bias(
     rate: Array, rate_sigma: Array, force: Array
 ) -> tuple[Array, Array, Array | None, Array | None]:
-    """Gyro bias from rests, with its answer to specific force where an F-test of each gyro together demands
-    it.
+    """Gyro bias from rests, with its answer to specific force where an F-test demands it.
 
-    rate, rate_sigma, force: (R, 3). Returns b, covariance of b (3, 3), g-sensitivity (3, 3) or None, its
-    sigma.
+    The test is of each gyro together. rate, rate_sigma, force: (R, 3). Returns b, covariance of b (3, 3),
+    g-sensitivity (3, 3) or None, its sigma.
     """
     count = len(rate)
     mean = rate.mean(axis=0)

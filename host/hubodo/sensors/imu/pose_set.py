@@ -1,5 +1,4 @@
-"""Judge a set of poses before anything is solved with it: what it can show, what not, and which pose would
-help."""
+"""A set of poses judged before it is solved: what it can show, what not, and which pose would help."""
 
 from __future__ import annotations
 
@@ -17,11 +16,12 @@ PARAMETERS = (
 """What the columns of the scalar method's matrix belong to, in the order of Avrutov, eq. 5."""
 
 CONDITION_LIMIT = 5e4
-"""Beyond it the set counts as degenerate whatever the noise: the nine poses that the paper gives as good have
-about 7e3, exactly degenerate ones 1e8 and more."""
+"""Condition beyond which the set counts as degenerate whatever the noise.
+
+The nine poses that the paper gives as good have about 7e3, exactly degenerate ones 1e8 and more.
+"""
 SIGMA_LIMIT = 0.02
-"""Relative to the reference; a parameter known no better than this is not known: chips leave the factory
-so."""
+"""Relative to the reference; a parameter known no better is unknown: chips leave the factory so."""
 _MAX_SUGGESTIONS = 8
 
 
@@ -69,8 +69,10 @@ def design(v: Array, w: Array | None = None) -> Array:
 
 
 def judge_poses(directions: Array, sigma: Array | float = 0.0) -> PoseSet:
-    """Judge unit vectors (R, 3) in node axes; sigma: noise of the norm in each pose, relative, (R,) or
-    scalar."""
+    """Judge unit vectors (R, 3) in node axes.
+
+    sigma: noise of the norm in each pose, relative, (R,) or scalar.
+    """
     rows = design(directions)
     noise = np.broadcast_to(np.asarray(sigma, float), (len(rows),))
     condition, amplification = _judge(rows)

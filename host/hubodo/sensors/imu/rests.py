@@ -14,9 +14,11 @@ Array = NDArray[np.float64]
 WINDOW_S = 0.5
 """Length of the sliding window in which a sample must be quiet."""
 THRESHOLD = 3.0
-"""Times the noise floor. The 5 % quantile of the window deviation lies at 0.84 sigma for 50 samples, so 3
-times it is 2.5 sigma: the chance that white noise alone exceeds it is nil, and a turn exceeds it by
-orders."""
+"""Times the noise floor.
+
+The 5 % quantile of the window deviation lies at 0.84 sigma for 50 samples, so 3 times it is 2.5 sigma: the
+chance that white noise alone exceeds it is nil, and a turn exceeds it by orders.
+"""
 FLOOR_QUANTILE = 0.05
 MARGIN_S = 0.1
 """Cut off each end of a rest: a hand that lets go is felt before it is seen."""
@@ -24,8 +26,7 @@ CREEP_SIGMA = 6.0
 TURNING = 0.02
 """rad/s off the middle of all rests; no bias moves so far with pose, a node that quietly turns does."""
 CREEP_ACCEL = 0.02
-"""m/s²; halves of one rest that differ by more (and by CREEP_SIGMA) were not at rest: 0.12 degrees of
-tilt."""
+"""m/s²; halves of a rest that differ by more, and by CREEP_SIGMA, were none: 0.12 degrees of tilt."""
 
 
 @dataclass(frozen=True)
@@ -173,8 +174,10 @@ def find_steady_rates(
 
 
 def standard_error(values: Array, width: int) -> Array:
-    """(C,) 1 sigma of the mean of (N, C) values: the larger of white noise and of blocks of `width`
-    samples."""
+    """(C,) 1 sigma of the mean of (N, C) values, of white noise or of blocks of `width` samples.
+
+    The larger of both.
+    """
     n = len(values)
     white = values.std(axis=0, ddof=1) / np.sqrt(n)
     blocks = n // width

@@ -1,5 +1,4 @@
-"""What a record of rate estimates says about the next one: ergodicity, stop length, number of stops, time
-needed."""
+"""What rate estimates say of the next record: ergodicity, stop length, number of stops, time needed."""
 
 from __future__ import annotations
 
@@ -16,21 +15,22 @@ Array = NDArray[np.float64]
 
 STOP_LENGTHS = (2.0, 4.0, 8.0, 16.0, 24.0, 34.0, 48.0, 68.0, 100.0, 150.0, 240.0)
 MAX_STOPS = 80
-"""Longer programmes are taken as repetitions of this many stops: drift does not reach across so many
-turns."""
+"""Longer programmes are taken as repetitions of this many stops: drift does not reach across more."""
 MIN_ESTIMATES = 16
 OCTAVES_OVERLAP = 1.4
-"""Neighbouring octaves are made of the same data: the slope of simulated white noise scatters this much
-more than independent points would let it (300 seeds, 100 to 1,800 estimates)."""
+"""By how much more the slope of white noise scatters than independent points would let it.
+
+Neighbouring octaves are made of the same data (300 seeds, 100 to 1,800 estimates).
+"""
 
 
 @dataclass(frozen=True)
 class Ergodicity:
-    """Allan deviation of the rate estimates: factors (P,) estimates averaged, adev (P,) rad/s, slope in
-    log-log.
+    """Allan deviation of the rate estimates.
 
-    Estimates that are independent of each other have slope -1/2 (Robert 2014, fig. 12): then more stops, or
-    more gyros, help as the square root of their number.
+    factors (P,) estimates averaged, adev (P,) rad/s, slope in log-log. Estimates that are independent of each
+    other have slope -1/2 (Robert 2014, fig. 12): then more stops, or more gyros, help as the square root of
+    their number.
     """
 
     factors: Array
@@ -81,10 +81,9 @@ def ergodicity(rates: Array, *, shared: bool = True) -> Ergodicity | None:
 
 
 def programme_sigma(drift: Drift, stop: float, count: int, turn: float, horizontal: float) -> float:
-    """Azimuth sigma, rad, of `count` stops of `stop` s at 0, 180, 90, 270 degrees, `turn` s between, best
-    weights.
+    """Azimuth sigma, rad, of `count` stops of `stop` s at 0, 180, 90, 270 degrees with the best weights.
 
-    Mean over all azimuths: sqrt(tr(information^-1) / 2) / horizontal.
+    turn: s between stops. Mean over all azimuths: sqrt(tr(information^-1) / 2) / horizontal.
     """
     whole = min(count, MAX_STOPS)
     return _unit_sigma(drift, stop, whole, turn) * float(np.sqrt(whole / count)) / horizontal
@@ -102,8 +101,10 @@ def _unit_sigma(drift: Drift, stop: float, whole: int, turn: float) -> float:
 
 
 def best_programme(drift: Drift, time: float, turn: float, horizontal: float) -> Advice | None:
-    """The stop length that gives the smallest azimuth sigma within `time` s; None when not even four stops
-    fit."""
+    """The stop length that gives the smallest azimuth sigma within `time` s.
+
+    None when not even four stops fit.
+    """
     found = []
     for stop in STOP_LENGTHS:
         count = int((time + turn) // (stop + turn))
@@ -116,8 +117,10 @@ def best_programme(drift: Drift, time: float, turn: float, horizontal: float) ->
 def time_for(
     drift: Drift, sigma: float, turn: float, horizontal: float, limit: float = 86400.0
 ) -> Advice | None:
-    """The shortest programme (in steps of half an octave from half a minute) that reaches `sigma` rad, or
-    None."""
+    """The shortest programme that reaches `sigma` rad, or None.
+
+    Tried in steps of half an octave from half a minute on.
+    """
     time = 30.0
     while time <= limit:
         advice = best_programme(drift, time, turn, horizontal)
@@ -128,6 +131,8 @@ def time_for(
 
 
 def white_azimuth_bound(n: float, time: float, horizontal: float) -> float:
-    """rad; sqrt(2 / T) N / horizontal, what white noise alone leaves of one axis that looks all ways
-    evenly."""
+    """rad; what white noise alone leaves of one axis that looks all ways evenly.
+
+    sqrt(2 / T) N / horizontal.
+    """
     return float(np.sqrt(2 / time)) * n / horizontal

@@ -1,5 +1,4 @@
-"""Covariance of averages of a drifting gyro: white noise, flicker and rate random walk, in IEEE 952
-coefficients.
+"""Covariance of averages of a drifting gyro: white noise, flicker and rate random walk of IEEE 952.
 
 For averages over intervals i, j of one continuous record. Rate random walk W (K = 1) is a Wiener process
 that starts with the record. Flicker F (B = 1) is the sum of first-order Markov processes with time constants

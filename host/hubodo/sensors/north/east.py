@@ -33,8 +33,11 @@ class EastStep:
 
 @dataclass(frozen=True)
 class East:
-    """Where the loop came to rest: angle of the axis that points east, rad; azimuth of table zero and its
-    sigma from all stops together, rad; every step."""
+    """Where the loop came to rest.
+
+    angle: of the axis that points east, rad. azimuth, sigma: of table zero, from all stops together, rad.
+    steps: every one.
+    """
 
     angle: float
     azimuth: float

@@ -30,8 +30,10 @@ SLIDING = 5
 
 @dataclass(frozen=True)
 class Pairs:
-    """Half differences of opposite stops: first, second (P,) number of the stop along and of the one
-    against."""
+    """Half differences of opposite stops.
+
+    first, second: (P,) number of the stop along and of the one against.
+    """
 
     first: NDArray[np.int64]
     second: NDArray[np.int64]
@@ -43,9 +45,11 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Classical:
-    """One classical filter: rate rad/s and its sigma under the fitted drift. Two components, along table
-    zero and a quarter turn from it, and the azimuth (rad) where both were measured; else the one along the
-    stops."""
+    """One classical filter: rate rad/s and its sigma under the fitted drift.
+
+    Two components, along table zero and a quarter turn from it, and the azimuth (rad) where both were
+    measured; else the one along the stops.
+    """
 
     rate: tuple[float, ...]
     sigma: tuple[float, ...]
@@ -67,8 +71,10 @@ def opposite_pairs(sign: Signs, lag: int = 1) -> Pairs:
 
 
 def weights(name: str, sign: Signs) -> Array:
-    """(S,) weights of the named filter; rate = weights . means. Raises InputError for an unknown filter or
-    too few stops."""
+    """(S,) weights of the named filter, whose product with the means of the stops is the rate.
+
+    Raises InputError for an unknown filter or too few stops.
+    """
     if name not in FILTERS:
         raise InputError(f"filter {name!r} is unknown; choose from {', '.join(FILTERS)}")
     count = len(sign)

@@ -29,8 +29,10 @@ METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
 
 MIN_STOPS = 4
 MIN_HORIZONTAL = 0.05
-"""Of Earth rate; nearer the pole than 2.9 degrees, half a degree of tilt already outweighs what is left of
-it."""
+"""Of Earth rate, at 2.9 degrees from the pole.
+
+Nearer to it half a degree of tilt already outweighs what is left of it.
+"""
 AVERAGES = 240
 PER_TURN = 16
 MAX_TILT = np.radians(0.5)
@@ -277,8 +279,10 @@ def _turned_about(stops: Stops) -> Array:
 
 
 def _white_bound(averages: Averages, n: float, azimuth: float, horizontal: float) -> float:
-    """sigma of azimuth for white noise alone, at the true length: with even coverage sqrt(2/T) N /
-    horizontal."""
+    """1 sigma of azimuth for white noise alone, at the true length.
+
+    With even coverage sqrt(2/T) N / horizontal.
+    """
     across = horizontal * (-np.sin(azimuth) * averages.cos + np.cos(azimuth) * averages.sin)
     length = averages.end - averages.start
     across = across - np.average(across, weights=length)

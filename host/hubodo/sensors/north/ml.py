@@ -32,14 +32,18 @@ FLICKER_RATIOS = (0.0, 0.01, 0.04, 0.16, 0.64, 2.5, 10.0, 40.0, 160.0)
 WALK_RATIOS = (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """K² T² / N², the same for random walk."""
 PIECE = 300
-"""Intervals solved together; longer records are cut into pieces with a bias each, which costs little: the
-drift of one piece says next to nothing about Earth rate in another."""
+"""Intervals solved together; longer records are cut into pieces with a bias each.
+
+That costs little: the drift of one piece says next to nothing about Earth rate in another.
+"""
 
 
 @dataclass(frozen=True)
 class Averages:
-    """M averages in order of time: start, end (M,) s; y (M,) rad/s; cos, sin (M,) means over each
-    interval."""
+    """M averages in order of time.
+
+    start, end: (M,) s. y: (M,) rad/s. cos, sin: (M,) means over each interval.
+    """
 
     start: Array
     end: Array
@@ -79,8 +83,10 @@ def average(t: Array, y: Array, angle: Array, spans: Sequence[tuple[int, int]], 
 
 
 def estimate(averages: Averages, horizontal: float, drift: Drift | None = None) -> Posterior:
-    """Posterior of C, S and azimuth. horizontal: Omega cos(latitude), rad/s. drift: None to fit it from the
-    record."""
+    """Posterior of C, S and azimuth.
+
+    horizontal: Omega cos(latitude), rad/s. drift: None to fit it from the record.
+    """
     return combine([averages], horizontal, drift)
 
 

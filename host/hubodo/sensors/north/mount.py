@@ -1,5 +1,4 @@
-"""How a node sits on a turntable, from gravity: which way is up, whether its axis is level, which way it
-turns."""
+"""How a node sits on a turntable, from gravity: which way is up, what is level, which way it turns."""
 
 from __future__ import annotations
 
@@ -21,8 +20,11 @@ MIN_TURN = np.radians(60)
 
 @dataclass(frozen=True)
 class Mount:
-    """mounting: rad, the axis anticlockwise from table zero at table angle zero. vertical: (N,) rad/s
-    upwards. lean: (N,) sine of the axis's elevation. warnings: one line each."""
+    """How one axis of a node sits on the table.
+
+    mounting: rad, the axis anticlockwise from table zero at table angle zero. vertical: (N,) rad/s upwards.
+    lean: (N,) sine of the axis's elevation. warnings: one line each.
+    """
 
     axis: str
     mounting: float
@@ -66,8 +68,10 @@ def mount_of(gyro: Array, accel: Array, axis: str) -> Mount:
 
 
 def check_direction(mount: Mount, t: Array, table: TableMotion) -> None:
-    """Raises InputError when the gyro felt other turns than the table's file says: the other way, or in
-    degrees."""
+    """Raises InputError when the gyro felt other turns than the table's file says.
+
+    That is the other way, or in degrees.
+    """
     angle = table.angle_at(t)
     step = np.gradient(t)
     steps = np.diff(angle, append=angle[-1])

@@ -43,10 +43,10 @@ class TableMotion:
 
 @dataclass(frozen=True)
 class Stops:
-    """S stops: start, end (S,) first sample and one past the last; t (S, 2) s; angle (S,) rad; mean (S,)
-    rad/s.
+    """S stops.
 
-    cut: (2,) s that were taken off the beginning and the end of every stop.
+    start, end: (S,) first sample and one past the last. t: (S, 2) s. angle: (S,) rad. mean: (S,) rad/s. cut:
+    (2,) s that were taken off the beginning and the end of every stop.
     """
 
     start: NDArray[np.int64]
@@ -130,8 +130,10 @@ def _still_spans(table: TableMotion) -> list[tuple[float, float, float]]:
 def _transient(
     channels: Sequence[Array], spans: Sequence[tuple[int, int, float]], step: float, direction: int
 ) -> float:
-    """s to cut after (direction 1) or before (-1) a turn: twice as long as the pooled mean square stands
-    out."""
+    """s to cut after (direction 1) or before (-1) a turn.
+
+    Twice as long as the pooled mean square stands out.
+    """
     shortest = min(j - i for i, j, _ in spans)
     width = max(1, round(_BIN_S / step))
     probe = min(round(MAX_CUT_S / step), shortest // 4)
@@ -157,8 +159,10 @@ def _transient(
 
 
 def _check_still(t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]], step: float) -> None:
-    """The vertical gyro sees a table that turns: no stop may stand out in what it adds up to, or in its
-    noise."""
+    """The vertical gyro sees a table that turns.
+
+    No stop may stand out in what it adds up to, or in its noise.
+    """
     means = np.array([vertical[i:j].mean() for i, j, _ in spans])
     noise = np.array([vertical[i:j].std() for i, j, _ in spans])
     length = np.array([(j - i) * step for i, j, _ in spans])

@@ -37,8 +37,7 @@ class SerialTable:
         self._port = port
 
     def turn_to(self, angle: float) -> None:
-        """Raises LinkError when the table answers with an error, not at all, or stops more than 0.1 degrees
-        off."""
+        """Raises LinkError when the table answers with an error or not at all, or misses by 0.1 degrees."""
         wanted = math.degrees(angle)
         reached = self._ask(f"GOTO {wanted:.4f}", "OK")
         if abs(math.degrees(float(wrap(math.radians(reached - wanted))))) > 0.1:

@@ -1,5 +1,4 @@
-"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model where it is not "
-"white."""
+"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model if not white."""
 
 from __future__ import annotations
 
@@ -52,8 +51,10 @@ class WarmupReport:
         return self.following or self.first
 
     def effects(self) -> dict[str, CalibratedEffect]:
-        """Effects of the calibration file that the best model has, for this axis. Raises InputError when "
-        "none is earned."""
+        """Effects of the calibration file that the best model has, for this axis.
+
+        Raises InputError when none is earned.
+        """
         axis = self.channel[1]
         if self.reason and self.following is None:
             raise InputError(f"nothing to write to a calibration file: {self.reason}")

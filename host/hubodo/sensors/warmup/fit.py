@@ -176,8 +176,10 @@ def _jacobian(
 def _covariance(
     t: FloatArray, jacobian: FloatArray, residual: FloatArray, noise: float
 ) -> tuple[FloatArray, float]:
-    """Covariance of the parameters, and how much wider it is than for white noise of that size (variance "
-    "ratio)."""
+    """Covariance of the parameters, and how much wider it is than for white noise of that size.
+
+    The latter as a ratio of variances.
+    """
     inverse = np.linalg.pinv(jacobian)
     plain = noise**2 * (inverse @ inverse.T)
     if len(residual) < 4 * _PARTS or not np.ptp(residual) or ljung_box(residual).white:

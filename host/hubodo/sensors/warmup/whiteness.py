@@ -47,8 +47,10 @@ class AutocorrelationTest:
 
 @dataclass(frozen=True)
 class LjungBox:
-    """Q = n (n + 2) sum of r_k^2 / (n - k) over the first lags; chi-square with as many degrees for a "
-    "white series."""
+    """Q = n (n + 2) sum of r_k² / (n - k) over the first lags.
+
+    Chi-square with as many degrees for a white series.
+    """
 
     statistic: float
     lags: int
@@ -97,8 +99,10 @@ def autocorrelation_test(residual: FloatArray, sequences: int = 10, length: int 
 
 
 def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
-    """Ljung and Box (Biometrika 65, 1978); lags: min(20, n / 5) where None. Raises InputError below 16 "
-    "samples."""
+    """The test of Ljung and Box (Biometrika 65, 1978).
+
+    lags: min(20, n / 5) where None. Raises InputError below 16 samples.
+    """
     count = len(residual)
     if count < _FEWEST or not np.ptp(residual):
         raise InputError(
@@ -113,7 +117,9 @@ def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
 
 
 def _autocovariance(sequence: FloatArray) -> FloatArray:
-    """(N,) biased autocovariance, eq. (3); the mean is not taken off: the residual's own mean is part of "
-    "the test."""
+    """(N,) biased autocovariance, eq. (3).
+
+    The mean is not taken off: the residual's own mean is part of the test.
+    """
     made: FloatArray = np.correlate(sequence, sequence, "full")[len(sequence) - 1 :] / len(sequence)
     return made

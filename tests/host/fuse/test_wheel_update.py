@@ -1,0 +1,163 @@
+"""Which measurements of a window count: clipped channels, gaps, wheels that are not believed."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
+from hubodo.fuse.wheel.measurements import MEASUREMENTS
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.state import InitialState, initial_state
+from hubodo.fuse.wheel.two_wheels import robust_variances
+from hubodo.fuse.wheel.update import Updated, WheelUpdate
+
+UPRIGHT = cmath.exp(-0.25j)
+"""Gravity as a wheel feels it that stood upright when the window began and turns by half a radian in it."""
+
+SOUND = Window(
+    spin=0.5,
+    rate_start=5.0,
+    rate_end=5.0,
+    across=0.01 + 0.02j,
+    carrier=0.0997 + 0j,
+    force=0.97 * UPRIGHT + 0.01j,
+    axial=0.02,
+    raw_across=0.01 + 0.02j,
+    raw_force=0.95 + 0.04j,
+    axial_variance=0.05,
+    swing=0.495,
+    lever=-2.5 + 0j,
+)
+
+
+def _begun(*names: str) -> tuple[WheelUpdate, InitialState]:
+    """An update and states in which all wheels are believed, at the speed that SOUND rolls with."""
+    nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
+    config = WheelConfig(0.15, 0.5, nodes)
+    begin = initial_state(config)
+    for wheel in begin.wheels:
+        wheel.joined = True
+    begin.x[begin.columns.vehicle[SPEED]] = 0.75
+    return WheelUpdate(config, begin.columns), begin
+
+
+def _work_in(update: WheelUpdate, begin: InitialState, *windows: Window, resting: bool = False) -> Updated:
+    pairs = tuple(zip(begin.wheels, windows, strict=True))
+    return update.work_in(list(begin.x), begin.p.copy(), pairs, resting)
+
+
+@pytest.mark.parametrize(
+    ("flags", "silent"),
+    [
+        ({}, set()),
+        ({"across_clipped": 0.1}, {"yaw", "roll"}),
+        ({"force_clipped": 0.1}, {"forward", "sideways"}),
+        ({"spin_clipped": 0.1}, {"sideways"}),
+        ({"spin_clipped": 0.1, "across_clipped": 0.1}, {"yaw", "roll", "sideways"}),
+    ],
+)
+def test_a_clipped_channel_silences_what_is_made_of_it_and_nothing_else(
+    flags: dict[str, float], silent: set[str]
+) -> None:
+    window = SOUND._replace(**flags)
+    found = {one.__name__.rpartition(".")[2] for one in MEASUREMENTS if not one.usable(window)}  # type: ignore[attr-defined]
+    assert found == silent
+    update, begin = _begun("left")
+    assert _work_in(update, begin, window).degrees == 5 - len(silent)
+    # The other wheel's rows stay.
+    update, begin = _begun("left", "right")
+    assert _work_in(update, begin, window, SOUND).degrees == 10 - len(silent)
+
+
+@pytest.mark.parametrize(("missing", "count"), [(0.0, 5), (0.499, 5), (0.5, 0), (1.0, 0)])
+def test_a_window_that_is_half_a_gap_says_nothing(missing: float, count: int) -> None:
+    update, begin = _begun("left")
+    assert _work_in(update, begin, SOUND._replace(missing=missing)).degrees == count
+
+
+def test_a_gap_in_a_window_makes_all_its_variances_grow_alike() -> None:
+    """By 1 + 1e4 times its share: with states that are known exactly nothing else is in the innovations, and
+    none is so large that it loses weight."""
+    update, begin = _begun("left")
+    begin.p[:] = 0.0
+    quiet = SOUND._replace(across=2e-5 + 3e-5j, force=0.97 * UPRIGHT + 0.002j, axial=0.003)
+    sound = _work_in(update, begin, quiet)
+    assert 0.01 < sound.nis < 9.0
+    holed = _work_in(update, begin, quiet._replace(missing=0.3))
+    assert sound.nis / holed.nis == pytest.approx(1.0 + 1e4 * 0.3)
+
+
+@pytest.mark.parametrize(
+    ("joined", "trusted", "count"), [(True, True, 10), (False, True, 5), (True, False, 9), (False, False, 5)]
+)
+def test_a_wheel_whose_angle_is_not_known_is_silent_and_one_that_is_distrusted_does_not_give_speed(
+    joined: bool, trusted: bool, count: int
+) -> None:
+    update, begin = _begun("left", "right")
+    begin.wheels[1].joined, begin.wheels[1].trusted = joined, trusted
+    assert _work_in(update, begin, SOUND, SOUND).degrees == count
+
+
+def test_nothing_heard_changes_nothing() -> None:
+    update, begin = _begun("left", "right")
+    gone = Window(missing=1.0)
+    found = _work_in(update, begin, gone, gone)
+    assert found.x == begin.x
+    assert found.degrees == 0
+    assert np.array_equal(found.p, begin.p)
+
+
+def test_the_silent_rows_are_those_of_their_own_wheel() -> None:
+    """A bias is learnt from the wheel whose gyro is sound, and not from the one whose gyro is clipped."""
+    update, begin = _begun("left", "right")
+    left, right = (wheel.at[GYRO_BIAS_X] for wheel in begin.wheels)
+    found = _work_in(update, begin, SOUND._replace(across_clipped=1.0), SOUND)
+    assert found.p[left, left] == pytest.approx(begin.p[left, left], rel=1e-9)
+    assert found.p[right, right] < 0.9 * begin.p[right, right]
+
+
+def test_the_yaw_rate_a_wheel_feels_does_not_depend_on_the_one_believed() -> None:
+    """yaws: what the gyros across the axle feel over the window, W / T, upright, of a leaning wheel."""
+    update, begin = _begun("left")
+    wheel = begin.wheels[0]
+    begin.x[wheel.at[CAMBER]], begin.x[wheel.at[YAW_RATE]] = 0.4, 0.3
+    felt = _work_in(update, begin, SOUND).yaws[0]
+    assert felt == pytest.approx((wheel.view.turn * SOUND.across).real / WINDOW / math.cos(0.4))
+
+
+def test_a_row_that_stands_out_counts_as_three_sigma() -> None:
+    """With states that are known exactly rows are independent: the others keep their weight."""
+    update, begin = _begun("left")
+    begin.p[:] = 0.0
+    quiet = SOUND._replace(across=0j, force=0.97 * UPRIGHT, axial=0.0)
+    rest = _work_in(update, begin, quiet).nis
+    assert rest < 1e-6
+    sigma = math.sqrt(1.0 / (_work_in(update, begin, quiet._replace(axial=1e-3)).nis / 1e-6))
+    for times, nis in ((2.9, 2.9**2), (5.0, 9.0), (500.0, 9.0)):
+        assert _work_in(update, begin, quiet._replace(axial=times * sigma)).nis == pytest.approx(nis)
+
+
+def test_a_slip_is_laid_to_the_wheel_that_left_the_speed() -> None:
+    """Rows of yaw 0 and 1, of rolling 2 and 3; only the wheels' agreement stands out."""
+    white, sigma = np.array([0.0, 0.0, 0.5, 6.0]), np.array([1.0, 1.0, 1.0, 0.1])
+    compared = ((0, 2), (1, 3))
+    for residuals, slipping in (([0.0, 0.0, 0.7, 0.1], 0), ([0.0, 0.0, 0.1, -0.7], 1)):
+        wider, found = robust_variances(white, sigma, np.array(residuals), np.ones(4), compared)
+        assert found == slipping
+        expected = np.ones(4)
+        expected[2 + slipping] += 0.7**2
+        assert wider == pytest.approx(expected)
+
+
+def test_of_two_yaw_rates_that_disagree_both_lose_weight_alike() -> None:
+    """The second is judged given the first, so that it alone stands out: by 6 sigma of 0.1 it takes variance
+    until it is 3."""
+    white, sigma = np.array([0.0, 6.0, 0.0, 0.0]), np.full(4, 0.1)
+    wider, slipping = robust_variances(white, sigma, np.zeros(4), np.ones(4), ((0, 2), (1, 3)))
+    assert slipping is None
+    assert wider == pytest.approx(1.0 + np.array([0.03, 0.03, 0.0, 0.0]))
+    alone, _ = robust_variances(white, sigma, np.zeros(4), np.ones(4), None)
+    assert alone == pytest.approx(1.0 + np.array([0.0, 0.03, 0.0, 0.0]))

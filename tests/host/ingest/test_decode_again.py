@@ -1,0 +1,138 @@
+"""The raw frames of a log decoded again: the same samples at the same times, the same gaps and causes."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from fakes.recorder_thread import Device, RecorderThread
+from hubodo.cli import main
+from hubodo.errors import InputError, WireMismatch
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.replay import decode_again as module
+from hubodo.ingest.replay.decode_again import decode_again
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.writer import McapLog
+
+
+def messages(path, *kinds):
+    """(times and bytes) of each node's channels of these kinds."""
+    found = {}
+    with open_log(path) as log:
+        for message in log.messages():
+            if message.topic.endswith(kinds) and not message.topic.startswith("/hubodo"):
+                row = (message.log_time, message.publish_time, message.data)
+                found.setdefault(message.topic, []).append(row)
+    return found
+
+
+def told(path, *kinds):
+    """The events of these kinds, what is said of the time of their settling aside."""
+    events = [event for event in read_recording(path).events if event.kind in kinds]
+    return [(event.t_ns, event.kind, event.source, event.text, event.data) for event in events]
+
+
+def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    with (
+        FakeNode(node_id=1, skew_ppm=60, bias_q12=(1, 2, 3)) as left,
+        FakeNode(node_id=2, batch=1, rate_hz=100) as right,
+    ):
+        ports = (f"port_side={left.path}", right.path)
+        config = RecordConfig(ports=ports, duration=3.0)
+        result = record(config, out, metadata={"ports": " ".join(ports)})
+    made = decode_again(out, again)
+    kinds = ("/imu", "/temperature", "/bias_filter")
+    before, after = messages(out, *kinds), messages(again, *kinds)
+    assert set(before) == {"/port_side/imu", "/port_side/temperature", "/port_side/bias_filter"} | {
+        "/right/imu",
+        "/right/temperature",
+    }
+    for topic, rows in before.items():
+        assert [row[1:] for row in rows] == [row[1:] for row in after[topic]], topic
+        # What waited for a node's clock stood behind what another node sent meanwhile.
+        late = np.array([a[0] - b[0] for a, b in zip(rows, after[topic], strict=True)])
+        assert np.median(late) == 0 and late.min() >= 0 and late.max() < 5e8
+    raw = ("/raw/port_side", "/raw/port_side/damaged")
+    with open_log(out) as one, open_log(again) as other:
+        kept = [[m.data for m in log.messages() if m.topic.endswith(raw)] for log in (one, other)]
+    assert kept[0] == kept[1]
+    for name, node in made.nodes.items():
+        for key in ("samples", "samples_lost", "frames", "frames_lost", "clock"):
+            assert node[key] == result.nodes[name][key], (name, key)
+    recording = read_recording(again)
+    assert recording.warnings == ()
+    assert recording.metadata["decoded_from"] == "ride.mcap"
+    assert recording.metadata["node.right.serial"] == b"FAKE0001".hex()
+
+
+def test_unplugs_damage_and_a_restart_are_told_as_they_were_live(tmp_path):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    node = FakeNode(node_id=1, rate_hz=416, batch=4, damage=0.002, seed=5)
+    with node, RecorderThread(out, "left=FAKE0001", lister=lambda: [Device(node.path, "FAKE0001")]):
+        time.sleep(1.0)
+        for turn in range(4):
+            node.unplug()
+            time.sleep(0.06)
+            node.plug()
+            time.sleep(0.4)
+            if turn == 2:
+                node.reset()
+                time.sleep(1.5)
+        time.sleep(0.3)
+    decode_again(out, again)
+    before, after = messages(out, "/imu", "/temperature"), messages(again, "/imu", "/temperature")
+    assert before == after
+    gaps = told(out, "gap", "reset", "started")
+    assert len(gaps) > 8
+    assert sorted(gaps, key=str) == sorted(told(again, "gap", "reset", "started"), key=str)
+    assert told(out, "connected", "disconnected", "damage") == told(
+        again, "connected", "disconnected", "damage"
+    )
+
+
+def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
+    out = tmp_path / "ride.mcap"
+    with FakeNode(batch=1, bias_q12=(1, 2, 3)) as node:
+        record(RecordConfig(ports=(node.path,), duration=2.0), out)
+    found = []
+    for pieces in (7, 100, 100_000):
+        monkeypatch.setattr(module, "_PIECES", pieces)
+        decode_again(out, tmp_path / f"{pieces}.mcap")
+        found.append(messages(tmp_path / f"{pieces}.mcap", "/imu", "/temperature", "/bias_filter"))
+    assert found[0] == found[1] == found[2] == messages(out, "/imu", "/temperature", "/bias_filter")
+
+
+def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, monkeypatch):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    with FakeNode(fingerprint=0xDEADBEEF) as node, pytest.raises(WireMismatch):
+        record(RecordConfig(ports=(node.path,), duration=2), out)
+    with pytest.raises(WireMismatch, match="deadbeef"):
+        decode_again(out, again)
+    assert not again.exists()
+    monkeypatch.setattr("hubodo.ingest.node.decoder.FINGERPRINT", 0xDEADBEEF)
+    decode_again(out, again)
+    left = read_recording(again).nodes["left"]
+    assert len(left) > 0
+    np.testing.assert_allclose(np.diff(left.t), 1 / 208, atol=1e-3)
+
+
+def test_the_verb_decodes_again_and_refuses_what_holds_no_frames(tmp_path, capsys):
+    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    with FakeNode() as node:
+        result = record(RecordConfig(ports=(node.path,), duration=1.5), out)
+    assert main(["import", str(out), "-o", str(again), "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)
+    assert shown["nodes"]["left"]["samples"] == result.nodes["left"]["samples"] > 100
+    assert main(["import", str(out), "-o", str(again)]) == 2
+    assert main(["import", str(out), "-o", str(tmp_path / "b.mcap"), "--repair"]) == 2
+    bare = tmp_path / "bare.mcap"
+    with McapLog(bare) as log:
+        log.imu("left", [1, 2], [1, 2], np.zeros((2, 3)), np.zeros((2, 3)))
+    with pytest.raises(InputError, match="holds no raw frames"):
+        decode_again(bare, tmp_path / "c.mcap")
+    assert main(["import", str(bare), "-o", str(tmp_path / "c.mcap")]) == 2
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["again.mcap", "bare.mcap", "ride.mcap"]

@@ -1,0 +1,58 @@
+"""Drives of `generators.wheel_drives` as the wheel filter takes them: tables, settings, errors at the end."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from generators import wheel_drives
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.track import WheelRun
+from hubodo.recording import Table
+
+BOTH = ("left", "right")
+_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+
+
+def tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
+    """What the nodes recorded."""
+    return {
+        name: Table(dict(zip(_COLUMNS, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
+        for name, node in drive.nodes.items()
+    }
+
+
+def config(
+    drive: wheel_drives.WheelDrive,
+    names: tuple[str, ...] = BOTH,
+    facing: dict[str, str] | None = None,
+    **changes: object,
+) -> WheelConfig:
+    """The filter's settings for a drive, with the vehicle as declared."""
+    nodes = {name: WheelNode(name, (facing or {}).get(name, "left")) for name in names}  # type: ignore[arg-type]
+    return replace(WheelConfig(drive.radius, drive.track, nodes), **changes)  # type: ignore[arg-type]
+
+
+def short(seed: int, **options: object) -> wheel_drives.WheelDrive:
+    """Once round in 25 m."""
+    rng = np.random.default_rng(seed)
+    return wheel_drives.drive(wheel_drives.loop(rng, 25.0, 5.0), rng, **options)  # type: ignore[arg-type]
+
+
+def truth(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
+    """x, y, heading at time t, (3,)."""
+    return np.array([np.interp(t, drive.t, column) for column in (drive.x, drive.y, drive.heading)])
+
+
+def end_error(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
+    """m between the end of a track and the truth."""
+    x, y, _ = truth(drive, found.track.t[-1])
+    return float(np.hypot(found.track.x[-1] - x, found.track.y[-1] - y))
+
+
+def nees(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
+    """Squared error of x, y, heading at the end over their covariance: chi-square of 3 where it is honest."""
+    track = found.track
+    error = np.array([track.x[-1], track.y[-1], track.heading[-1]]) - truth(drive, track.t[-1])
+    return float(error @ np.linalg.solve(track.covariance[-1, :3, :3], error))
