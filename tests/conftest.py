@@ -14,7 +14,6 @@ REAL_TIME = (
     "signal_path/test_links.py",
     "signal_path/test_wheelchair_ride.py",
     "host/ingest",
-    "host/emulator/test_emulated_pico_link.py",
     "host/sensors/test_north_live.py",
     "host/test_live_map.py",
     "host/test_live_odometry.py",
@@ -22,7 +21,8 @@ REAL_TIME = (
     "host/test_verb_record.py",
 )
 
-# Rides that take their time begin with the session: what looks at them comes last.
+# Rides that take their time begin with the first test of this folder: it comes first, their own tests last.
+FIRST = "signal_path"
 LAST = tuple(f"signal_path/test_{name}.py" for name in ("wheelchair_ride", "hidden_effect", "demo"))
 
 sys.path.insert(0, str(HERE))
@@ -39,4 +39,10 @@ def pytest_collection_modifyitems(items):
         if any(item.path.is_relative_to(path) for path in alone):
             item.add_marker(pytest.mark.real_time)
     last = [HERE / name for name in LAST]
-    items.sort(key=lambda item: last.index(item.path) + 1 if item.path in last else 0)
+
+    def place(item):
+        if item.path in last:
+            return 2 + last.index(item.path)
+        return 0 if item.path.is_relative_to(HERE / FIRST) else 1
+
+    items.sort(key=place)

@@ -44,7 +44,7 @@ class Listener:
 
 
 def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), interpreter="micropython"):
-    """(what each listener received, truth, the board's statistics, its station's joins)."""
+    """(what each listener received, truth, the board's statistics)."""
     if interpreter == "micropython":
         micropython_or_skip()
     heard = [Listener(listeners[0])]

@@ -17,7 +17,7 @@ from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.finding import CHECKS
+from hubodo.flash.check_result import CHECKS
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, main_for
 from virtual_runs import FIRMWARE, micropython_or_skip, unique_motion

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from hubodo.errors import LinkError
 from hubodo.flash.board import BoardIdentity, FlashBoard, FlashError
-from hubodo.flash.finding import CHECKS, Finding, ok, unknown, wrong
+from hubodo.flash.check_result import CHECKS, CheckResult, ok, unknown, wrong
 from hubodo.flash.image import build, digests, firmware_folder
 from hubodo.flash.listen import Heard, listen
 from hubodo.flash.slots import CONFIG, SLOTS, main_for, plan
@@ -23,15 +23,15 @@ _COMES_BACK_S, _SETTLES_S = 10.0, 2.0
 
 @dataclass(frozen=True)
 class Examination:
-    """The findings on one port, in the order of CHECKS."""
+    """The results on one port, in the order of CHECKS."""
 
     port: str
-    findings: tuple[Finding, ...]
+    results: tuple[CheckResult, ...]
 
     @property
     def healthy(self) -> bool:
         """Whether nothing is wrong."""
-        return not any(finding.verdict == "wrong" for finding in self.findings)
+        return not any(result.verdict == "wrong" for result in self.results)
 
 
 def examine(
@@ -48,9 +48,9 @@ def examine(
     except LinkError as error:
         what, _, remedy = str(error).removeprefix(f"{port}: ").partition("; ")
         return _complete(port, [wrong("port", what, remedy)])
-    findings = [ok("port", f"{port} opens")]
+    results = [ok("port", f"{port} opens")]
     if not heard.prompt and not (repl and heard.frames):
-        return _complete(port, findings + judge(heard, baud))
+        return _complete(port, results + judge(heard, baud))
     note("looking from within")
     try:
         within, has_firmware = _look_within(FlashBoard(port))
@@ -58,14 +58,14 @@ def examine(
         remedy = (
             "unplug the board, plug it in again; a node that sends by UART or Wi-Fi has its prompt on USB"
         )
-        return _complete(port, [*findings, speech(heard, baud), wrong("MicroPython", str(error), remedy)])
+        return _complete(port, [*results, speech(heard, baud), wrong("MicroPython", str(error), remedy)])
     if not has_firmware:
-        return _complete(port, [*findings, speech(heard, baud), *within])
+        return _complete(port, [*results, speech(heard, baud), *within])
     note("listening to the node")
-    return _complete(port, findings + within + judge(_listen_to_started(port, baud, seconds), baud))
+    return _complete(port, results + within + judge(_listen_to_started(port, baud, seconds), baud))
 
 
-def _look_within(board: FlashBoard) -> tuple[list[Finding], bool]:
+def _look_within(board: FlashBoard) -> tuple[list[CheckResult], bool]:
     """What the REPL tells; with firmware on it the board is started, and that is said."""
     board.interrupt()
     seen, config = board.look(), board.config()
@@ -77,7 +77,7 @@ def _look_within(board: FlashBoard) -> tuple[list[Finding], bool]:
     return [_interpreter(seen, kind, told="pins" in config), wires, files], has_firmware
 
 
-def _interpreter(look: BoardIdentity, kind: Board, *, told: bool) -> Finding:
+def _interpreter(look: BoardIdentity, kind: Board, *, told: bool) -> CheckResult:
     text = f"{'.'.join(map(str, look.version))} on {look.machine or look.platform}"
     if look.version < AT_LEAST:
         wanted = ".".join(map(str, AT_LEAST))
@@ -90,7 +90,7 @@ def _interpreter(look: BoardIdentity, kind: Board, *, told: bool) -> Finding:
     return ok("MicroPython", text)
 
 
-def _files(board: FlashBoard, look: BoardIdentity) -> tuple[Finding, bool]:
+def _files(board: FlashBoard, look: BoardIdentity) -> tuple[CheckResult, bool]:
     """Whether the board runs the firmware of this host, and whether it has any."""
     image = build(firmware_folder(), look.architecture)
     held, running = board.survey(image)
@@ -130,9 +130,9 @@ def _listen_to_started(port: str, baud: int, seconds: float) -> Heard:
     return heard
 
 
-def _complete(port: str, findings: list[Finding]) -> Examination:
+def _complete(port: str, results: list[CheckResult]) -> Examination:
     """Every check once, in order; one that was left out is unknown, and says why."""
-    by_name = {finding.check: finding for finding in findings}
+    by_name = {result.check: result for result in results}
     names = list(CHECKS)
     first_wrong = next((name for name in names if name in by_name and by_name[name].verdict == "wrong"), None)
     whole = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hubodo.flash.finding import Finding, ok, unknown, wrong
+from hubodo.flash.check_result import CheckResult, ok, unknown, wrong
 from hubodo.flash.listen import Heard
 from hubodo.flash.wires import chip_name
 from hubodo.ingest.node.scale import G
@@ -20,7 +20,7 @@ _DRIFT_PPM = 500.0
 _LEAST_EXCHANGES, _LEAST_SAMPLES = 8, 50
 
 
-def judge(heard: Heard, baud: int) -> list[Finding]:
+def judge(heard: Heard, baud: int) -> list[CheckResult]:
     """The checks that need no look from within, as far as what was heard goes."""
     said = speech(heard, baud)
     if not heard.frames:
@@ -33,16 +33,16 @@ def judge(heard: Heard, baud: int) -> list[Finding]:
             said,
             wrong("hello", "frames, but no Hello", "listen longer: --seconds 15; then hubodo flash"),
         ]
-    findings = [said, _hello(heard, hello), _sensor(hello, health)]
+    results = [said, _hello(heard, hello), _sensor(hello, health)]
     if health is not None:
-        findings.append(_power(hello, health))
-    findings.append(_samples(heard, hello, health))
+        results.append(_power(hello, health))
+    results.append(_samples(heard, hello, health))
     if sum(len(block.raw) for block in heard.blocks) >= _LEAST_SAMPLES:
-        findings.append(_rest(heard))
-    return [*findings, _clock(heard), _link(heard, health)]
+        results.append(_rest(heard))
+    return [*results, _clock(heard), _link(heard, health)]
 
 
-def speech(heard: Heard, baud: int) -> Finding:
+def speech(heard: Heard, baud: int) -> CheckResult:
     """Whether anything speaks, and what."""
     if heard.gone:
         return wrong("speech", heard.gone, "look at plug and cable; then try again")
@@ -66,14 +66,14 @@ def speech(heard: Heard, baud: int) -> Finding:
     )
 
 
-def _hello(heard: Heard, hello: Hello) -> Finding:
+def _hello(heard: Heard, hello: Hello) -> CheckResult:
     board = Board(hello.board).name if hello.board in set(Board) else str(hello.board)
     version = ".".join(map(str, hello.firmware))
     name = node_name(heard.node or 0)
     return ok("hello", f"node {name!r}, firmware {version}, board {board}, serial {hello.serial.hex()}")
 
 
-def _sensor(hello: Hello, health: Health | None) -> Finding:
+def _sensor(hello: Hello, health: Health | None) -> CheckResult:
     faults = health.faults if health is not None else 0
     parts = [(address, identity, part) for address, identity, part in hello.parts]
     named = ", ".join(
@@ -95,7 +95,7 @@ def _sensor(hello: Hello, health: Health | None) -> Finding:
     return ok("sensor", named)
 
 
-def _power(hello: Hello, health: Health) -> Finding:
+def _power(hello: Hello, health: Health) -> CheckResult:
     supply = f"{health.battery_mv / 1000:.2f} V" if health.battery_mv else "supply not measured on this board"
     if health.faults & Fault.LOW_BATTERY:
         return wrong(
@@ -110,7 +110,7 @@ def _power(hello: Hello, health: Health) -> Finding:
     return ok("power", words)
 
 
-def _samples(heard: Heard, hello: Hello, health: Health | None) -> Finding:
+def _samples(heard: Heard, hello: Hello, health: Health | None) -> CheckResult:
     count = sum(len(block.raw) for block in heard.blocks)
     nominal = hello.rate_mhz / 1000
     if count < _LEAST_SAMPLES:
@@ -136,7 +136,7 @@ def _samples(heard: Heard, hello: Hello, health: Health | None) -> Finding:
     return ok("samples", text)
 
 
-def _rest(heard: Heard) -> Finding:
+def _rest(heard: Heard) -> CheckResult:
     gyro = np.concatenate([block.gyro for block in heard.blocks])
     accel = np.concatenate([block.accel for block in heard.blocks])
     degrees = float(np.median([block.temperature for block in heard.blocks]))
@@ -159,7 +159,7 @@ def _rest(heard: Heard) -> Finding:
     return ok("rest", text)
 
 
-def _clock(heard: Heard) -> Finding:
+def _clock(heard: Heard) -> CheckResult:
     if len(heard.exchanges) < _LEAST_EXCHANGES:
         return unknown(
             "clock", f"{len(heard.exchanges)} answers to requests", "the node does not hear the host"
@@ -178,7 +178,7 @@ def _clock(heard: Heard) -> Finding:
     return ok("clock", text)
 
 
-def _link(heard: Heard, health: Health | None) -> Finding:
+def _link(heard: Heard, health: Health | None) -> CheckResult:
     first = heard.reports[0] if heard.reports else None
     dropped = health.frames_dropped - first.frames_dropped if health and first else 0
     deaf = health.frames_damaged - first.frames_damaged if health and first else 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo.flash.finding import Finding, ok, wrong
+from hubodo.flash.check_result import CheckResult, ok, wrong
 from hubodo.flash.image import firmware_folder
 from hubowire.messages import Board
 
@@ -104,7 +104,7 @@ def look(pins: Mapping[str, int], run: Callable[[str], str]) -> Wires:
     return Wires(pins["sda"], pins["scl"], sda, scl, tuple(found), tuple(swapped))
 
 
-def judge_wires(wires: Wires) -> Finding:
+def judge_wires(wires: Wires) -> CheckResult:
     """What the lines and the scan say of the wiring."""
     names = f"SDA GPIO{wires.sda}, SCL GPIO{wires.scl}"
     lines = (("SDA", wires.sda, wires.sda_levels), ("SCL", wires.scl, wires.scl_levels))

@@ -29,16 +29,16 @@ class Diagnosis:
         return not self.found.healthy
 
     def as_json(self) -> dict[str, Any]:
-        checks = [finding.as_json() for finding in self.found.findings]
+        checks = [result.as_json() for result in self.found.results]
         return {"port": self.found.port, "ok": self.found.healthy, "checks": checks}
 
     def render(self, console: Console) -> None:
         table = Table("", "check", "", "seen, and what to do", title=f"board on {self.found.port}")
-        for number, finding in enumerate(self.found.findings, 1):
-            colour = _COLOURS[finding.verdict]
-            remedy = f"\n→ {finding.remedy}" if finding.remedy else ""
+        for number, result in enumerate(self.found.results, 1):
+            colour = _COLOURS[result.verdict]
+            remedy = f"\n→ {result.remedy}" if result.remedy else ""
             table.add_row(
-                str(number), finding.check, f"[{colour}]{finding.verdict}[/]", f"{finding.seen}{remedy}"
+                str(number), result.check, f"[{colour}]{result.verdict}[/]", f"{result.seen}{remedy}"
             )
         console.print(table)
 

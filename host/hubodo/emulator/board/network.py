@@ -66,7 +66,6 @@ class WlanStation:
 
     def __init__(self, port: Literal["rp2", "esp32"], air: Air) -> None:
         self.port, self.air = port, air
-        self.joins = 0
         self._codes = _RP2 if port == "rp2" else _ESP32
         self._tries, self._tried = -1, 0
         self._state, self._until = "off", 0.0
@@ -92,7 +91,6 @@ class WlanStation:
         self._look(t)
         if self._state == "off" or (self.port == "esp32" and self._joining):
             return REFUSED
-        self.joins += 1
         self._tried = 0
         self._begin(t)
         return 0

@@ -115,11 +115,8 @@ class Pin:
     def off(self):
         _pin_set(self._id, 0)
 
-    def high(self):
-        _pin_set(self._id, 1)
-
-    def low(self):
-        _pin_set(self._id, 0)
+    high = on
+    low = off
 
     def toggle(self):
         _pin_set(self._id, 1 - _pin_get(self._id))

@@ -25,7 +25,7 @@ CHECKS = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """check: a key of CHECKS. seen: what was there. remedy: what to do about it, or ""."""
 
     check: str
@@ -37,13 +37,13 @@ class Finding:
         return {"check": self.check, "verdict": self.verdict, "seen": self.seen, "remedy": self.remedy}
 
 
-def ok(check: str, seen: str) -> Finding:
-    return Finding(check, "ok", seen)
+def ok(check: str, seen: str) -> CheckResult:
+    return CheckResult(check, "ok", seen)
 
 
-def wrong(check: str, seen: str, remedy: str) -> Finding:
-    return Finding(check, "wrong", seen, remedy)
+def wrong(check: str, seen: str, remedy: str) -> CheckResult:
+    return CheckResult(check, "wrong", seen, remedy)
 
 
-def unknown(check: str, seen: str, remedy: str = "") -> Finding:
-    return Finding(check, "unknown", seen, remedy)
+def unknown(check: str, seen: str, remedy: str = "") -> CheckResult:
+    return CheckResult(check, "unknown", seen, remedy)

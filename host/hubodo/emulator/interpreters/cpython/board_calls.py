@@ -1,0 +1,225 @@
+"""The board as CPython in MicroPython's place asks it: the calls that runner.mjs makes, and its clock."""
+
+# Runs in place of MicroPython, outside the package: no host types.
+# mypy: ignore-errors
+
+import json
+import os
+import struct
+import sys
+import time as real_time
+
+CONFIG = json.loads(sys.argv[1])
+OP = CONFIG["ops"]
+REQUEST_FD, RESPONSE_FD, LIFELINE_FD = CONFIG["pipes"]
+STEPPED, PACED = CONFIG["stepped"], CONFIG["paced"]
+REQUEST = struct.Struct("<BxhHHd")
+RESPONSE = struct.Struct("<hBBId")
+FLAG_INTERRUPT = 4
+TICKS_PERIOD = 1 << 30
+NAP_NS = 10e6
+
+
+class BoardCalls:
+    """The calls, as runner.mjs makes them; also what MicroPython-side modules import as `_board`."""
+
+    def __init__(self):
+        self.t = CONFIG["t_ns"]
+        self.flags = 0
+        self.interrupt_char = 3
+        self.booting, self.interrupted = True, False
+        self.contact = -1e18
+        self.rate = 1 + CONFIG["clock_ppm"] * 1e-6
+        self.t0 = int(CONFIG["t0_ns"])
+        self.status = 0
+        self.aim = (0, 0, 0, 1)
+        self.port, self.timeout = 0, 0
+        self.socket, self.peer = 0, bytes(6)
+
+    def now(self):
+        return self.t if STEPPED else real_time.monotonic_ns() - self.t0
+
+    def pace(self, lead):
+        ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
+        if ahead > lead:
+            real_time.sleep(ahead * CONFIG["pace"] / 1e9)
+
+    def spend(self, ns):
+        if STEPPED:
+            self.t += ns
+            self.pace(2e6)
+
+    def wait_until(self, t):
+        if STEPPED:
+            self.t = max(self.t, t)
+            self.pace(150e3)
+            return
+        left = t - self.now()
+        while left > 0:
+            if left > 70e3:
+                real_time.sleep((left - 35e3) / 1e9)
+            left = t - self.now()
+
+    def ask(self, op, a=0, payload=b""):
+        os.write(REQUEST_FD, REQUEST.pack(OP[op], self.interrupt_char, a, len(payload), self.now()) + payload)
+        data = os.read(RESPONSE_FD, 1 << 17)
+        while len(data) < RESPONSE.size or len(data) < RESPONSE.size + RESPONSE.unpack_from(data)[3]:
+            more = os.read(RESPONSE_FD, 1 << 17)
+            if not more:
+                os._exit(1)
+            data += more
+        status, self.flags, _, n, t = RESPONSE.unpack_from(data)
+        self.wait_until(t)
+        self.spend(CONFIG["call_cost_ns"])
+        self.contact = self.now()
+        if self.flags & FLAG_INTERRUPT:
+            self.interrupted = True
+        self.check_interrupt()
+        return status, data[RESPONSE.size : RESPONSE.size + n]
+
+    def check_interrupt(self):
+        """Ctrl-C that came before the user's code is kept for it."""
+        if self.interrupted and not self.booting:
+            self.interrupted = False
+            raise KeyboardInterrupt
+
+    def fresh_flags(self):
+        if self.now() - self.contact > CONFIG["refresh_ns"]:
+            self.ask("PING")
+        else:
+            self.spend(CONFIG["tick_cost_ns"])
+        return self.flags
+
+    def device_us(self):
+        return CONFIG["ticks_start_us"] + (self.now() - CONFIG["t_boot_ns"]) * self.rate / 1000
+
+    def ticks_us(self):
+        self.spend(CONFIG["tick_cost_ns"])
+        return int(self.device_us()) % TICKS_PERIOD
+
+    def ticks_ms(self):
+        self.spend(CONFIG["tick_cost_ns"])
+        return int(self.device_us() / 1000) % TICKS_PERIOD
+
+    def sleep_us(self, us):
+        self.check_interrupt()
+        end = self.now() + us * 1000 / self.rate
+        while True:
+            self.wait_until(min(end, self.now() + NAP_NS))
+            if self.now() - self.contact >= NAP_NS:
+                self.ask("PING")
+            if self.now() >= end:
+                return
+
+    def sleep_ms(self, ms):
+        self.sleep_us(ms * 1000)
+
+    def i2c_to(self, bus_mode, to, memory, size):
+        self.aim = (bus_mode, to, memory, size)
+        self.status = 0
+
+    def result(self):
+        return self.status
+
+    def i2c_init(self, bus, frequency, scl, sda):
+        return self.ask("I2C_INIT", bus, struct.pack("<Ibb", frequency, scl, sda))[0]
+
+    def i2c_scan(self, bus):
+        return self.ask("I2C_SCAN", bus)[1].decode("latin1")
+
+    def pin_init(self, pin, mode, pull):
+        return self.ask("PIN_INIT", pin, struct.pack("<bb", mode, pull))[0]
+
+    def pin_set(self, pin, level):
+        return self.ask("PIN_SET", pin, bytes([level]))[0]
+
+    def pin_get(self, pin):
+        return self.ask("PIN_GET", pin)[0]
+
+    def adc(self, channel):
+        return struct.unpack("<H", self.ask("ADC_READ", channel)[1])[0]
+
+    def wdt(self, start, ms):
+        return self.ask("WDT", start, struct.pack("<I", ms))[0]
+
+    def reset(self):
+        self.ask("RESET")
+
+    def serial_to(self, port, timeout_ms):
+        self.port, self.timeout = port, timeout_ms
+
+    def count(self, port):
+        return self.ask("COUNT", port)[0]
+
+    def uart_init(self, port, baud, to_send, to_read):
+        return self.ask("UART_INIT", port, struct.pack("<IHH", baud, to_send, to_read))[0]
+
+    def wlan(self, what):
+        return self.ask("WLAN", what)[0]
+
+    def udp_open(self):
+        return self.ask("UDP_OPEN")[0]
+
+    def udp_bind(self, handle, port):
+        return self.ask("UDP_BIND", handle, struct.pack("<H", port))[0]
+
+    def udp_close(self, handle):
+        return self.ask("UDP_CLOSE", handle)[0]
+
+    def udp_to(self, handle, high, low, port):
+        self.socket, self.status = handle, 0
+        self.peer = struct.pack(">HH", high, low) + struct.pack("<H", port)
+
+    def udp_from(self, handle, timeout_ms):
+        self.socket, self.timeout, self.status = handle, timeout_ms, 0
+
+    def udp_peer(self, k):
+        return self.peer[k] if k < 4 else struct.unpack_from("<H", self.peer, 4)[0]
+
+    def unique_id(self):
+        return CONFIG["unique_id"]
+
+    def reset_cause(self):
+        return CONFIG["reset_cause"]
+
+    def register(self, address):
+        return CONFIG["registers"].get(address, 0)
+
+    def machine_name(self):
+        return CONFIG["machine"]
+
+    def platform(self):
+        return CONFIG["platform"]
+
+    def radio(self):
+        return CONFIG["radio"]
+
+    def pin_exists(self, pin):
+        return pin in CONFIG["pins"]
+
+    def pin_measures(self, pin):
+        return pin in CONFIG["adc_pins"]
+
+    def i2c_count(self):
+        return CONFIG["i2c_count"]
+
+    def uart_count(self):
+        return CONFIG["uart_count"]
+
+    def frequency(self):
+        return CONFIG["frequency_hz"]
+
+    def heap_bytes(self):
+        return CONFIG["heap_bytes"]
+
+    def write_port(self, port, data):
+        sent = 0
+        while sent < len(data):
+            sent += self.ask("WRITE", port, bytes(data[sent : sent + 32768]))[0]
+        return sent
+
+    def read_port(self, port, most, timeout_ms):
+        return self.ask("READ", port, struct.pack("<Ii", most, timeout_ms))[1]
+
+
+board = BoardCalls()
