@@ -11,9 +11,9 @@ import numpy as np
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.fixes import Fixes
 from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.measurement import Measurement, gathered
+from hubodo.fuse.graph.sensor_samples import SensorSamples, gathered
 from hubodo.fuse.graph.steps import OdometryPath
-from hubodo.fuse.graph.window import Window
+from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
 _FEWEST = 3
@@ -28,7 +28,7 @@ class Underway:
     the start had to say.
     """
 
-    window: Window
+    window: PoseWindow
     frame: LocalFrame
     growth: float
     fix_t: float
@@ -37,7 +37,7 @@ class Underway:
 
 def begin(
     path: OdometryPath,
-    samples: Sequence[Fixes | Measurement],
+    samples: Sequence[Fixes | SensorSamples],
     config: GraphConfig,
     heading_sigma: float,
 ) -> Underway | None:
@@ -49,7 +49,7 @@ def begin(
     fixes = [sample for sample in samples if isinstance(sample, Fixes)]
     if len(fixes) < _FEWEST:
         return None
-    kinds: dict[type[Measurement], list[Measurement]] = {}
+    kinds: dict[type[SensorSamples], list[SensorSamples]] = {}
     for sample in samples:
         if not isinstance(sample, Fixes):
             kinds.setdefault(type(sample), []).append(sample)
@@ -60,7 +60,7 @@ def begin(
     found = batch.solution
     if batch.frame is None or math.sqrt(float(found.covariance[-1, 2, 2])) > heading_sigma:
         return None
-    window = Window(
+    window = PoseWindow(
         batch.graph,
         batch.state_t,
         found.poses,

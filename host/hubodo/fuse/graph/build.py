@@ -16,7 +16,7 @@ from hubodo.fuse.graph.factors.constants import COUNT
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, StartFactor
 from hubodo.fuse.graph.fixes import LocalFixes
-from hubodo.fuse.graph.measurement import Measurement
+from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution
 from hubodo.fuse.graph.steps import CutPath, OdometryPath, cut_path
 from hubodo.fuse.graph.track import DriveGraph
@@ -31,7 +31,7 @@ _HERE = 1e-3
 
 def build(
     path: OdometryPath,
-    measured: Sequence[Measurement],
+    measured: Sequence[SensorSamples],
     config: GraphConfig,
     solution: Solution | None = None,
 ) -> DriveGraph:

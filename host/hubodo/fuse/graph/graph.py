@@ -17,9 +17,9 @@ from hubodo.fuse.graph.factors.factor import stretches
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.factors.prior import ConstantsFactor
 from hubodo.fuse.graph.fixes import Fixes, LocalFixes, usable_fixes
-from hubodo.fuse.graph.measurement import Measurement
 from hubodo.fuse.graph.review import error_growth, review
 from hubodo.fuse.graph.screening import scatter, without_jumps
+from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution, solve, solve_from_afar
 from hubodo.fuse.graph.steps import OdometryPath
 from hubodo.fuse.graph.track import DriveGraph, GraphTrack, track_of
@@ -45,7 +45,7 @@ def fuse_graph(
     fixes: Fixes | None,
     headings: Headings | None = None,
     config: GraphConfig | None = None,
-    others: Sequence[Measurement] = (),
+    others: Sequence[SensorSamples] = (),
 ) -> GraphTrack:
     """The most probable track of a whole drive.
 
@@ -91,7 +91,7 @@ def fuse_graph(
     return track_of(path, drive, solution, frame, grown * wider, shift, tuple(warnings))
 
 
-def _all(local: LocalFixes | None, beside: Sequence[Measurement]) -> list[Measurement]:
+def _all(local: LocalFixes | None, beside: Sequence[SensorSamples]) -> list[SensorSamples]:
     return [*([local] if local is not None else []), *beside]
 
 
@@ -121,7 +121,7 @@ def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float,
 def _delay(
     path: OdometryPath,
     local: LocalFixes,
-    beside: Sequence[Measurement],
+    beside: Sequence[SensorSamples],
     config: GraphConfig,
     drive: DriveGraph,
     solution: Solution,

@@ -17,7 +17,7 @@ _KEPT = slice(3, 6 + COUNT)
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class PoseWindow:
     """A graph of n poses at state_t, s, and its solution.
 
     poses (n, 3), constants (COUNT,); covariance (3, 3) of the newest pose, constants_covariance (COUNT,
@@ -31,13 +31,13 @@ class Window:
     covariance: Array
     constants_covariance: Array
 
-    def extended(self, later: Graph, t: float, pose: Array) -> Window:
+    def extended(self, later: Graph, t: float, pose: Array) -> PoseWindow:
         """With one pose more, at a first guess (3,). later: what ties it; its pose 0 is the newest here."""
         graph = self.graph.joined(later, len(self.poses) - 1)
         poses = np.concatenate([self.poses, pose[None]])
         return replace(self, graph=graph, state_t=np.append(self.state_t, t), poses=poses)
 
-    def solved(self) -> Window:
+    def solved(self) -> PoseWindow:
         """With all its poses and the constants where they fit best, every factor linearised anew.
 
         Raises InputError as `solve`.
@@ -51,7 +51,7 @@ class Window:
             constants_covariance=found.constants_covariance,
         )
 
-    def since(self, t: float) -> Window:
+    def since(self, t: float) -> PoseWindow:
         """Without the poses before t, two or more left; what their factors said of the rest is kept."""
         count = min(int(np.searchsorted(self.state_t, t)), len(self.poses) - 2)
         if count <= 0:

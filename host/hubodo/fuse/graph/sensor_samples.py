@@ -14,7 +14,7 @@ from hubodo.fuse.graph.factors.factor import Factor
 from hubodo.fuse.graph.steps import CutPath
 
 
-class Measurement(Protocol):
+class SensorSamples(Protocol):
     """N samples of one sensor, or one that just came."""
 
     @property
