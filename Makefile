@@ -5,13 +5,13 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides mutants setup clean
+.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides mutants browser setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup          ## everything that can be proven without hardware; what waits for the clock runs after the rest
+test: setup browser  ## everything that can be proven without hardware; what waits for the clock runs after the rest
 	$(BIN)/python -m pytest -m "not real_time" --numprocesses 3 --dist loadfile
 	$(BIN)/python -m pytest -m real_time
 
@@ -51,6 +51,9 @@ gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelch
 
 mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; about an hour
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
+
+browser:             ## what opens the pages in tests; only where it is missing and can be installed
+	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || tools/debian_packages chromium || true
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

@@ -1,13 +1,12 @@
 """The real firmware on the virtual board, run to its end; what it sent beside what its chip made."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 import hubowire
+import wanted
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.interpreters.find import InterpreterMissing
 from hubodo.emulator.interpreters.interpreter import require
@@ -22,13 +21,11 @@ _CLOCK = Clock()
 
 
 def micropython_or_skip():
-    """Without node or its MicroPython the test skips, or fails where CI is set."""
+    """Without node or its MicroPython the test skips; see `wanted`."""
     try:
         require("micropython")
     except InterpreterMissing as missing:
-        if os.environ.get("CI"):
-            pytest.fail(str(missing))
-        pytest.skip(str(missing))
+        wanted.lacking(str(missing))
 
 
 def unique_motion(seconds):
@@ -98,10 +95,8 @@ def request(seq, message, node=1):
 
 
 def pico_or_skip():
-    """Without node, its emulator or an image of MicroPython the test skips, or fails where CI is set."""
+    """Without node, its emulator or an image of MicroPython the test skips; see `wanted`."""
     try:
         require("rp2040")
     except (InterpreterMissing, ImageMissing) as missing:
-        if os.environ.get("CI"):
-            pytest.fail(str(missing))
-        pytest.skip(str(missing))
+        wanted.lacking(str(missing))

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import pytest
+import wanted
 
 ROOT = Path(__file__).parents[2]
 FAKES = ROOT / "tests" / "fakes"
@@ -14,15 +14,13 @@ LIMIT_S = 150
 
 
 def node_or_skip():
-    """The node program; without it or the MicroPython package the test skips, or fails where CI is set."""
+    """The node program; without it or the MicroPython package the test skips; see `wanted`."""
     node = shutil.which("node", path=f"{ROOT / '.venv/bin'}{os.pathsep}{os.environ.get('PATH', '')}")
     package = ROOT / "node_modules" / "@micropython"
-    if node and package.exists():
-        return node
-    missing = "node" if not node else "node_modules/@micropython"
-    if os.environ.get("CI"):
-        pytest.fail(f"{missing} is missing: run tools/setup")
-    pytest.skip(f"needs {missing}: run tools/setup")
+    if not (node and package.exists()):
+        missing = "node" if not node else "node_modules/@micropython"
+        wanted.lacking(f"{missing} is missing: run make setup where the npm registry can be reached")
+    return node
 
 
 def board_files():

@@ -20,6 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import wanted
 from generators.fake_drive import RADIUS, TRACK, short_drive
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.ingest.replay.playback import Playback, as_messages
@@ -27,7 +28,6 @@ from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
-from shared_data import shared_data
 
 REFERENCES = Path(__file__).with_name("references.json")
 UPDATE = "python tests/replay/update.py"
@@ -73,7 +73,7 @@ def _generated(seed: int, *names: str, rate_hz: float = 104.0) -> Callable[[], R
 
 
 def _wheelchair() -> Recording:
-    return read_folder(shared_data("wheelchair"))
+    return read_folder(wanted.recording("wheelchair"))
 
 
 _CALIBRATION = Calibration(

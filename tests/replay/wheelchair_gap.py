@@ -15,7 +15,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from gap_runs import WHEELCHAIR
 from hubodo.cli import main as hubodo
-from shared_data import where
+from wanted import SHARED
 
 
 def main(argv=None):
@@ -25,7 +25,7 @@ def main(argv=None):
     parser.add_argument("-o", dest="out", type=Path, default=Path("out/wheelchair-gap"))
     parser.add_argument("--track-width", type=float, default=0.92, help="m, between the contacts")
     args = parser.parse_args(argv)
-    folder = where("wheelchair")
+    folder = SHARED / "data" / "wheelchair"
     if not folder.is_dir():
         print(
             f"{folder}: no recording there; set HUBODO_SHARED to the folder that holds data/", file=sys.stderr

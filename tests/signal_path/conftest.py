@@ -7,10 +7,10 @@ from demo_ride import run
 from hidden_ride import begin
 from wheelchair_ride import drive
 
-from shared_data import where
+import wanted
 
 
-def wanted(request, name):
+def asked_for(request, name):
     """Whether tests of that file are run at all."""
     return any(item.path.name == name for item in request.session.items)
 
@@ -18,7 +18,7 @@ def wanted(request, name):
 @pytest.fixture(scope="session", autouse=True)
 def hidden_ride(request, tmp_path_factory):
     """(process, its folder); None where nobody asks for it."""
-    if not wanted(request, "test_hidden_effect.py"):
+    if not asked_for(request, "test_hidden_effect.py"):
         yield None
         return
     folder = tmp_path_factory.mktemp("hidden")
@@ -31,8 +31,8 @@ def hidden_ride(request, tmp_path_factory):
 @pytest.fixture(scope="session", autouse=True)
 def wheelchair_ride(request, tmp_path_factory):
     """The future of the ride; None where the recording is not on this machine, or nobody asks for it."""
-    data = where("wheelchair")
-    if not wanted(request, "test_wheelchair_ride.py"):
+    data = wanted.SHARED / "data" / "wheelchair"
+    if not asked_for(request, "test_wheelchair_ride.py"):
         yield None
         return
     with ThreadPoolExecutor(1) as pool:
@@ -42,7 +42,7 @@ def wheelchair_ride(request, tmp_path_factory):
 @pytest.fixture(scope="session", autouse=True)
 def demo_ride(request, hidden_ride, tmp_path_factory):
     """The future of the demo, which begins when the ride with hidden effects is over."""
-    if not wanted(request, "test_demo.py"):
+    if not asked_for(request, "test_demo.py"):
         yield None
         return
 

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, hubodo, read_csv
 
+import wanted
 from hubodo.flash.image import build, firmware_folder
 from hubowire.messages import node_name
-from shared_data import shared_data
 
 
 @pytest.fixture(scope="module")
 def ride(wheelchair_ride) -> Ride:
-    shared_data("wheelchair")
+    wanted.recording("wheelchair")
     return wheelchair_ride.result(timeout=240)
 
 
@@ -78,7 +78,7 @@ def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
     assert list(track)[:5] == ["t", "x", "y", "heading", "speed"]
     assert (track["x"][0], track["y"][0], track["heading"][0]) == (0, 0, 0)
 
-    data = shared_data("wheelchair")
+    data = wanted.recording("wheelchair")
     wheels = [read_csv(data / f"{name}.csv.gz") for name in WHEELS]
     grid = np.linspace(0.0, 35.0, 35001)
     speeds = [0.31 * np.interp(grid, wheel["t"], wheel["gz"]) for wheel in wheels]

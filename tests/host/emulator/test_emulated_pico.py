@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from board_programs import firmware
 
+import wanted
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.chips.faults import BrownOut, BusNack, Reset, ScriptedFault, Stall, StuckBus
 from hubodo.emulator.interpreters.find import find_node
@@ -285,7 +286,7 @@ def test_arithmetic_takes_as_long_as_was_measured_on_a_real_one(tmp_path: Path) 
     usual = find_image().firmware
     image = usual.with_name(f"{usual.stem}-vm-in-sram{usual.suffix}")
     if not image.is_file():
-        pytest.skip(f"{image} is not there")
+        wanted.lacking(f"{image} is not there")
     node = run(
         tmp_path, READY + ROUNDS, 1.2, board=BoardSettings(pico=PicoSettings(image=image, miss_cycles=50))
     )

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
+import wanted
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import TRACK_WIDTH
 from hubodo.fuse.wheel.track import run
 from hubodo.log.csv_folder import read_folder
-from shared_data import shared_data
 
 
 @pytest.mark.parametrize("names", [("left",), ("right",), ("left", "right")])
 @pytest.mark.parametrize("lag", [0.0, np.inf])
 def test_heading_of_the_wheels_is_that_of_the_frame(names: tuple[str, ...], lag: float) -> None:
-    recording = read_folder(shared_data("wheelchair"))
+    recording = read_folder(wanted.recording("wheelchair"))
     frame = recording.nodes["frame"]
     rate = frame["gz"]
     witness = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])

@@ -1,20 +1,16 @@
 """The report opens in a real browser, alone and without a complaint, and its figures are drawn."""
 
-import shutil
 import subprocess
 
-import pytest
-
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+import wanted
 
 
-@pytest.mark.skipif(BROWSER is None, reason="no browser here")
 def test_the_report_opens_without_errors_and_draws_its_figures(named, tmp_path):
     page = named.folder / "report.html"
     assert page.stat().st_size < 6e6
     shown = subprocess.run(
         [
-            BROWSER,
+            wanted.program("chromium", "chromium-browser", "google-chrome"),
             "--headless",
             "--no-sandbox",
             "--disable-gpu",

@@ -2,6 +2,7 @@
 
 import pytest
 
+import wanted
 from gap_runs import WHEELCHAIR
 from hubodo.gap.judge.round import look
 from hubodo.gap.judge.search import initial_state
@@ -12,7 +13,6 @@ from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
-from shared_data import shared_data
 
 # Samples that are kept: 100 Hz are as good as 400 for what leans, and four times as fast.
 EVERY = 4
@@ -20,7 +20,7 @@ EVERY = 4
 
 @pytest.fixture(scope="module")
 def first_round(tmp_path_factory):
-    read = read_folder(shared_data("wheelchair"))
+    read = read_folder(wanted.recording("wheelchair"))
     thin = {
         name: Table({column: values[::EVERY] for column, values in table.columns.items()})
         for name, table in read.nodes.items()

@@ -14,12 +14,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import wanted
 from hubodo.errors import InputError
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.mcap import read_recording
 from hubodo.log.timebase import to_ns, to_seconds
-from shared_data import shared_data
 
 NODE = ["t", "gx", "gy", "gz", "ax", "ay", "az"]
 FILES = {
@@ -112,7 +112,7 @@ def test_import_then_export_gives_back_every_number_of_every_column(
 
 @pytest.mark.parametrize("name", ["wheelchair", "multipose"])
 def test_a_real_recording_comes_back_number_for_number(name: str, tmp_path: Path) -> None:
-    folder = shared_data(name)
+    folder = wanted.recording(name)
     write_recording(read_folder(folder), tmp_path / "log.mcap")
     write_folder(read_recording(tmp_path / "log.mcap"), tmp_path / "out")
     for path in folder.glob("*.csv.gz"):
@@ -122,7 +122,7 @@ def test_a_real_recording_comes_back_number_for_number(name: str, tmp_path: Path
 
 
 def test_a_million_real_rows_go_in_and_come_back(tmp_path: Path) -> None:
-    folder = shared_data("static")
+    folder = wanted.recording("static")
     recording = read_folder(folder)
     assert len(recording.nodes["node"]) == 1_000_000
     write_recording(recording, tmp_path / "log.mcap")
@@ -334,7 +334,7 @@ def test_export_overwrites_nothing_and_leaves_nothing_half_done(tmp_path: Path) 
 
 
 def test_parquet_holds_the_same_numbers(tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
+    parquet = wanted.module("pyarrow.parquet")
     recording = read_folder(folder_with(tmp_path, left=GOOD))
     assert write_folder(recording, tmp_path / "out", form="parquet") == ("left.parquet",)
     table = parquet.read_table(tmp_path / "out" / "left.parquet")

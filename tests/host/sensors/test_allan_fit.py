@@ -4,6 +4,7 @@ import allantools
 import numpy as np
 import pytest
 
+import wanted
 from generators.noise import gyro_noise
 from hubodo.errors import InputError
 from hubodo.sensors.allan.characterise import characterise
@@ -11,7 +12,6 @@ from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design, po
 from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import slope_sigma
 from hubodo.sensors.at_rest import TemperatureStep
-from shared_data import shared_data
 
 DT = 0.01
 
@@ -228,7 +228,7 @@ def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
 
     Its data sheet (Analog Devices, rev. B, table 1) has an angle random walk of 2.0 deg/sqrt(h), typical.
     """
-    rows = np.loadtxt(shared_data("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
+    rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
     report = characterise(rows[:, 0], rows[:, 3], "gz")
     found = report.as_json()["coefficients"]["N"]
     assert found["value_deg_per_sqrt_h"] == pytest.approx(2.2, abs=0.4)

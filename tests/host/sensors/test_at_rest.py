@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+import wanted
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import check_still, check_units, moved, temperature_step
-from shared_data import shared_data
 
 DEG = np.pi / 180.0
 
@@ -70,10 +70,10 @@ def test_slow_drifts_coarse_steps_and_single_outliers_are_no_movement():
 
 
 def test_the_real_record_at_rest_is_at_rest_and_the_one_turned_by_hand_is_not():
-    rows = np.loadtxt(shared_data("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
+    rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
     check_units(rows[:, 1:4], rows[:, 4:7])
     check_still(rows[:, 0], rows[:, 1:7])
-    rows = np.loadtxt(shared_data("multipose") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=8000)
+    rows = np.loadtxt(wanted.recording("multipose") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=8000)
     # The first turn by hand begins 51 s into the record.
     assert moved(rows[:, 0], rows[:, 1:7])[0] == pytest.approx(51.0, abs=1.0)
 

@@ -7,6 +7,7 @@ import allantools
 import numpy as np
 import pytest
 
+import wanted
 from generators import start_gyro as start
 from generators.noise import gyro_noise
 from hubodo.cli import main
@@ -18,7 +19,6 @@ from hubodo.recording import Recording, Table
 from hubodo.sensors.allan.characterise import characterise
 from hubodo.sensors.heading.standstill import angle_random_walk
 from hubodo.sensors.heading.track import Axis, heading_track
-from shared_data import shared_data
 
 DEG = math.pi / 180.0
 DT = 0.02
@@ -192,7 +192,7 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
 
 def test_a_real_gyro_at_rest_that_is_taken_to_move_drifts_as_sigma_says():
     """ADIS16405: a minute at rest, then two or five minutes in which its turning is not known to be zero."""
-    node = read_folder(shared_data("static")).nodes["node"]
+    node = read_folder(wanted.recording("static")).nodes["node"]
     off, white = [], []
     for axis, channel in enumerate(("gx", "gy", "gz")):
         values = node.gyro[:, axis]
@@ -248,7 +248,7 @@ def test_a_smooth_ride_is_not_taken_for_a_standstill(tmp_path, capsys):
 
 def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp_path, capsys):
     """Its truth is the course of an antenna: at a standstill and in parking it says nothing."""
-    path = shared_data("car") / "drive-1"
+    path = wanted.recording("car") / "drive-1"
     status, err = run("heading", path, "--node", "frame", capsys=capsys)
     assert status == 2 and "--rest FROM TO" in err
     run("heading", path, "--node", "frame", "--rest", 1, 8, "-o", tmp_path / "h.csv", capsys=capsys)

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
+import wanted
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.cli import main
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Table
-from shared_data import shared_data
 
 LATITUDE_DEG = 48.0
 DT = 0.05
@@ -118,7 +118,7 @@ def test_a_log_without_a_table_says_what_to_do(tmp_path, capsys):
 
 
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):
-    path = shared_data("static")
+    path = wanted.recording("static")
     words = [
         "north",
         str(path),

@@ -2,17 +2,17 @@
 
 import numpy as np
 
+import wanted
 from hubodo.log.csv_folder import read_folder
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.rests import find_rests
 from hubodo.sensors.imu.scalar_calibration import scalar_calibration
-from shared_data import shared_data
 
 GRAVITY = 9.81744
 
 
 def test_length_and_turns_agree_on_what_was_not_fitted():
-    node = read_folder(shared_data("multipose")).nodes["node"]
+    node = read_folder(wanted.recording("multipose")).nodes["node"]
     found = calibrate_imu(node.t, node.gyro, node.accel, gravity=GRAVITY)
     held, turns = found.accel_held_out, found.gyro.held_out
     print(f"\nrests {len(found.rests)}, condition number {found.accel.poses.condition:.3g}")
@@ -28,7 +28,7 @@ def test_length_and_turns_agree_on_what_was_not_fitted():
 
 
 def test_the_first_minutes_predict_the_last_rests():
-    node = read_folder(shared_data("multipose")).nodes["node"]
+    node = read_folder(wanted.recording("multipose")).nodes["node"]
     rests = find_rests(node.t, node.gyro, node.accel)
     first, last = rests.select(rests.t[:, 0] < 340), rests.select(rests.t[:, 0] >= 340)
     found = scalar_calibration(first.accel, GRAVITY, first.accel_sigma)
