@@ -2,7 +2,7 @@
 
 The samples are gathered in stretches; G is the mean of one, b the bias, S = s^2 I the noise of such a mean,
 |w| the known magnitude, c^2 its variance. With d = G - b and P the covariance of b, the mended filter of
-hubodo/fuse/filters/pseudo_measurement.py (there is why eq. 3 alone fails at rest) halved on both sides:
+tests/papers/filters/pseudo_measurement.py (there is why eq. 3 alone fails at rest) halved on both sides:
     H = d'                                          eq. 2
     y = (|d|^2 - |w|^2 - tr S + tr P + c^2) / 2
     R = |w|^2 (s^2 + c^2) + (14 s^4 + 2 c^4 + 2 tr P^2) / 4        eq. 3, which has 4 d' S d + 2 tr S^2

@@ -38,7 +38,6 @@ from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame  # n
 from hubowire.messages import Hello, ImuBatch  # noqa: E402
 
 PERIOD_NS = 4_807_692
-TARGET = 20
 # A file is read in large portions, a port in small ones; pymavlink measured best with small ones.
 LOG_PORTION, PORT_PORTION = 1 << 20, 1 << 12
 
@@ -217,10 +216,11 @@ def bench(count: int, repeats: int, seed: int) -> list[Row]:
     rows = []
     for kind, (batch, payloads, theirs, messages) in kinds.items():
         ours = our_stream(payloads, seconds)
+        few = our_stream(payloads[:messages], seconds * messages / len(payloads))
         told = {"ns_per_byte": seconds * 1e9 / len(ours), "batch": batch}
         contestants = [
             Contestant("pymavlink", run_pymavlink, theirs, messages, PORT_PORTION),
-            Contestant("record", partial(run_record, **told), ours, len(payloads), PORT_PORTION),
+            Contestant("record", partial(run_record, **told), few, messages, PORT_PORTION),
             Contestant("decode again", partial(run_again, **told), ours, len(payloads), LOG_PORTION),
         ]
         for dirt in (0.0, 0.001, 0.01):
@@ -264,10 +264,9 @@ def main() -> int:
         )
         print(f"{row.messages_per_s / 1e6:>9.3f}{row.samples_per_s / 1e6:>13.3f}", end="")
         print(f"{row.ratio:>13.1f}{row.peak_bytes / 1e6:>9.2f}")
-    worst = min(
-        row.ratio for row in rows if row.dirt and row.stream == "1 sample" and row.decoder == "decode again"
-    )
-    print(f"decode again, dirty, one sample a message: at least {worst:.1f} x pymavlink (aim {TARGET} x)")
+    ratios = [row for row in rows if row.stream == "1 sample" and row.decoder == "decode again"]
+    words = ", ".join(f"{row.ratio:.1f} with {row.dirt:.1%} of the bytes hit" for row in ratios)
+    print(f"decode again, one sample a message, times pymavlink: {words}")
     return 0
 
 

@@ -185,3 +185,15 @@ def test_a_thread_that_is_stopped_leaves_what_it_was_given():
     thread.stop()
     assert thread.close()
     assert len(got) < 300
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_thread_that_fails_says_so_once_and_lets_its_input_go(monkeypatch):
+    monkeypatch.setattr(Localizer, "fix", lambda self, fix: 1 / 0)
+    got = []
+    thread = LocalizerThread(0, got.append)
+    for item in steps(20.0):
+        thread.put(item, 0)
+    assert thread.close()
+    assert len(got) == 1
+    assert "ends here, all else goes on" in got[0].warnings[0]

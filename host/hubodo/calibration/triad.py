@@ -18,7 +18,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect, Quantity, known_effects
 from hubodo.effects import Effect
-from hubodo.effects.triad import XYZ, CrossAxis, Linear, Sensor
+from hubodo.effects.triad import XYZ, CrossAxis, LinearEffect, Sensor
 
 
 @dataclass(frozen=True)
@@ -50,16 +50,10 @@ class Triad:
         """The six angles d by name, rad."""
         return CrossAxis.of_matrix(self.matrix).values()
 
-    @property
-    def differences(self) -> Array:
-        """(3,) d_xz - d_yz, d_zy - d_xy, d_yx - d_zx: what the scalar method alone can see."""
-        m = self.matrix
-        return np.array([m[0, 1] + m[1, 0], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1]])
-
 
 def triad_matrix(effects: Iterable[Effect], sensor: Sensor) -> Array:
     """I + diag(e) + N, (3, 3), of the effects of one triad."""
-    linear = [it.matrix() for it in effects if isinstance(it, Linear) and it.sensor == sensor]
+    linear = [it.matrix() for it in effects if isinstance(it, LinearEffect) and it.sensor == sensor]
     return np.asarray(np.eye(3) + sum(linear))
 
 

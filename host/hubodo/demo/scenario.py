@@ -12,7 +12,7 @@ from hubodo.effects.vehicle import TrackWidth
 from hubodo.effects.wheel import WheelRadius
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.model.drive import loop_drive, path
-from hubodo.model.forward import Start
+from hubodo.model.forward import NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount, Side
@@ -66,7 +66,7 @@ class Scenario:
         return {side: self._rider(side, part) for side, part in self.parts.items()}
 
     def _rider(self, side: Side, part: WheelUnit) -> Rider:
-        mount, start = NodeMount(side, "left"), Start(part.start_angle)
+        mount, start = NodeMount(side, "left"), NodeStart(part.start_angle)
         motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, part.effects, start, SETTLE)
         return Rider(motion, Scatter(_NOISE), part.odr_error, part.clock_ppm)
 

@@ -262,7 +262,7 @@ class Effect:
         """Replace samples by their predecessors."""
 
     # The stages backwards, of effects that are `undone`. What `offset` adds is taken off; the matrices of
-    # a triad (`Linear`) are inverted together; the rest is here.
+    # a triad (`LinearEffect`) are inverted together; the rest is here.
 
     def irreversible(self) -> str:
         """Why its numbers cannot be undone, in words; "" where they can."""

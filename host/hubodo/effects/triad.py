@@ -22,7 +22,7 @@ def times(matrix: Array, vectors: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Linear(Effect):
+class LinearEffect(Effect):
     """What is read beyond what there is, in proportion to it. sensor: which triad reads it."""
 
     undone: ClassVar[bool] = True
@@ -40,7 +40,7 @@ class Linear(Effect):
 
 
 @dataclass(frozen=True)
-class CrossAxis(Linear):
+class CrossAxis(LinearEffect):
     """Six small angles after Avrutov, eq. 1; xz is how much of y the x axis reads, and so on."""
 
     places: ClassVar[Mapping[str, tuple[int, int, float]]] = {
@@ -74,7 +74,7 @@ class CrossAxis(Linear):
 
 
 @dataclass(frozen=True)
-class ScaleFactor(Linear):
+class ScaleFactor(LinearEffect):
     """(1 + e) times what is there, each axis its own e."""
 
     x: float = parameter("1", 0.01)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
 from hubodo.effects import Chain, Effect, Noise
-from hubodo.model.forward import NodeForward, Start, transmit
+from hubodo.model.forward import NodeForward, NodeStart, transmit
 from hubodo.model.frames import node_from_body
 from hubodo.model.inputs import Inputs
 from hubodo.vehicle import NodeMount
@@ -35,7 +35,7 @@ class NodeMotion:
     wheel_radius: float
     track_width: float
     effects: tuple[Effect, ...] = ()
-    start: Start = field(default_factory=Start)
+    start: NodeStart = field(default_factory=NodeStart)
     delay: float = 0.0
     seed: int = 0
 

@@ -23,8 +23,7 @@ _BIAS_WALK = 2e-5
 Estimated."""
 
 _REST_SPREAD, _REST_LIMIT = 0.02, 0.35
-"""rad/s at rest: spread, far above the noise of a sample; and bias, twice the zero-rate level of a bad
-part."""
+"""rad/s at rest: spread, far above the noise of a sample; and bias, twice a bad part's zero-rate level."""
 
 _REST_TURN = 0.005
 """rad that gravity may turn by between the halves of a block: 20 mrad/s, 3 mm/s on a wheel of 0.15 m."""
@@ -38,8 +37,11 @@ _REST_SAMPLES = 10
 
 @dataclass(frozen=True, slots=True)
 class WheelSpec:
-    """A wheel and its node. radius: m; gyro_bias of the node's z axis and its 1 sigma: rad/s, unless given a
-    third of the LSM6DS33's zero-rate level, 10 deg/s."""
+    """A wheel and its node.
+
+    radius: m; gyro_bias of the node's z axis and its 1 sigma: rad/s, unless given a third of the LSM6DS33's
+    zero-rate level, 10 deg/s.
+    """
 
     radius: float
     facing: Facing

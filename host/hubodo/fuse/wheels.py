@@ -34,10 +34,11 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """A track from wheel nodes. nodes: the names used. method: in words. learnt: what the estimator found,
-    as fuse.json has it. warnings: one line each. heading_from_speeds: it is the difference of the wheels'
-    speeds, not a gyro's. constants: what the graph is to expect of its errors. full: the filter's own track,
-    None for differential odometry.
+    """A track from wheel nodes.
+
+    nodes: the names used. method: in words. learnt: what the estimator found, as fuse.json has it. warnings:
+    one line each. constants: what the graph is to expect of its errors. full: the filter's own track, None
+    for differential odometry.
     """
 
     track: Track
@@ -45,7 +46,6 @@ class WheelOdometry:
     method: str
     learnt: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
-    heading_from_speeds: bool = False
     constants: ConstantSigmas = field(default_factory=of_wheel_speeds)
     full: WheelTrack | None = field(default=None, repr=False)
 
@@ -191,8 +191,8 @@ def _missing(
         for name in on_wheels
         if name not in names
     }
-    rest = " and ".join(names)
-    return tuple(f"{name}: {text}; the track comes from {rest} alone" for name, text in why.items())
+    heard = " and ".join(names)
+    return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())
 
 
 def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str) -> WheelOdometry:
@@ -208,7 +208,7 @@ def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], 
         raise InputError(f"{log}: {' and '.join(names)} have no time in common; nothing to fuse")
     track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
-    return WheelOdometry(track, tuple(names), "differential odometry", learnt, heading_from_speeds=True)
+    return WheelOdometry(track, tuple(names), "differential odometry", learnt)
 
 
 def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdometry:
@@ -229,7 +229,7 @@ def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdome
         raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")
     track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
-    return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt, heading_from_speeds=True)
+    return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt)
 
 
 def _samples(side: Side, table: Table) -> WheelSamples:

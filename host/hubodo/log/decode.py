@@ -40,7 +40,7 @@ WANTED: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Rows:
+class ChannelRows:
     """A channel's messages as arrays of equal length n, in file order.
 
     sequence, log_ns, publish_ns, stamp_ns: (n,) int64; stamp is the header's, else the publish time.
@@ -57,9 +57,9 @@ class Rows:
     def __len__(self) -> int:
         return len(self.sequence)
 
-    def take(self, chosen: NDArray[np.intp]) -> Rows:
+    def take(self, chosen: NDArray[np.intp]) -> ChannelRows:
         """The rows with these indices, in this order."""
-        return Rows(
+        return ChannelRows(
             self.sequence[chosen],
             self.log_ns[chosen],
             self.publish_ns[chosen],
@@ -136,16 +136,16 @@ class Decoder:
             stamps = np.where(stated == 0, stamps, stated)
         self._parts.append(_Part(heads, stamps, values))
 
-    def rows(self) -> Rows:
+    def rows(self) -> ChannelRows:
         """All messages taken in; those with another number of values than the first count as undecodable."""
         if not self._parts:
             none = np.empty(0, np.int64)
-            return Rows(none, none, none, none, {}, self.undecodable)
+            return ChannelRows(none, none, none, none, {}, self.undecodable)
         shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._parts]
         parts = [part for part, shape in zip(self._parts, shapes, strict=True) if shape == shapes[0]]
         heads = np.concatenate([part.heads for part in parts])
         odd = sum(len(part.heads) for part in self._parts) - len(heads)
-        return Rows(
+        return ChannelRows(
             heads["sequence"].astype(np.int64),
             heads["log_time"].astype(np.int64),
             heads["publish_time"].astype(np.int64),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.convert import carried_columns
-from hubodo.log.decode import WANTED, Decoder, Rows, column_names, message_type
+from hubodo.log.decode import WANTED, ChannelRows, Decoder, column_names, message_type
 from hubodo.log.logfile import Log, LogMessage, Stream, open_log
 from hubodo.log.meeting_rows import places_of, rising_rows, shared_rows
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
@@ -79,7 +79,7 @@ class _Collected:
                     decoder.feed(messages, chosen)
             if progress:
                 progress(f"reading {log.path.name}", log.progress)
-        self.rows: dict[str, tuple[Stream, Rows]] = {}
+        self.rows: dict[str, tuple[Stream, ChannelRows]] = {}
         for id, decoder in decoders.items():
             stream, rows = log.streams[id], decoder.rows()
             if rows.undecodable:
@@ -168,7 +168,9 @@ class _Collected:
             )
         return tables
 
-    def _parts_of(self, name: str, columns: list[str]) -> list[tuple[Rows, dict[str, NDArray[np.float64]]]]:
+    def _parts_of(
+        self, name: str, columns: list[str]
+    ) -> list[tuple[ChannelRows, dict[str, NDArray[np.float64]]]]:
         parts = []
         if (imu := self._get(topics.imu(name))) and carried_columns(name)[0] == "gx":
             names = NODE_COLUMNS[1:]
@@ -186,19 +188,19 @@ class _Collected:
             parts.append((rest, self._columns(topics.COLUMNS + name, rest)))
         return parts
 
-    def _get(self, topic: str) -> Rows | None:
+    def _get(self, topic: str) -> ChannelRows | None:
         if topic not in self.rows or not len(self.rows[topic][1]):
             return None
         return self.rows[topic][1]
 
-    def _columns(self, topic: str, rows: Rows) -> dict[str, NDArray[np.float64]]:
+    def _columns(self, topic: str, rows: ChannelRows) -> dict[str, NDArray[np.float64]]:
         data = rows.values["data"]
         names = column_names(self.rows[topic][0].metadata.get("columns", "[]"))
         if len(names) != data.shape[1]:
             names = [f"column{i}" for i in range(data.shape[1])]
         return dict(zip(names, data.T, strict=True))
 
-    def _live_node(self, topic: str, rows: Rows) -> Table:
+    def _live_node(self, topic: str, rows: ChannelRows) -> Table:
         values = np.hstack([rows.values["angular_velocity"], rows.values["linear_acceleration"]])
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
         heat = self._get(topic.removesuffix("/imu") + "/temperature")
@@ -207,7 +209,7 @@ class _Collected:
         warm = self._ordered("", heat, {"temperature": heat.values["temperature"]})
         return Table({**table.columns, "temperature": np.interp(table.t, warm.t, warm["temperature"])})
 
-    def _bias_filter(self, topic: str, rows: Rows) -> Table | None:
+    def _bias_filter(self, topic: str, rows: ChannelRows) -> Table | None:
         columns = self._columns(topic, rows) if "data" in rows.values else {}
         if not set(BIAS_FILTER_COLUMNS[1:]) <= set(columns):
             self._note(f"{topic}: is not what a node's filter says; left out")
@@ -252,7 +254,7 @@ class _Collected:
         )
 
     def _ordered(
-        self, topic: str, rows: Rows, columns: Mapping[str, NDArray[np.float64]], prefix: str = ""
+        self, topic: str, rows: ChannelRows, columns: Mapping[str, NDArray[np.float64]], prefix: str = ""
     ) -> Table:
         """Columns by time, strictly increasing; rows that repeat a time are left out and noted."""
         t = to_seconds(rows.stamp_ns, self.t_zero_ns)
@@ -262,7 +264,7 @@ class _Collected:
         return Table({"t": t[chosen], **{prefix + name: values[chosen] for name, values in columns.items()}})
 
 
-def _position(fix: Rows) -> dict[str, NDArray[np.float64]]:
+def _position(fix: ChannelRows) -> dict[str, NDArray[np.float64]]:
     return {
         "latitude_deg": fix.values["latitude"],
         "longitude_deg": fix.values["longitude"],

@@ -12,7 +12,7 @@ from hubodo.effects import Effect
 from hubodo.errors import InputError
 from hubodo.model.bench import Handled, Programme
 from hubodo.model.drive import path
-from hubodo.model.forward import Carried, NodeForward, Start
+from hubodo.model.forward import Carried, NodeForward, NodeStart
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.model.model_file import Model
 from hubodo.recording import Recording, Table
@@ -90,11 +90,11 @@ def node_effects(model: Model, node: str, experiment: Experiment) -> tuple[Effec
     return tuple(e for e in effects if e.level == "node") if experiment.bench else effects
 
 
-def start_of(model: Model, node: str, experiment: Experiment, seed: int) -> Start:
+def start_of(model: Model, node: str, experiment: Experiment, seed: int) -> NodeStart:
     """Where the wheel of a node stands at first, drawn; a node that is on none begins along its axes."""
     if experiment.bench or model.vehicle.nodes[node].side is None:
-        return Start()
-    return Start(float(_generator(seed, node, "start").uniform(-np.pi, np.pi)))
+        return NodeStart()
+    return NodeStart(float(_generator(seed, node, "start").uniform(-np.pi, np.pi)))
 
 
 def simulate(

@@ -22,7 +22,7 @@ Carried = Callable[[Array], tuple[Array, Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class NodeStart:
     """What is true of a node besides effects.
 
     angle: rad, its wheel at the log's start. attitude: rad, rotation vector of a node on the body against
@@ -64,7 +64,7 @@ class NodeForward:
     def mean(
         self,
         effects: Iterable[Effect],
-        start: Start,
+        start: NodeStart,
         phase: Array | float = 0.0,
         correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
@@ -80,7 +80,7 @@ class NodeForward:
         return Reading(chain.gyro, chain.accel, rolling, body)
 
     def sample(
-        self, effects: Iterable[Effect], start: Start, noise: Noise, rng: np.random.Generator
+        self, effects: Iterable[Effect], start: NodeStart, noise: Noise, rng: np.random.Generator
     ) -> Reading:
         """One draw of what the node would send."""
         effects = list(effects)
@@ -88,7 +88,7 @@ class NodeForward:
         transmit(chain, effects, noise, rng)
         return Reading(chain.gyro, chain.accel, rolling, body)
 
-    def felt(self, effects: Iterable[Effect], start: Start, rng: np.random.Generator) -> Reading:
+    def felt(self, effects: Iterable[Effect], start: NodeStart, rng: np.random.Generator) -> Reading:
         """One draw of what the sensor feels, before its noise and limits."""
         chain, rolling, body = self._wandering(list(effects), start, rng)
         return Reading(chain.gyro, chain.accel, rolling, body)
@@ -101,7 +101,7 @@ class NodeForward:
         return geometry
 
     def _wandering(
-        self, effects: list[Effect], start: Start, rng: np.random.Generator
+        self, effects: list[Effect], start: NodeStart, rng: np.random.Generator
     ) -> tuple[Chain, Rolling | None, Body]:
         chain, rolling, body = self._sensed(effects, start, 0.0)
         for effect in effects:
@@ -111,7 +111,7 @@ class NodeForward:
     def _sensed(
         self,
         effects: list[Effect],
-        start: Start,
+        start: NodeStart,
         phase: Array | float,
         correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
@@ -216,7 +216,9 @@ def _off_axle(rate: Array, slope: Array, arm: tuple[float, float, float]) -> Arr
     )
 
 
-def _on_body(body: Body, geometry: Geometry, start: Start, earth: Earth | None) -> tuple[Array, Array, Array]:
+def _on_body(
+    body: Body, geometry: Geometry, start: NodeStart, earth: Earth | None
+) -> tuple[Array, Array, Array]:
     """The same for a node fixed to the body at its origin, turned by start.attitude against its axes."""
     zero = np.zeros_like(body.speed)
     rate = np.stack([zero, zero, body.yaw_rate])

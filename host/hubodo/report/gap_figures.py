@@ -141,9 +141,9 @@ def stretches_figure(result: GapResult) -> go.Figure:
     return made
 
 
-def evidence_figure(named: Finding, most: int = 5) -> go.Figure:
+def evidence_figure(finding: Finding, most: int = 5) -> go.Figure:
     """The probability of each name that was considered in the place of one."""
-    rows = named.rivals[:most] or ((named.effect, named.scope, 0.0, named.confidence),)
+    rows = finding.rivals[:most] or ((finding.effect, finding.scope, 0.0, finding.confidence),)
     # Fewer hundredths of a per cent than a pixel: the number stands beside the bar.
     labels = [f"{effect} ({scope})" for effect, scope, _, _ in rows]
     made = figure("probability, %", "", height=110 + 34 * len(rows))

@@ -82,7 +82,7 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             figures=[regime_figure(result, chosen, courses)] if chosen else [],
         ),
         Section("When", "The gap of all channels along the log.", figures=[stretches_figure(result)]),
-        *(_evidence(named) for named in result.found),
+        *(_evidence(finding) for finding in result.found),
         Section(
             "Every channel",
             "Root mean square of the residual in units of the declared noise. Noise: what scatters from one "
@@ -108,7 +108,7 @@ def _hero(result: GapResult) -> str:
         _sure_card(result),
     ]
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
-    parts += [_missing(named) for named in result.found]
+    parts += [_missing(finding) for finding in result.found]
     advice = "".join(f"<li>{html.escape(line)}</li>" for line in what_to_do(result))
     parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
     if result.warnings:
@@ -145,7 +145,7 @@ def _sure_card(result: GapResult) -> str:
             f'<div class="card"><h3>How sure</h3><div class="big">{probability(nothing)}</div>'
             f"<p>that no known effect is missing</p></div>"
         )
-    least = min(result.found, key=lambda named: named.confidence)
+    least = min(result.found, key=lambda finding: finding.confidence)
     others = " for each name" if len(result.found) > 1 else ""
     return (
         f'<div class="card"><h3>How sure</h3><div class="big">{probability(least.confidence)}</div>'
@@ -154,45 +154,45 @@ def _sure_card(result: GapResult) -> str:
     )
 
 
-def _missing(named: Finding) -> str:
-    values = ", ".join(f"{name} {handy(it)}" for name, it in named.parameters.items())
+def _missing(finding: Finding) -> str:
+    values = ", ".join(f"{name} {handy(it)}" for name, it in finding.parameters.items())
     alike = ""
-    if named.inseparable_from:
-        alike = f"<p>This log cannot tell it from {html.escape(', '.join(named.inseparable_from))}.</p>"
-    words = missing_words(named)
+    if finding.inseparable_from:
+        alike = f"<p>This log cannot tell it from {html.escape(', '.join(finding.inseparable_from))}.</p>"
+    words = missing_words(finding)
     return (
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
-        f"<code>{html.escape(named.effect)}</code><p>{html.escape(values)}</p>"
-        f'<p class="dim">{html.escape(sure(named.confidence))} ({probability(named.confidence)}); seen in '
-        f"{html.escape(named.where)}</p>{alike}</div>"
+        f"<code>{html.escape(finding.effect)}</code><p>{html.escape(values)}</p>"
+        f'<p class="dim">{html.escape(sure(finding.confidence))} ({probability(finding.confidence)}); '
+        f"seen in {html.escape(finding.where)}</p>{alike}</div>"
     )
 
 
 def _steps_table(result: GapResult) -> Grid:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
-    for named in result.found:
+    for finding in result.found:
         values = ", ".join(
             f"{name} {with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
-            for name, it in named.parameters.items()
+            for name, it in finding.parameters.items()
         )
         rows.append(
             (
-                f"+ {named.effect} ({named.scope})",
+                f"+ {finding.effect} ({finding.scope})",
                 values,
-                _figure(named.gap.after),
-                _figure(named.held_out_gap.after),
-                probability(named.confidence),
+                _figure(finding.gap.after),
+                _figure(finding.held_out_gap.after),
+                probability(finding.confidence),
             )
         )
     return Grid(("model", "value ± 1 sigma", "gap", "held out", "confidence"), rows)
 
 
-def _evidence(named: Finding) -> Section:
+def _evidence(finding: Finding) -> Section:
     return Section(
-        f"Why {named.effect}",
+        f"Why {finding.effect}",
         "Every effect was tried in every scope, the best were fitted in full, and each is judged by how much "
         "likelier it makes the data for the freedom it takes. Gain: in the logarithm of the likelihood.",
-        figures=[evidence_figure(named)],
+        figures=[evidence_figure(finding)],
     )
 
 

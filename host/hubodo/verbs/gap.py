@@ -71,11 +71,12 @@ class GapReport:
         say(f"held out {outside.before:.3f} → {outside.after:.3f}; {result.held_out}")
         if result.found:
             console.print(_found_table(result))
-        for named in result.found:
-            say(f"{named.effect}: {named.where}")
-            say(f"  {sure(named.confidence)} ({probability(named.confidence)}); {runner_up_words(named)}")
-            if named.inseparable_from:
-                say(f"  this log cannot tell it from {', '.join(named.inseparable_from)}")
+        for finding in result.found:
+            say(f"{finding.effect}: {finding.where}")
+            how_sure = f"{sure(finding.confidence)} ({probability(finding.confidence)})"
+            say(f"  {how_sure}; {runner_up_words(finding)}")
+            if finding.inseparable_from:
+                say(f"  this log cannot tell it from {', '.join(finding.inseparable_from)}")
         for left in result.remaining:
             say(f"left in {left.channel}, {left.where}: {left.looks_like}")
         for line in what_to_do(result):
@@ -178,18 +179,18 @@ def _model_text(result: GapResult, args: argparse.Namespace) -> str:
 
 def _found_table(result: GapResult) -> TextTable:
     table = TextTable("effect", "of", "parameters", "confidence", "gap", "held out")
-    for named in result.found:
+    for finding in result.found:
         values = "\n".join(
             f"{name} {with_sigma(it.value, it.sigma)} {'' if it.unit == '1' else it.unit}".rstrip()
-            for name, it in named.parameters.items()
+            for name, it in finding.parameters.items()
         )
         table.add_row(
-            named.effect,
-            named.scope,
+            finding.effect,
+            finding.scope,
             values,
-            probability(named.confidence),
-            f"{named.gap.before:.3f} → {named.gap.after:.3f}",
-            f"{named.held_out_gap.before:.3f} → {named.held_out_gap.after:.3f}",
+            probability(finding.confidence),
+            f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
+            f"{finding.held_out_gap.before:.3f} → {finding.held_out_gap.after:.3f}",
         )
     return table
 

@@ -15,7 +15,7 @@ from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import Motion
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
-from hubodo.model.forward import NodeForward, Start
+from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.smooth import constant
 from hubodo.vehicle import NodeMount
@@ -35,14 +35,14 @@ EFFECTS_HIDDEN = (
 
 
 def motion(effects=EFFECTS_HIDDEN, **some):
-    return NodeMotion(LEGS, NodeMount("left", "left"), 0.3, 0.9, effects, Start(0.5), delay=1.5, **some)
+    return NodeMotion(LEGS, NodeMount("left", "left"), 0.3, 0.9, effects, NodeStart(0.5), delay=1.5, **some)
 
 
 def test_the_chip_feels_what_the_forward_model_reads():
     t = np.sort(np.random.default_rng(0).uniform(0.0, 8.5, 300))
     fine = np.union1d(np.arange(-1.5, 7.0, 0.001), t - 1.5)
     whole = NodeForward(LEGS, fine, NodeMount("left", "left"), 0.3, 0.9, power_on=-1.5)
-    reading = whole.mean(EFFECTS_HIDDEN, Start(0.5))
+    reading = whole.mean(EFFECTS_HIDDEN, NodeStart(0.5))
     at = np.searchsorted(fine, t - 1.5)
     felt = motion()
     np.testing.assert_allclose(felt.angular_rate(t), reading.gyro[:, at].T, rtol=0, atol=1e-6)

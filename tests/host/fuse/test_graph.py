@@ -1,20 +1,17 @@
 """The factor graph of whole drives, on data of a generator that shares nothing with it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from generators import gnss_drives
 from generators.gnss_drives import Errors
-from hubodo.errors import InputError
+from graph_drives import errors_of, fixes_of, make, path_of, rms
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import ConstantSigmas
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.graph import Fixes, GraphConfig, Headings, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import GraphConfig, Headings, fuse_graph
 from hubodo.fuse.graph.outages import outages
-from hubodo.fuse.graph.screening import scatter, without_jumps
 from hubodo.fuse.graph.steps import StepNoise
 
 PAPER = GraphConfig(
@@ -28,39 +25,6 @@ PAPER = GraphConfig(
 
 Odometry noise 10 % of the increment, fixes 5 m in east and north, no constants solved for.
 """
-
-
-def make(seed, length=250.0, errors=None, motion=None, **kwargs):
-    rng = np.random.default_rng([seed, 44])
-    motion = gnss_drives.loop(rng, length=length) if motion is None else motion(rng)
-    return gnss_drives.drive(rng, motion, errors or gnss_drives.drawn(rng), **kwargs)
-
-
-def path_of(drive):
-    return OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
-
-
-def fixes_of(drive, keep=slice(None), sigma=None):
-    own = None if sigma is None else np.full(len(drive.fix_t), sigma)[keep]
-    return Fixes(drive.fix_t[keep], drive.fix_latitude_deg[keep], drive.fix_longitude_deg[keep], own)
-
-
-def north(fixes, which, metres):
-    there = gnss_drives.geodetic(0.0, np.where(which, metres, 0.0), fixes.latitude_deg, fixes.longitude_deg)
-    return replace(fixes, latitude_deg=there[0])
-
-
-def errors_of(drive, result):
-    """(N, 3) of the track: east, north, heading."""
-    zero = np.zeros(1)
-    x, y = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
-    tx, ty, th = drive.truth(result.track.t)
-    turn = np.mod(result.track.heading - th + np.pi, 2 * np.pi) - np.pi
-    return np.column_stack([result.track.x - x[0] - tx, result.track.y - y[0] - ty, turn])
-
-
-def rms(error):
-    return float(np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -172,58 +136,6 @@ def test_an_outage_of_a_minute_costs_less_than_a_percent_of_the_way_in_it():
     assert untold.percent is None
 
 
-@pytest.mark.parametrize(
-    ("begin", "end"),
-    [(80.0, 90.0), (80.0, 80.2), (-1.0, 10.0), (130.0, 1e9)],
-    ids=["10 s", "once", "start", "to end"],
-)
-def test_a_jump_of_a_hundred_metres_is_survived_and_said(begin, end):
-    drive = make(7)
-    jumped = (drive.fix_t > begin) & (drive.fix_t < end)
-    result = fuse_graph(path_of(drive), north(fixes_of(drive), jumped, 100.0))
-    error = errors_of(drive, result)
-    assert rms(error) < 1.5
-    said = [text for text in result.warnings if "jumped" in text]
-    assert len(said) == 1
-    assert f"t = {drive.fix_t[jumped][0]:.1f}" in said[0]
-
-
-def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
-    drive = make(8)
-    plain = fuse_graph(path_of(drive), fixes_of(drive))
-    result = fuse_graph(
-        path_of(drive), north(fixes_of(drive), (drive.fix_t > 80) & (drive.fix_t < 100), 20.0)
-    )
-    assert result.track.sigma_x.mean() > 2.0 * plain.track.sigma_x.mean()
-    assert any("alike" in text for text in result.warnings)
-
-
-def test_a_receiver_that_promises_too_much_is_not_believed():
-    drive = make(9)
-    plain = fuse_graph(path_of(drive), fixes_of(drive, sigma=5.0))
-    bold = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.5))
-    assert any("scatter" in text for text in bold.warnings)
-    assert bold.track.sigma_x.mean() == pytest.approx(plain.track.sigma_x.mean(), rel=0.2)
-    assert rms(errors_of(drive, bold)) < 1.0
-
-
-@pytest.mark.parametrize("delay", [2.0, -1.5])
-def test_a_clock_that_is_off_is_found_undone_and_said(delay):
-    drive = make(10, delay=delay)
-    result = fuse_graph(path_of(drive), fixes_of(drive))
-    found = result.constants["gnss_delay"]
-    assert abs(found.value - delay) < 4.0 * found.sigma
-    assert rms(errors_of(drive, result)) < 1.0
-    assert any("time stamps" in text for text in result.warnings)
-
-
-def test_a_clock_that_is_right_stays_untouched():
-    drive = make(11, sigma=0.05)
-    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.05))
-    assert abs(result.constants["gnss_delay"].value) < 4.0 * result.constants["gnss_delay"].sigma
-    assert result.warnings == ()
-
-
 def test_one_fix_places_the_track_and_leaves_its_direction_open():
     drive = make(12)
     result = fuse_graph(path_of(drive), fixes_of(drive, slice(300, 301)))
@@ -240,42 +152,6 @@ def test_a_vehicle_that_stands_has_a_place_and_no_heading():
     result = fuse_graph(path_of(drive), fixes_of(drive))
     assert rms(errors_of(drive, result)) < 4.0 * 5.0 / np.sqrt(len(drive.fix_t)) * np.sqrt(2.0)
     assert any("heading: known to" in text for text in result.warnings)
-
-
-def test_rows_that_are_no_place_on_earth_are_named_and_left_out():
-    drive = make(14)
-    fixes = fixes_of(drive)
-    latitude = fixes.latitude_deg.copy()
-    latitude[16:20] = 95.0
-    result = fuse_graph(path_of(drive), replace(fixes, latitude_deg=latitude))
-    assert rms(errors_of(drive, result)) < 1.0
-    (text,) = result.warnings
-    assert "4 of" in text
-    assert "row 17" in text
-    with pytest.raises(InputError, match=r"no usable fix.*no place on Earth"):
-        fuse_graph(path_of(drive), replace(fixes, latitude_deg=fixes.latitude_deg * 0.0 + 95.0))
-
-
-def test_fixes_of_another_clock_altogether_are_one_clear_error():
-    drive = make(15, length=40.0)
-    fixes = fixes_of(drive)
-    with pytest.raises(InputError, match="clocks differ"):
-        fuse_graph(path_of(drive), replace(fixes, t=fixes.t + 1e6))
-
-
-def test_fixes_at_null_island_do_not_move_the_frame():
-    drive = make(16)
-    fixes, lost = fixes_of(drive), drive.fix_t < 15.0
-    result = fuse_graph(
-        path_of(drive),
-        replace(
-            fixes,
-            latitude_deg=np.where(lost, 0.0, fixes.latitude_deg),
-            longitude_deg=np.where(lost, 0.0, fixes.longitude_deg),
-        ),
-    )
-    assert rms(errors_of(drive, result)) < 1.0
-    assert any("km from the others" in text for text in result.warnings)
 
 
 def test_a_compass_tells_the_heading_where_fixes_cannot():
@@ -339,16 +215,3 @@ def test_a_place_tenths_of_a_second_between_odometry_poses_is_on_the_arc():
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.005))
     error = errors_of(drive, result)
     assert np.max(np.abs(error[:, :2])) < 0.003
-
-
-def test_screening_keeps_what_the_wheels_can_have_rolled():
-    way = np.arange(100.0)
-    place = way + 0j
-    sigma = np.ones(100)
-    assert without_jumps(place, way, sigma).all()
-    jumped = place + np.where((way > 20) & (way < 30), 100j, 0)
-    assert np.array_equal(without_jumps(jumped, way, sigma), ~((way > 20) & (way < 30)))
-    rng = np.random.default_rng(0)
-    noise = rng.standard_normal(100) + 1j * rng.standard_normal(100)
-    assert scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
-    assert scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from generators import gnss_drives
+from graph_drives import numeric, wiggly_path
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import COUNT
 from hubodo.fuse.graph.factors.factor import Factor
@@ -13,7 +14,6 @@ from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
 from hubodo.fuse.graph.steps import OdometryPath, StepNoise, cut_path
-from small_graphs import numeric, wiggly_path
 
 POSES = 9
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from generators import gnss_drives
+from graph_drives import wiggly_path
 from gtsam_oracle import solve_with_gtsam
 from hubodo.arrays import Array
 from hubodo.errors import InputError
@@ -18,7 +19,6 @@ from hubodo.fuse.graph.graph import OdometryPath, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph
 from hubodo.fuse.graph.solver import solve
 from hubodo.fuse.projection import local_frame
-from small_graphs import wiggly_path
 
 ROW = 3
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
+from graph_drives import numeric, small_drive, wiggly_path
 from gtsam_oracle import solve_with_gtsam
 from hubodo.fuse.graph.build import build
 from hubodo.fuse.graph.chain import solve_chain
@@ -19,7 +20,6 @@ from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import StartFactor
 from hubodo.fuse.graph.solver import solve, solve_from_afar
-from small_graphs import numeric, small_drive, wiggly_path
 
 
 def changed(graph, kind, **values):

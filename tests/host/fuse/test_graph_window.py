@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from graph_drives import numeric, small_drive
 from gtsam_oracle import covariances_of_gtsam, solve_with_gtsam
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.constants import COUNT
@@ -10,8 +11,7 @@ from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
 from hubodo.fuse.graph.solver import solve
-from hubodo.fuse.graph.window import Window, without_first
-from small_graphs import numeric, small_drive
+from hubodo.fuse.graph.window import PoseWindow, without_first
 
 
 def weighted_dense(graph, poses, constants):
@@ -97,7 +97,7 @@ def test_gtsam_has_the_same_optimum_and_marginals_of_a_graph_with_a_forgotten_pa
 def test_a_window_keeps_two_poses_however_short_it_is():
     drive = small_drive(np.random.default_rng(37), 12)
     found = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
-    window = Window(
+    window = PoseWindow(
         drive.graph,
         drive.cut.state_t,
         found.poses,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from generators import wheel_drives
-from hubodo.calibration.file import Calibration, Effect, NodeCalibration, Quantity
+from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.fuse.node_bias import with_node_biases
 from hubodo.fuse.wheels import wheel_odometry
 from hubodo.recording import BIAS_FILTER_COLUMNS, Recording, Table
@@ -43,14 +43,18 @@ def test_the_last_bias_that_was_known_is_taken_with_its_sigma():
 
 
 def test_a_node_without_a_bias_and_one_whose_bias_is_calibrated_change_nothing():
-    known = Calibration({"right": NodeCalibration({"gyro_bias": Effect({"x": Quantity(0.5, 0.1)})})})
+    known = Calibration(
+        {"right": NodeCalibration({"gyro_bias": CalibratedEffect({"x": Quantity(0.5, 0.1)})})}
+    )
     filters = {"left": said((WAITING, OLD, NONE)), "right": said((TRACKING, NEW, NONE))}
     made, used = with_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
     assert (made, used) == (known, ())
 
 
 def test_a_calibration_of_something_else_is_kept_beside_it():
-    known = Calibration({"left": NodeCalibration({"wheel_radius": Effect({"error": Quantity(0.01, 0.1)})})})
+    known = Calibration(
+        {"left": NodeCalibration({"wheel_radius": CalibratedEffect({"error": Quantity(0.01, 0.1)})})}
+    )
     recording = Recording({}, bias_filters={"left": said((TRACKING, NEW, NONE))})
     made, used = with_node_biases(known, recording, ("left",))
     assert used == ("left",) and set(made.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}

@@ -43,8 +43,10 @@ def test_innovations_and_errors_are_inside_their_chi_square_bands() -> None:
 def test_the_pose_is_as_sure_as_it_says_with_the_noise_that_users_have(
     names: tuple[str, ...], nis_band: tuple[float, float]
 ) -> None:
-    """Noise settings as they are shipped, errors of nodes and vehicle drawn as the priors declare them. 16
-    drives of 100 m, seeds 600..615."""
+    """Noise settings as they are shipped, errors of nodes and vehicle drawn as the priors declare them.
+
+    16 drives of 100 m, seeds 600..615.
+    """
     errors = wheel_drives.Errors(radius=WHEEL_RADIUS.prior, track=TRACK_WIDTH.prior)
     normalised, nis = _consistency(range(600, 616), 100.0, errors, names)
     low, high = chi2.ppf([0.005, 0.995], 3 * len(normalised))
@@ -62,8 +64,10 @@ def _consistency(
     names: tuple[str, ...],
     **settings: object,
 ) -> tuple[list[float], float]:
-    """Squared errors at the end over their covariance for each seed, and the mean of all squared innovations
-    over theirs while moving."""
+    """Squared errors at the end over their covariance for each seed.
+
+    Besides, the mean of all squared innovations over theirs while moving.
+    """
     normalised, nis, degrees = [], 0.0, 0
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -91,12 +95,14 @@ def test_two_wheels_are_not_worse_than_the_better_one() -> None:
     assert rms[BOTH] / min(rms["left",], rms["right",]) < 1.0
 
 
-def test_errors_of_the_node_are_found_while_driving() -> None:
-    """Spin scale, tilt, lever arm and biases of a 100 m drive, within four of their sigmas. Seed 30."""
+@pytest.mark.parametrize("facing", [{}, {"right": "right"}])
+def test_errors_of_the_node_are_found_while_driving(facing: dict[str, str]) -> None:
+    """Spin scale, tilt, lever arm and biases of a 100 m drive, in the node's own axes whichever way it faces,
+    within four of their sigmas. Seed 30."""
     rng = np.random.default_rng(30)
     errors = replace(wheel_drives.Errors(), warmup=0.0, vibration=0.0)
-    drive = wheel_drives.drive(wheel_drives.loop(rng, 100.0, 6.0), rng, errors)
-    found = run(config(drive), tables(drive))
+    drive = wheel_drives.drive(wheel_drives.loop(rng, 100.0, 6.0), rng, errors, facing=facing)
+    found = run(config(drive, facing=facing), tables(drive))
     for name, node in drive.nodes.items():
         quantities = found.report.nodes[name]
         for key, effect, parameter in (
@@ -105,6 +111,9 @@ def test_errors_of_the_node_are_found_while_driving() -> None:
             ("arm_y", "lever_arm", "y"),
             ("tilt_x", "node_misalignment", "x"),
             ("tilt_y", "node_misalignment", "y"),
+            ("bias_x", "gyro_bias", "x"),
+            ("bias_y", "gyro_bias", "y"),
+            ("bias_z", "gyro_bias", "z"),
         ):
             found_one = quantities[effect][parameter]
             off = abs(found_one.value - node.truth[key])

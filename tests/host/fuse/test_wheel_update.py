@@ -133,8 +133,7 @@ def test_a_row_that_stands_out_counts_as_three_sigma() -> None:
     update, begin = _begun("left")
     begin.p[:] = 0.0
     quiet = SOUND._replace(across=0j, force=0.97 * UPRIGHT, axial=0.0)
-    rest = _work_in(update, begin, quiet).nis
-    assert rest < 1e-6
+    assert _work_in(update, begin, quiet).nis < 1e-6
     sigma = math.sqrt(1.0 / (_work_in(update, begin, quiet._replace(axial=1e-3)).nis / 1e-6))
     for times, nis in ((2.9, 2.9**2), (5.0, 9.0), (500.0, 9.0)):
         assert _work_in(update, begin, quiet._replace(axial=times * sigma)).nis == pytest.approx(nis)

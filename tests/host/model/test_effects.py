@@ -12,7 +12,7 @@ from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.effects import EFFECTS, told_apart
 from hubodo.effects.gyro import GyroRateRandomWalk
-from hubodo.model.forward import NodeForward, Start
+from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Body, Inputs, SpeedCorrection
 from hubodo.smooth import through
 from hubodo.vehicle import NodeMount
@@ -31,7 +31,7 @@ def reads(effects, facing, side="left", yaw=1.0):
         np.array([20.0, 45.0]),
     )
     node = NodeForward(inputs, t[100:-100], NodeMount(side, facing), 0.31, 0.92)
-    reading = node.mean(list(effects), Start(0.3))
+    reading = node.mean(list(effects), NodeStart(0.3))
     return reading.gyro, reading.accel
 
 
@@ -94,7 +94,7 @@ def shaken(effects, power_on=-30.0):
         return rate, slope, force
 
     node = NodeForward(still, t, NodeMount(), 0.31, 0.92, power_on, carried)
-    read = node.mean(effects, Start())
+    read = node.mean(effects, NodeStart())
     rate, _, force = carried(t)
     return (rate, force), (read.gyro, read.accel), t - power_on, 20.0 + 3.0 * t
 
@@ -141,7 +141,9 @@ def test_a_walk_wanders_as_fast_as_it_says():
     t = np.arange(0.0, 400.0, step)
     walk = GyroRateRandomWalk(3e-3)
     still = Inputs(through(t, 0.0 * t), through(t, 0.0 * t))
-    made = NodeForward(still, t, NodeMount(), 0.31, 0.92).felt([walk], Start(), np.random.default_rng(seed))
+    made = NodeForward(still, t, NodeMount(), 0.31, 0.92).felt(
+        [walk], NodeStart(), np.random.default_rng(seed)
+    )
     gone = made.gyro[:, ahead::ahead] - made.gyro[:, :-ahead:ahead]
     # 2400 increments: their variance is known to 3 %.
     assert np.mean(gone**2) == pytest.approx(walk.drift() * ahead * step, rel=0.12), f"seed {seed}"

@@ -26,7 +26,7 @@ from hubodo.effects.gyro import (
 from hubodo.effects.mounting import NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.warmup import GyroWarmup
-from hubodo.model.forward import NodeForward, Start
+from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.smooth import through
 from hubodo.vehicle import NodeMount
@@ -52,12 +52,12 @@ def forward(t=None, power_on=0.0):
 
 def felt(effects=(), t=None, power_on=0.0):
     """(gyro, accel), (3, N) each, without anything random."""
-    reading = forward(t, power_on).mean(list(effects), Start(0.3))
+    reading = forward(t, power_on).mean(list(effects), NodeStart(0.3))
     return reading.gyro, reading.accel
 
 
 def sent(effects, seed=1, noise=QUIET, t=None):
-    reading = forward(t).sample(list(effects), Start(0.3), noise, np.random.default_rng(seed))
+    reading = forward(t).sample(list(effects), NodeStart(0.3), noise, np.random.default_rng(seed))
     return reading.gyro, reading.accel
 
 
@@ -132,7 +132,7 @@ def test_the_lag_of_the_gyro_is_the_solution_of_its_differential_equation():
     rate, _ = felt()
     gyro, _ = felt([GyroLag(0.03)])
     fine = NodeForward(drive(), np.arange(0.0, END, 0.0005), NodeMount("left", "left"), 0.31, 0.92)
-    true = fine.mean([], Start(0.3)).gyro
+    true = fine.mean([], NodeStart(0.3)).gyro
     for axis in range(3):
         signal = through(fine.t, true[axis])
         found = solve_ivp(
@@ -286,7 +286,7 @@ def test_all_effects_of_the_sensor_together_act_in_the_order_of_the_chain(seed):
     effects: list[Effect] = [BY_NAME[name](**values[name]) for name in SENSOR]
     t = np.sort(rng.uniform(0.0, END, 30))
     rate, force = felt(t=t)
-    made = forward(t).sample(effects, Start(0.3), QUIET, rng)
+    made = forward(t).sample(effects, NodeStart(0.3), QUIET, rng)
     for i in range(len(t)):
         gyro, accel = slow_chain(values, rate[:, i], force[:, i], t[i], 20.0 + 25.0 * t[i] / END)
         # A value that lies halfway between two steps may round either way.
@@ -327,7 +327,7 @@ def test_warm_up_starts_at_power_on():
 
 def test_a_node_off_the_wheels_goes_through_the_same_chain():
     bench = NodeForward(drive(), np.linspace(0.0, 5.0, 50), NodeMount(), 0.31, 0.92)
-    plain, biased = (bench.mean(effects, Start()) for effects in ([], [GyroBias(z=0.1)]))
+    plain, biased = (bench.mean(effects, NodeStart()) for effects in ([], [GyroBias(z=0.1)]))
     np.testing.assert_allclose(
         biased.gyro - plain.gyro, [[0.0]] * 2 + [[0.1]] + np.zeros((3, 50)), atol=1e-15
     )

@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 from hubodo.effects.mounting import LeverArm
 from hubodo.effects.vehicle import RoadGrade, TrackWidth
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
-from hubodo.model.forward import NodeForward, Start
+from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.frames import node_from_body
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.smooth import constant, through
@@ -113,7 +113,7 @@ class RigidWheel:
 def model_reads(side, facing, effects, start, times, inputs=None):
     t = np.union1d(np.arange(0.0, END, 0.005), times)
     forward = NodeForward(inputs or driven(), t, NodeMount(side, facing), R, B)
-    reading = forward.mean(effects, Start(start))
+    reading = forward.mean(effects, NodeStart(start))
     at = np.searchsorted(t, times)
     return reading.gyro[:, at].T, reading.accel[:, at].T, reading.rolling.angle[at]
 
@@ -152,7 +152,7 @@ def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radi
     """(gyro (3,), accel (3,)) of a wheel that does the same for ever, at angle `angle`."""
     inputs = Inputs(constant(v, 0.0, 1.0), constant(r, 0.0, 1.0))
     forward = NodeForward(inputs, np.zeros(1), NodeMount(side, facing), radius, track)
-    reading = forward.mean(effects, Start(angle))
+    reading = forward.mean(effects, NodeStart(angle))
     return reading.gyro[:, 0], reading.accel[:, 0]
 
 
@@ -200,7 +200,7 @@ def test_a_climb_tips_gravity_forward():
     climb = [RoadGrade(np.deg2rad(30))]
     np.testing.assert_allclose(steady(effects=climb)[1], [G * np.sqrt(3) / 2, G / 2, 0], atol=1e-12)
     still = Inputs(constant(0.0, 0.0, 1.0), constant(0.0, 0.0, 1.0))
-    body = NodeForward(still, np.zeros(1), NodeMount(), R, B).mean(climb, Start())
+    body = NodeForward(still, np.zeros(1), NodeMount(), R, B).mean(climb, NodeStart())
     np.testing.assert_allclose(body.accel[:, 0], [G / 2, 0, G * np.sqrt(3) / 2])
 
 
@@ -209,7 +209,7 @@ def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_
     inputs = Inputs(constant(0.3, 0.0, 20.0), constant(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
     forward = NodeForward(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
-    reading = forward.mean([WheelEccentricity(0.1, 1.0)], Start(1.0))
+    reading = forward.mean([WheelEccentricity(0.1, 1.0)], NodeStart(1.0))
     assert reading.gyro[2, 0] == pytest.approx(1 / 1.1)
     assert reading.gyro[2].max() == pytest.approx(1 / 0.9, rel=1e-4)
     assert reading.rolling.angle[-1] == pytest.approx(1.0 + 4 * np.pi, abs=1e-9)
@@ -219,11 +219,11 @@ def test_a_node_on_the_body_feels_what_a_car_feels():
     """By hand: 2 m/s round a circle of 4 m: 1 m/s² to the left, and the lever arm 0.4 m forward 0.1 to it."""
     inputs = Inputs(constant(2.0, 0.0, 1.0), constant(0.5, 0.0, 1.0))
     forward = NodeForward(inputs, np.zeros(1), NodeMount(), R, B)
-    plain, off = forward.mean([], Start()), forward.mean([LeverArm(x=0.4)], Start())
+    plain, off = forward.mean([], NodeStart()), forward.mean([LeverArm(x=0.4)], NodeStart())
     np.testing.assert_allclose(plain.gyro[:, 0], [0, 0, 0.5])
     np.testing.assert_allclose(plain.accel[:, 0], [0, 1.0, G])
     np.testing.assert_allclose(off.accel[:, 0], [-0.1, 1.0, G], atol=1e-12)
-    turned = forward.mean([], Start(attitude=(0, 0, np.pi / 2)))
+    turned = forward.mean([], NodeStart(attitude=(0, 0, np.pi / 2)))
     np.testing.assert_allclose(turned.accel[:, 0], [1.0, 0, G], atol=1e-12)
 
 
@@ -234,13 +234,13 @@ def test_the_earth_turns_under_a_bench_about_its_own_axis():
     inputs = Inputs(constant(0.0, 0.0, 4.0), through(t, yaw(t)), earth=Earth(latitude, azimuth))
     forward = NodeForward(inputs, t, NodeMount(), R, B)
     still = replace(inputs, earth=None)
-    plain = NodeForward(still, t, NodeMount(), R, B).mean([], Start()).gyro
+    plain = NodeForward(still, t, NodeMount(), R, B).mean([], NodeStart()).gyro
     world = 7.2921159e-5 * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     course = np.pi / 2 - azimuth + inputs.yaw_rate.integral(t)
     ahead = np.stack([np.cos(course), np.sin(course), 0 * t])
     left = np.stack([-np.sin(course), np.cos(course), 0 * t])
     expected = np.stack([world @ ahead, world @ left, 0 * t + world[2]])
-    np.testing.assert_allclose(forward.mean([], Start()).gyro - plain, expected, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(forward.mean([], NodeStart()).gyro - plain, expected, rtol=0, atol=1e-15)
     rate, slope = inputs.earth.rate(inputs.yaw_rate.integral(t), inputs.yaw_rate(t))
     np.testing.assert_allclose(slope[:, 1:-1], np.gradient(rate, t, axis=1)[:, 1:-1], rtol=0, atol=1e-8)
 
@@ -264,7 +264,7 @@ def test_a_mirrored_drive_on_the_other_wheel_reads_mirrored(v, a, r, start, camb
     for side, sign in (("left", 1.0), ("right", -1.0)):
         inputs = Inputs(through(t, v + a * t + 0.2 * t**2), through(t, sign * (r - 0.3 * t)))
         effects = [*LEVEL, WheelCamber(camber), LeverArm(arm[0], arm[1], sign * arm[2])]
-        readings.append(NodeForward(inputs, t, NodeMount(side, "left"), R, B).mean(effects, Start(start)))
+        readings.append(NodeForward(inputs, t, NodeMount(side, "left"), R, B).mean(effects, NodeStart(start)))
     one, two = readings
     np.testing.assert_allclose(two.accel, one.accel * [[1], [1], [-1]], atol=1e-8)
     np.testing.assert_allclose(two.gyro, one.gyro * [[-1], [-1], [1]], atol=1e-8)
@@ -278,7 +278,7 @@ def test_the_same_drive_at_another_time_reads_the_same(start, later, side):
     for begin in (0.0, later):
         inputs = Inputs(through(grid + begin, speed(grid)), through(grid + begin, yaw(grid)))
         forward = NodeForward(inputs, grid + begin, NodeMount(side, "right"), R, B)
-        readings.append(forward.mean(TOGETHER, Start(start)))
+        readings.append(forward.mean(TOGETHER, NodeStart(start)))
     np.testing.assert_allclose(readings[1].gyro, readings[0].gyro, atol=1e-6)
     np.testing.assert_allclose(readings[1].accel, readings[0].accel, atol=1e-5)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.model.forward import NodeForward, Start
+from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.smooth import through
 from hubodo.vehicle import NodeMount
@@ -133,7 +133,7 @@ def changes(drive, name):
     at = min(kind.seeds(), key=lambda seed: abs(seed.values().get("time_constant", 25.0) - 25.0))
 
     def reads(effects, start=0.3):
-        made = forward.mean(effects, Start(start))
+        made = forward.mean(effects, NodeStart(start))
         return np.concatenate([made.gyro, made.accel]) / NOISE
 
     columns = []

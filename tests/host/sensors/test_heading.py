@@ -228,6 +228,43 @@ def test_what_turned_in_a_gap_is_in_sigma(tmp_path, capsys):
     assert abs(found["gap"]["score"]["end_in_sigma"]) < 3.0
 
 
+def test_a_smooth_ride_is_not_taken_for_a_standstill(tmp_path, capsys):
+    """Three quiet stretches, in the second of which the vehicle turns evenly by half a degree a second."""
+    rng = np.random.default_rng(6)
+    t = np.arange(6000) * DT
+    rough = ((t > 20) & (t < 40)) | ((t > 60) & (t < 80))
+    rate = 0.01 + rng.normal(0.0, 2e-3, len(t)) + np.where(rough, rng.normal(0.0, 0.1, len(t)), 0.0)
+    turning = (t >= 40) & (t <= 60)
+    path = log(tmp_path / "log", rate + np.where(turning, 0.5 * DEG, 0.0))
+    status, err = run("heading", path, capsys=capsys)
+    assert status == 2 and "differ by 0.5 deg/s" in err and "--rest FROM TO" in err
+    found = run("heading", path, "--rest", 0, 19, "--rest", 81, 119, capsys=capsys)
+    # Even noise turns a little: 0.1 rad/s over 40 s at 50 Hz is 0.09 rad.
+    assert found["turned_deg"]["heading"] == pytest.approx(10.0, abs=4 * math.degrees(0.09))
+    # A bias that drifts as a warm-up does is no such leap.
+    warm = rate + 0.005 * (1.0 - np.exp(-t / 300.0))
+    assert len(run("heading", log(tmp_path / "warm", warm), capsys=capsys)["rests"]) == 3
+
+
+def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp_path, capsys):
+    """Its truth is the course of an antenna: at a standstill and in parking it says nothing."""
+    path = shared_data("car") / "drive-1"
+    status, err = run("heading", path, "--node", "frame", capsys=capsys)
+    assert status == 2 and "--rest FROM TO" in err
+    run("heading", path, "--node", "frame", "--rest", 1, 8, "-o", tmp_path / "h.csv", capsys=capsys)
+    course = read_table(tmp_path / "h.csv", ("t", "heading", "sigma")).table
+    truth = read_folder(path).truth
+    at = np.array([30.0, 45.0, 85.0, 95.0, 105.0])
+    ours = np.interp(at, course.t, course["heading"])
+    off = np.angle(np.exp(1j * (ours - truth["heading"][np.searchsorted(truth.t, at)])))
+    growth = np.sqrt(np.diff(np.interp(at, course.t, course["sigma"]) ** 2))
+    change = np.diff(off)
+    print("degrees off between", at, np.degrees(change).round(2), "sigma", np.degrees(growth).round(2))
+    assert np.all(np.abs(change) < 3.0 * growth)
+    # Over 75 s of road less than two degrees, which the filter says too.
+    assert abs(change.sum()) < 2.0 * DEG and np.degrees(np.sqrt(np.sum(growth**2))) < 2.0
+
+
 def test_the_noise_of_a_standstill_is_the_allan_deviation_there():
     values = gyro_noise(30_000, 0.01, np.random.default_rng(2), n=1e-3, b=1e-4, k=0.0)
     t = np.arange(len(values)) * 0.01

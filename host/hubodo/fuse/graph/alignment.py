@@ -1,5 +1,4 @@
-"""Where a first guess of the poses comes from: the odometry's shape laid onto the fixes, stretch by
-stretch."""
+"""Where a first guess of the poses comes from: the odometry's shape laid onto the fixes in stretches."""
 
 from __future__ import annotations
 
@@ -11,8 +10,10 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.between import Complex
 
 _TRIALS = 64
-"""Pairs of fixes tried in a stretch: with half of all fixes false, one pair in four is of two sound ones, and
-all 64 fail in one stretch of 1e8."""
+"""Pairs of fixes tried in a stretch.
+
+With half of all fixes false, one pair in four is of two sound ones, and all 64 fail in one stretch of 1e8.
+"""
 _SURE = 0.1
 """rad; 1 sigma of a stretch's turn: from there Gauss-Newton finds its way."""
 _INSIDE = 3.0
@@ -21,9 +22,12 @@ _INSIDE = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """heading: (n,) rad to add to the odometry's heading at each fix. place: (n,) complex, m: the place of
-    each fix by the odometry laid onto the fixes about it. found: whether any stretch was long enough to
-    tell a heading."""
+    """The odometry laid onto the fixes, at each of them.
+
+    heading: (n,) rad to add to the odometry's heading at each fix. place: (n,) complex, m: the place of each
+    fix by the odometry laid onto the fixes about it. found: whether any stretch was long enough to tell a
+    heading.
+    """
 
     heading: Array
     place: Complex

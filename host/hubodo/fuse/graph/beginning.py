@@ -11,9 +11,9 @@ import numpy as np
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.fixes import Fixes
 from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.measurement import Measurement, gathered
+from hubodo.fuse.graph.sensor_samples import SensorSamples, gathered
 from hubodo.fuse.graph.steps import OdometryPath
-from hubodo.fuse.graph.window import Window
+from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
 _FEWEST = 3
@@ -22,10 +22,13 @@ _FEWEST = 3
 
 @dataclass(slots=True)
 class Underway:
-    """A live graph that has begun. growth: times which the fixes' sigma is widened; fix_t: s of the newest
-    fix that counted; warnings: what the start had to say."""
+    """A live graph that has begun.
 
-    window: Window
+    growth: times which the fixes' sigma is widened; fix_t: s of the newest fix that counted; warnings: what
+    the start had to say.
+    """
+
+    window: PoseWindow
     frame: LocalFrame
     growth: float
     fix_t: float
@@ -34,19 +37,19 @@ class Underway:
 
 def begin(
     path: OdometryPath,
-    samples: Sequence[Fixes | Measurement],
+    samples: Sequence[Fixes | SensorSamples],
     config: GraphConfig,
     heading_sigma: float,
 ) -> Underway | None:
-    """The window over a whole path and what was measured on it; None while there is too little, or the newest
-    heading is not known to heading_sigma, rad.
+    """The window over a whole path and what was measured on it.
 
-    samples: one each, by time. Raises InputError when there are fixes and none is usable.
+    None while there is too little, or the newest heading is not known to heading_sigma, rad. samples: one
+    each, by time. Raises InputError when there are fixes and none is usable.
     """
     fixes = [sample for sample in samples if isinstance(sample, Fixes)]
     if len(fixes) < _FEWEST:
         return None
-    kinds: dict[type[Measurement], list[Measurement]] = {}
+    kinds: dict[type[SensorSamples], list[SensorSamples]] = {}
     for sample in samples:
         if not isinstance(sample, Fixes):
             kinds.setdefault(type(sample), []).append(sample)
@@ -57,7 +60,7 @@ def begin(
     found = batch.solution
     if batch.frame is None or math.sqrt(float(found.covariance[-1, 2, 2])) > heading_sigma:
         return None
-    window = Window(
+    window = PoseWindow(
         batch.graph,
         batch.state_t,
         found.poses,

@@ -16,7 +16,7 @@ from hubodo.fuse.graph.factors.constants import COUNT
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, StartFactor
 from hubodo.fuse.graph.fixes import LocalFixes
-from hubodo.fuse.graph.measurement import Measurement
+from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution
 from hubodo.fuse.graph.steps import CutPath, OdometryPath, cut_path
 from hubodo.fuse.graph.track import DriveGraph
@@ -31,14 +31,14 @@ _HERE = 1e-3
 
 def build(
     path: OdometryPath,
-    measured: Sequence[Measurement],
+    measured: Sequence[SensorSamples],
     config: GraphConfig,
     solution: Solution | None = None,
 ) -> DriveGraph:
-    """The graph of a drive: a pose at each mark of what was measured, at both ends, and where they would be
-    further apart than `knot`.
+    """The graph of a drive.
 
-    solution: of a graph with the same poses, in place of a first guess.
+    It has a pose at each mark of what was measured, at both ends, and where they would be further apart than
+    `knot`. solution: of a graph with the same poses, in place of a first guess.
     """
     marks = np.concatenate([path.t[:0], *(item.marks for item in measured)])
     marks = marks[(marks >= path.t[0]) & (marks <= path.t[-1])]
@@ -62,8 +62,10 @@ def prior_of(config: GraphConfig) -> ConstantsFactor:
 def _first_guess(
     cut: CutPath, local: LocalFixes | None, headings: HeadingFactors | None, config: GraphConfig
 ) -> tuple[Array, bool]:
-    """Poses (n, 3): the odometry's, turned to the headings and laid on the fixes; and whether anything told
-    the turn."""
+    """The odometry's poses (n, 3), turned to the headings and laid on the fixes.
+
+    Besides, whether anything told the turn.
+    """
     poses, known = cut.pose.copy(), config.start_heading is not None
     turn = 0.0 if config.start_heading is None else config.start_heading - poses[0, 2]
     if not known and headings is not None:
@@ -91,8 +93,10 @@ def _start(pose: Array, on_map: bool, config: GraphConfig) -> tuple[Array, Array
 
 
 def _laid_on(local: LocalFixes, cut: CutPath, place: Complex) -> tuple[Array, Complex, bool]:
-    """How far each pose (n,) turns to lie on the fixes, where it is then, and whether the fixes told the
-    turn."""
+    """How far each pose (n,) turns to lie on the fixes, and where it is then.
+
+    Besides, whether the fixes told the turn.
+    """
     at_fix = place[np.searchsorted(cut.state_t, local.t)]
     laid = align(at_fix, local.place, local.sigma)
     shift = laid.place - np.exp(1j * laid.heading) * at_fix

@@ -17,8 +17,11 @@ _DENSE = 4
 
 
 class ChainSolution(NamedTuple):
-    """x: (n, b, m). covariance: (n, b, b) diagonal blocks of the inverse, next_covariance: (n - 1, b, b) the
-    blocks right of them; both empty unless asked for."""
+    """What a chain of equations is solved to.
+
+    x: (n, b, m). covariance: (n, b, b) diagonal blocks of the inverse, next_covariance: (n - 1, b, b) the
+    blocks right of them; both empty unless asked for.
+    """
 
     x: Array
     covariance: Array

@@ -10,12 +10,15 @@ from hubodo.fuse.graph.steps import StepNoise
 
 @dataclass(frozen=True, slots=True)
 class GraphConfig:
-    """antenna: m forward and left of the body origin. gnss_sigma: m and heading_sigma: rad, of measurements
-    that do not say, or of all fixes when `declared` is false: 5 m of a single-frequency receiver under an
-    open sky, 5 deg of a compass on a vehicle of steel. knot: s, poses are not further apart than that.
-    start_heading: rad, of the first pose if known to start_heading_sigma, else found. honest: whether
-    errors of fixes that last, or exceed what the receiver says, widen the sigmas. search_delay: whether
-    a time offset of the fixes that they plainly show is undone."""
+    """What the graph takes for granted of a drive.
+
+    antenna: m forward and left of the body origin. gnss_sigma: m and heading_sigma: rad, of measurements that
+    do not say, or of all fixes when `declared` is false: 5 m of a single-frequency receiver under an open
+    sky, 5 deg of a compass on a vehicle of steel. knot: s, poses are not further apart than that.
+    start_heading: rad, of the first pose if known to start_heading_sigma, else found. honest: whether errors
+    of fixes that last, or exceed what the receiver says, widen the sigmas. search_delay: whether a time
+    offset of the fixes that they plainly show is undone.
+    """
 
     antenna: tuple[float, float] = (0.0, 0.0)
     gnss_sigma: float = 5.0

@@ -26,8 +26,11 @@ _EDGE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Fixes:
-    """GNSS fixes, each (N,). t: s on the log's clock; sigma: m, 1 sigma of each horizontal direction, NaN
-    or None where the receiver did not say."""
+    """GNSS fixes, each (N,).
+
+    t: s on the log's clock; sigma: m, 1 sigma of each horizontal direction, NaN or None where the receiver
+    did not say.
+    """
 
     t: Array
     latitude_deg: Array

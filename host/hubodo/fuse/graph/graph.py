@@ -17,9 +17,9 @@ from hubodo.fuse.graph.factors.factor import stretches
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.factors.prior import ConstantsFactor
 from hubodo.fuse.graph.fixes import Fixes, LocalFixes, usable_fixes
-from hubodo.fuse.graph.measurement import Measurement
 from hubodo.fuse.graph.review import error_growth, review
 from hubodo.fuse.graph.screening import scatter, without_jumps
+from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution, solve, solve_from_afar
 from hubodo.fuse.graph.steps import OdometryPath
 from hubodo.fuse.graph.track import DriveGraph, GraphTrack, track_of
@@ -45,7 +45,7 @@ def fuse_graph(
     fixes: Fixes | None,
     headings: Headings | None = None,
     config: GraphConfig | None = None,
-    others: Sequence[Measurement] = (),
+    others: Sequence[SensorSamples] = (),
 ) -> GraphTrack:
     """The most probable track of a whole drive.
 
@@ -91,13 +91,15 @@ def fuse_graph(
     return track_of(path, drive, solution, frame, grown * wider, shift, tuple(warnings))
 
 
-def _all(local: LocalFixes | None, beside: Sequence[Measurement]) -> list[Measurement]:
+def _all(local: LocalFixes | None, beside: Sequence[SensorSamples]) -> list[SensorSamples]:
     return [*([local] if local is not None else []), *beside]
 
 
 def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
-    """Fixes with sigmas that their scatter bears out and by what they grew, without those that jumped further
-    than the wheels rolled; and what is to be said."""
+    """The fixes that did not jump further than the wheels rolled, with sigmas that their scatter bears out.
+
+    Besides, by what the sigmas grew, and what is to be said.
+    """
     rolled = np.append(0.0, np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y))))
     way = np.interp(local.t, path.t, rolled)
     said = []
@@ -119,13 +121,15 @@ def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float,
 def _delay(
     path: OdometryPath,
     local: LocalFixes,
-    beside: Sequence[Measurement],
+    beside: Sequence[SensorSamples],
     config: GraphConfig,
     drive: DriveGraph,
     solution: Solution,
 ) -> tuple[float, DriveGraph, Solution]:
-    """The offset of the fixes' time stamps, in seconds, if they plainly show one, with the graph that has
-    it undone; else 0 with the graph in which it is as small as configured."""
+    """The offset of the fixes' time stamps, in seconds, if they plainly show one.
+
+    With it comes the graph that has it undone; else 0 with the graph in which it is as small as configured.
+    """
     wide = replace(config, constants=replace(config.constants, gnss_delay=_WIDE_DELAY))
     without = replace(drive, graph=_with_prior(drive.graph, prior_of(config))), solution
     shift = 0.0

@@ -20,10 +20,10 @@ from hubodo.fuse.graph.factors.constants import NAMES
 from hubodo.fuse.graph.factors.factor import Factor
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes, one_fix
-from hubodo.fuse.graph.measurement import Measurement
+from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.steps import CutPath
 from hubodo.fuse.graph.trail import Trail
-from hubodo.fuse.graph.window import Window
+from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
 _SAME = 1e-6
@@ -79,15 +79,14 @@ class _Seen:
     """A sample that waits for the odometry to reach its time."""
 
     t: float
-    sample: Fixes | Measurement
+    sample: Fixes | SensorSamples
 
 
 class LiveGraph:
-    """Feed `odometry`, `fix`, `heading` and `measured` in any order of kinds; `state` is the newest pose,
-    None before the start.
+    """Feed `odometry`, `fix`, `heading` and `measured` in any order of kinds.
 
-    Begins when a batch solution over the last measurements tells the heading; its factors are the window's
-    first.
+    `state` is the newest pose, None before the start. It begins when a batch solution over the last
+    measurements tells the heading; its factors are the window's first.
     """
 
     def __init__(self, config: GraphConfig | None = None, limits: LiveLimits | None = None) -> None:
@@ -108,8 +107,10 @@ class LiveGraph:
     def odometry(
         self, t: float, x: float, y: float, heading: float, covariance: Array | None = None
     ) -> Reception:
-        """A pose of the odometry; covariance: (3, 3) of what is random since the one before, as
-        OdometryPath's."""
+        """A pose of the odometry.
+
+        covariance: (3, 3) of what is random since the one before, as OdometryPath's.
+        """
         if not all(math.isfinite(v) for v in (t, x, y, heading)):
             return Reception.IMPOSSIBLE
         if t <= self._trail.newest:
@@ -144,7 +145,7 @@ class LiveGraph:
         own = math.nan if sigma is None else sigma
         return self._measured(t, Headings(*(np.array([v]) for v in (t, heading, own))))
 
-    def measured(self, t: float, sample: Measurement) -> Reception:
+    def measured(self, t: float, sample: SensorSamples) -> Reception:
         """One sample of any other kind, at time t."""
         return self._measured(t, sample) if math.isfinite(t) else Reception.IMPOSSIBLE
 
@@ -165,7 +166,7 @@ class LiveGraph:
         x, y, heading = pose.tolist()
         return LiveState(t, x, y, heading, covariance, self._underway.fix_t, constants, self._underway.frame)
 
-    def _measured(self, t: float, sample: Fixes | Measurement) -> Reception:
+    def _measured(self, t: float, sample: Fixes | SensorSamples) -> Reception:
         if self._underway is not None and t <= self._underway.window.state_t[-1] + _SAME:
             return Reception.LATE
         place = len(self._waiting)
@@ -207,7 +208,7 @@ class LiveGraph:
     def _take_waiting(self, underway: Underway, newest: float) -> None:
         while self._waiting and self._waiting[0].t <= newest:
             first = self._waiting[0].t
-            together: dict[type[Fixes | Measurement], Fixes | Measurement] = {}
+            together: dict[type[Fixes | SensorSamples], Fixes | SensorSamples] = {}
             while self._waiting and self._waiting[0].t <= first + _SAME:
                 self._past.append(self._waiting.popleft())
                 together.setdefault(type(self._past[-1].sample), self._past[-1].sample)
@@ -221,7 +222,7 @@ class LiveGraph:
         while newest - underway.window.state_t[-1] > self._limits.patience + knot:
             self._extend(underway, float(underway.window.state_t[-1]) + knot, [])
 
-    def _extend(self, underway: Underway, t: float, samples: list[Fixes | Measurement]) -> None:
+    def _extend(self, underway: Underway, t: float, samples: list[Fixes | SensorSamples]) -> None:
         """A pose at t with what was measured there, and the window solved and moved on."""
         knot = self._config.knot
         while t - underway.window.state_t[-1] > _STRETCH * knot:
@@ -262,7 +263,7 @@ class LiveGraph:
             )
 
 
-def _carried(window: Window, cut: CutPath) -> tuple[Array, Array]:
+def _carried(window: PoseWindow, cut: CutPath) -> tuple[Array, Array]:
     """The window's newest pose and its covariance at the end of a stretch of odometry."""
     pose, steps = window.poses[-1], cut.steps
     moved = complex(steps.moves(window.constants).sum())

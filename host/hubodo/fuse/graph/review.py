@@ -1,5 +1,4 @@
-"""What a solved graph says about its measurements: errors that last, fixes that jumped, wheels that broke
-away."""
+"""What a solved graph says about its measurements: lasting errors, fixes that jumped, wheels that slipped."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Fixes against the way that the wheels rolled, before any heading is known: sigmas that promise too much,
-and jumps."""
+"""Fixes against the way that the wheels rolled, before any heading is known: wrong sigmas, and jumps."""
 
 from __future__ import annotations
 

@@ -58,11 +58,10 @@ def solve(
     constants: Array,
     covariance: Literal["none", "constants", "all"] = "none",
 ) -> Solution:
-    """From a first guess, by Gauss-Newton with iteratively reweighted losses, damped (Levenberg) where a
-    step fails.
+    """From a first guess, by Gauss-Newton with iteratively reweighted losses.
 
-    Raises InputError when the equations are singular, which a start factor on every drive rules out but for
-    numbers beyond reason.
+    Damped (Levenberg) where a step fails. Raises InputError when the equations are singular, which a start
+    factor on every drive rules out but for numbers beyond reason.
     """
     damping, linear = 0.0, graph.linear(poses, constants)
     cost = cost_of(linear)
@@ -91,15 +90,19 @@ def solve(
 
 
 def solve_from_afar(graph: Graph, poses: Array, constants: Array) -> Solution:
-    """As `solve`, at first with losses under which a fix far off still pulls, so that a poor guess is not
-    kept."""
+    """As `solve`, so that a poor guess is not kept.
+
+    At first with losses under which a fix far off still pulls.
+    """
     first = solve(graph.under(lambda factor: factor.loss.for_a_guess()), poses, constants)
     return solve(graph, first.poses, first.constants)
 
 
 def weighted_rows(item: Linear, loss: Loss) -> Iterator[tuple[NDArray[np.intp], Array]]:
-    """Poses (m,) and rows (m, r, columns) of a kind, portion by portion, each row times the root of what it
-    weighs; NEXT is there only for factors of two poses."""
+    """Poses (m,) and rows (m, r, columns) of a kind, portion by portion.
+
+    Each row is times the root of what it weighs; NEXT is there only for factors of two poses.
+    """
     root = np.sqrt(loss.weight(item.squares))[:, None, None]
     parts = [item.by_state, item.by_constants, item.residual[:, :, None]]
     if item.by_next is not None:
@@ -155,8 +158,10 @@ def _add(made: _Normal, state: NDArray[np.intp], rows: Array) -> None:
 
 
 def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:
-    """The poses of factors and the ones after them; as slices, which numpy adds to in less time, where every
-    pose of a stretch has a factor."""
+    """The poses of factors and the ones after them.
+
+    As slices, which numpy adds to in less time, where every pose of a stretch has a factor.
+    """
     if len(state) and np.array_equal(state, np.arange(state[0], state[0] + len(state))):
         first, end = int(state[0]), int(state[0]) + len(state)
         return slice(first, end), slice(first + 1, end + 1)

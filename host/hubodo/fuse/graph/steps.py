@@ -66,8 +66,10 @@ class StepNoise:
 
 
 _FLOOR = np.diag([1e-8, 1e-8, 1e-10])
-"""m² and rad² of a stretch: below a tenth of a millimetre the equations lose more digits than the odometry
-has."""
+"""m² and rad² of a stretch.
+
+Below a tenth of a millimetre the equations lose more digits than the odometry has.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +98,10 @@ class CutPath:
 
 
 def cut_path(path: OdometryPath, state_t: Array, noise: StepNoise) -> CutPath:
-    """Cut at state_t (n,), increasing, within the odometry's time; between its poses by linear
-    interpolation (Shah et al. Fig. 5)."""
+    """Cut at state_t (n,), increasing, within the odometry's time.
+
+    Between its poses by linear interpolation (Shah et al. Fig. 5).
+    """
     inner = path.t[(path.t > state_t[0]) & (path.t < state_t[-1])]
     t = np.union1d(inner, state_t)
     heading = np.interp(t, path.t, np.unwrap(path.heading))

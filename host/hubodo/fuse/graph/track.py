@@ -43,8 +43,10 @@ class GraphTrack:
 
 @dataclass(frozen=True, eq=False)
 class DriveGraph:
-    """A graph with its first guess, and how it came about. heading_known: whether anything tells the
-    heading."""
+    """A graph with its first guess, and how it came about.
+
+    heading_known: whether anything tells the heading.
+    """
 
     graph: Graph
     poses: Array
@@ -102,8 +104,10 @@ def track_of(
 def _at_odometry(
     path: OdometryPath, cut: CutPath, graph: Graph, solution: Solution, variance: Array
 ) -> Track:
-    """Poses at the odometry's times: the steps with the constants found, and what a stretch still lacks at
-    its end spread evenly over its time."""
+    """Poses at the odometry's times: the steps with the constants found.
+
+    What a stretch still lacks at its end is spread evenly over its time.
+    """
     steps, constants, poses = cut.steps, solution.constants, solution.poses
     moves = steps.moves(constants)
     total = np.cumsum(moves)

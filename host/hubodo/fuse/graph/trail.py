@@ -17,8 +17,10 @@ Pose = tuple[float, float, float, float]
 
 @dataclass(slots=True)
 class Trail:
-    """Poses by increasing time, and the covariance (3, 3) of what is random in the way to each, as
-    OdometryPath's; None where the odometry does not say."""
+    """Poses by increasing time, and the covariance (3, 3) of what is random in the way to each.
+
+    The covariance is as OdometryPath's; None where the odometry does not say.
+    """
 
     _poses: deque[Pose] = field(default_factory=deque)
     _covariances: deque[Array | None] = field(default_factory=deque)

@@ -17,9 +17,12 @@ _KEPT = slice(3, 6 + COUNT)
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
-    """A graph of n poses at state_t, s, and its solution: poses (n, 3), constants (COUNT,); covariance (3, 3)
-    of the newest pose, constants_covariance (COUNT, COUNT)."""
+class PoseWindow:
+    """A graph of n poses at state_t, s, and its solution.
+
+    poses (n, 3), constants (COUNT,); covariance (3, 3) of the newest pose, constants_covariance (COUNT,
+    COUNT).
+    """
 
     graph: Graph
     state_t: Array
@@ -28,15 +31,17 @@ class Window:
     covariance: Array
     constants_covariance: Array
 
-    def extended(self, later: Graph, t: float, pose: Array) -> Window:
+    def extended(self, later: Graph, t: float, pose: Array) -> PoseWindow:
         """With one pose more, at a first guess (3,). later: what ties it; its pose 0 is the newest here."""
         graph = self.graph.joined(later, len(self.poses) - 1)
         poses = np.concatenate([self.poses, pose[None]])
         return replace(self, graph=graph, state_t=np.append(self.state_t, t), poses=poses)
 
-    def solved(self) -> Window:
-        """With all its poses and the constants where they fit best, every factor linearised anew. Raises
-        InputError as `solve`."""
+    def solved(self) -> PoseWindow:
+        """With all its poses and the constants where they fit best, every factor linearised anew.
+
+        Raises InputError as `solve`.
+        """
         found = solve(self.graph, self.poses, self.constants, "all")
         return replace(
             self,
@@ -46,7 +51,7 @@ class Window:
             constants_covariance=found.constants_covariance,
         )
 
-    def since(self, t: float) -> Window:
+    def since(self, t: float) -> PoseWindow:
         """Without the poses before t, two or more left; what their factors said of the rest is kept."""
         count = min(int(np.searchsorted(self.state_t, t)), len(self.poses) - 2)
         if count <= 0:
@@ -60,8 +65,9 @@ class Window:
 
 
 def without_first(graph: Graph, poses: Array, constants: Array, count: int) -> Graph:
-    """The graph of poses `count` on, with a prior of the first and of the constants in place of all factors
-    before.
+    """The graph of poses `count` on, with a prior in place of all factors before.
+
+    The prior is of the first pose that stays and of the constants.
 
     Those factors are linearised where they are now and weigh what their losses give them now, for good. Their
     rows, side by side by pose, next pose and constants, are turned into a triangle (Householder): the rows

@@ -43,17 +43,24 @@ _SEEN = 0.5
 """A parameter counts as seen where its sigma fell below this share of what was believed before."""
 
 _ALIGN_DISTANCE = 5.0
-"""m of the drive by which the track is laid on the positions, where these are exact: so far a filter that
-knows nothing drifts by less than a centimetre. Estimated."""
+"""m of the drive by which the track is laid on the positions, where these are exact.
+
+So far a filter that knows nothing drifts by less than a centimetre. Estimated.
+"""
 
 _OFF, _SPEED_SHARE = 1e-3, 0.02
-"""m by which the start and each position are off beside their own sigma, and the share by which a speed is,
-for the way from the end of a window back to the position within it. Estimated."""
+"""m by which the start and each position are off beside their own sigma; and a share of the speed.
+
+The share is for the way from the end of a window back to the position within it. Estimated.
+"""
 
 _TILT_SHARE, _BIAS_FLOOR, _SCALE_FLOOR = 0.015, 4e-4, 5e-4
-"""What the filter's model leaves out, 1 sigma, found on simulated drives: a share of a tilt, which is seen
-through a gyro whose scale is known to 1 %; rad/s by which a bias moves with temperature and gravity between
-the seconds it was seen in; a fraction, because the scale of the two axes across is one number."""
+"""What the filter's model leaves out, 1 sigma, found on simulated drives.
+
+A share of a tilt, which is seen through a gyro whose scale is known to 1 %; rad/s by which a bias moves with
+temperature and gravity between the seconds it was seen in; a fraction, because the scale of the two axes
+across is one number.
+"""
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,10 @@ from hubodo.fuse.wheel.stillness import RestLimits
 from hubodo.vehicle import Facing, Side, Vehicle
 
 _BIAS_OF_ANOTHER_DAY = 0.005
-"""rad/s; a calibrated bias is worth that much after other temperatures and switchings on: 0.3 deg/s, what the
-LSM6DS33 drifts in six degrees (0.05 deg/s/K, data sheet)."""
+"""rad/s; what a calibrated bias is worth after other temperatures and switchings on.
+
+0.3 deg/s, what the LSM6DS33 drifts in six degrees (0.05 deg/s/K, data sheet).
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,8 +104,11 @@ SLOPE = _of("vehicle", RoadGrade, "angle", factor=STANDARD_GRAVITY)
 """m/s² of forward force that the road's slope makes."""
 
 WHEEL_ANGLE = Entry("wheel", "rolling", "angle", 0.3, 0.0)
-"""rad, of the node's x axis from upright; read from gravity while the vehicle may accelerate by a third of
-it. It wanders by the noise of the gyro that carries it."""
+"""rad, of the node's x axis from upright, as gravity tells it.
+
+The vehicle may accelerate by a third of gravity meanwhile. The angle wanders by the noise of the gyro that
+carries it.
+"""
 
 GYRO_SCALE_Z = _of("wheel", GyroScaleFactor, "z")
 GYRO_BIAS_Z = _of("wheel", GyroBias, "z")
@@ -145,8 +148,10 @@ SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 
 
 class Columns:
-    """Where each entry stands in the state, the vehicle's first, then those of each wheel. Worked out once,
-    when a filter is built."""
+    """Where each entry stands in the state, the vehicle's first, then those of each wheel.
+
+    Worked out once, when a filter is built.
+    """
 
     def __init__(self, wheels: int) -> None:
         self.vehicle = {entry: place for place, entry in enumerate(OF_VEHICLE)}

@@ -37,12 +37,16 @@ from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.vehicle import facing_sign
 
 LISTENED = 10
-"""Windows that are looked at together for the wheel angles before the first pose: a second of gravity,
-through which a vehicle does not brake or turn one way."""
+"""Windows that are looked at together for the wheel angles before the first pose.
+
+A second of gravity, through which a vehicle does not brake or turn one way.
+"""
 
 _PATIENCE = 10
-"""Windows by which a node may fall behind the other before it is taken as not heard: a second, what a radio
-link may hold samples back."""
+"""Windows by which a node may fall behind the other before it is taken as not heard.
+
+A second, what a radio link may hold samples back.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +61,11 @@ class WheelSample:
 
 @dataclass(frozen=True, slots=True)
 class FilterOutput:
-    """What samples led to. poses: of the windows they completed. refused: how many were left out because
-    their time did not increase or their node is on no wheel."""
+    """What samples led to.
+
+    poses: of the windows they completed. refused: how many were left out because their time did not increase
+    or their node is on no wheel.
+    """
 
     poses: tuple[Pose, ...] = ()
     refused: int = 0
@@ -91,10 +98,10 @@ class Step(NamedTuple):
 
 
 class WheelFilter:
-    """Feed samples with `handle` or blocks with `handle_many`, then `finish`; poses come back as windows
-    close.
+    """Feed samples with `handle` or blocks with `handle_many`, then `finish`.
 
-    A node that falls a second behind the other is taken as not heard; its samples of that time are lost.
+    Poses come back as windows close. A node that falls a second behind the other is taken as not heard; its
+    samples of that time are lost.
     """
 
     def __init__(self, config: WheelConfig) -> None:
@@ -127,8 +134,10 @@ class WheelFilter:
         return FilterOutput(self._advance(_PATIENCE))
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
-        """A block of each node: name -> t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², over the same
-        time."""
+        """A block of each node, over the same time.
+
+        By name: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s².
+        """
         refused = 0
         for name, (t, gyro, accel) in blocks.items():
             builder = self._builders.get(name)
@@ -171,8 +180,10 @@ class WheelFilter:
         return {name: builder.refused for name, builder in self._builders.items()}
 
     def _now(self, wheel: Wheel) -> tuple[float, float, float] | None:
-        """(t, speed, yaw rate) that the last sample of a wheel shows, by the equations of yaw.py and
-        rolling.py."""
+        """(t, speed, yaw rate) that the last sample of a wheel shows.
+
+        By the equations of yaw.py and rolling.py.
+        """
         sample, x, at = self._last[wheel.name], self.core.x, wheel.at
         assert self._pose is not None
         sign = facing_sign(wheel.node.facing)

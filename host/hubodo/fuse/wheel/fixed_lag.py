@@ -1,5 +1,4 @@
-"""The wheel track a little late: each pose of the wheel filter improved by what came up to some seconds after
-it.
+"""The wheel track a little late: each pose of the filter improved by what came some seconds after it.
 
 x_k|j = x_k|j-1 + A (x_j|j - x_j|j-1), P_k|j = P_k|j-1 + A (P_j|j - P_j|j-1) A', A = G_k ... G_j-1 with the
 gains G of Rauch, Tung and Striebel (1965): what they give for the whole log, as far as j has come. Only
@@ -27,9 +26,11 @@ _ROUNDING = 1e-10
 
 
 class FixedLag:
-    """Hand each step to `add`: the pose of `lag` steps before comes back, or None; `finish` gives those
-    that had fewer steps after them. A lag of 0 gives the poses as they are. pose: places of the pose in the
-    state."""
+    """The filter's poses, `lag` steps late.
+
+    Hand each step to `add`: the pose of `lag` steps before comes back, or None; `finish` gives those that had
+    fewer steps after them. A lag of 0 gives the poses as they are. pose: places of the pose in the state.
+    """
 
     def __init__(self, lag: int, pose: list[int]) -> None:
         self._lag, self._pose = lag, pose
@@ -40,8 +41,10 @@ class FixedLag:
         self._covariance = np.empty((0, len(POSE), len(POSE)))
 
     def add(self, pose: Pose, kept: Kept, transition: Array) -> Pose | None:
-        """The newest step: its pose, both sides of its measurements, and the transition (n, n) from there to
-        its end."""
+        """The newest step: its pose, and both sides of its measurements.
+
+        Besides, the transition (n, n) from there to its end.
+        """
         if self._lag == 0:
             return pose
         if self._before is not None:
@@ -78,8 +81,10 @@ class FixedLag:
 
 
 def gain(before: Kept, transition: Array, after: Kept) -> Array:
-    """G (n, n) of the step back: P F' over the covariance that the later step began with. States without
-    spread there, and those begun anew, tell nothing about the past."""
+    """G (n, n) of the step back: P F' over the covariance that the later step began with.
+
+    States without spread there, and those begun anew, tell nothing about the past.
+    """
     forward = transition.copy()
     forward[after.renewed] = 0.0
     known = np.flatnonzero(np.diag(after.prior_p) > 0.0)
@@ -93,8 +98,10 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
 
 
 def smooth_with_lag(config: WheelConfig, steps: Sequence[Step], needed: int, lag: int) -> list[Pose]:
-    """Poses of all steps, each from the log up to `lag` steps after it. needed: windows the filter began
-    with."""
+    """Poses of all steps, each from the log up to `lag` steps after it.
+
+    needed: windows the filter began with.
+    """
     core = WheelStep(config)
     behind = FixedLag(lag, core.pose)
     core.keep = True

@@ -16,12 +16,16 @@ _FROZEN = 0.5
 """s without a change of one bit: noise alone changes some bit of six within a few samples."""
 
 _OTHER_TURNS = 0.1
-"""rad/s of spread in the rates of the other wheel, by which a vehicle is known to move: a thousand times the
-noise of the LSM6DS33 in a sample."""
+"""rad/s of spread in the rates of the other wheel, by which a vehicle is known to move.
+
+A thousand times the noise of the LSM6DS33 in a sample.
+"""
 
 _RUN, _CROWDED = 20, 0.6
-"""So many samples in less than this share of their usual time are of two times: those of one clock would take
-half of it when mixed one to one. Estimated."""
+"""So many samples in less than this share of their usual time are of two times.
+
+Those of one clock would take half of it when mixed one to one. Estimated.
+"""
 
 
 def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:
@@ -73,8 +77,10 @@ def _frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
 
 
 def _mixed(t: Array) -> NDArray[np.bool_]:
-    """(N,) samples that stand much closer together than most do, for `_RUN` of them and more: after a clock
-    went back, a log in order of time has those of before and after between one another."""
+    """(N,) samples that stand much closer together than most do, for `_RUN` of them and more.
+
+    After a clock went back, a log in order of time has those of before and after between one another.
+    """
     found = np.zeros(len(t), np.bool_)
     if len(t) < 4 * _RUN:
         return found

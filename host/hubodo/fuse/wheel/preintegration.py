@@ -14,12 +14,16 @@ from hubodo.fuse.wheel.sine import cosine_and_sine
 from hubodo.vehicle import Facing, facing_sign
 
 WINDOW = 0.1
-"""Length of a window, s: at 2000 deg/s half a turn, and an error of 1 % in spin turns its ends by 2
-mrad/(rad/s)."""
+"""Length of a window, s.
+
+At 2000 deg/s half a turn, and an error of 1 % in spin turns its ends by 2 mrad/(rad/s).
+"""
 
 LONGEST_GAP = 3600.0
-"""s, an hour, as long as a node may be off within one drive; a sample that is later than that after the one
-before is taken for a jump of the clock and left out."""
+"""s, an hour, as long as a node may be off within one drive.
+
+A sample that is later than that after the one before is taken for a jump of the clock and left out.
+"""
 
 LONGEST_STEP = 0.08
 """s between samples; what is longer is a gap: at its slowest, 13 Hz, an LSM6DS33 takes 0.077."""
@@ -93,8 +97,10 @@ class WindowBuilder:
     _at_edge: Array | None = None
 
     def add(self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...]) -> list[Window]:
-        """One sample; the windows it completes. One whose time does not increase, or jumps ahead by more than
-        LONGEST_GAP, is counted and left out."""
+        """One sample; the windows it completes.
+
+        One whose time does not increase, or jumps ahead by more than LONGEST_GAP, is counted and left out.
+        """
         if not self._follows(t):
             self.refused += 1
             return []
@@ -220,8 +226,10 @@ class WindowBuilder:
 
 
 def _differences(first: int, at: Array) -> list[Window]:
-    """Windows from number `first` on, between edges at which the integrals, the time without samples and gz
-    are `at`."""
+    """Windows from number `first` on.
+
+    They lie between edges at which the integrals, the time without samples and gz are `at`.
+    """
     d = np.diff(at)
     count = d.shape[1]
     if not count:

@@ -8,6 +8,7 @@ and wanders as its effect says.
 from __future__ import annotations
 
 import math
+import struct
 
 import numpy as np
 
@@ -57,6 +58,8 @@ class WheelMotion:
         self._crossings = self._moved[:, None] * columns.size + self._moved
         self._rows = np.eye(columns.size)[self._moved]
         self._entries = _transition_places(columns)
+        # Takes a list of floats into an array in half the time that numpy does.
+        self._packing, self._values = f"{len(self._entries)}d", np.empty(len(self._entries))
         self._at = columns.vehicle
         # Of these, what x and y gain depends on the way: it is put in for each window.
         self._walk = begin.walk * WINDOW
@@ -88,7 +91,8 @@ class WheelMotion:
         for wheel, window in pairs:
             values += _turn_wheel(x, wheel, window, yaw_rate)
         rows, moved = self._rows, self._moved
-        rows.ravel()[self._entries] = values
+        struct.pack_into(self._packing, self._values.data, 0, *values)
+        rows.ravel()[self._entries] = self._values
         new = rows.dot(p)
         p[moved] = new
         p[:, moved] = new.T

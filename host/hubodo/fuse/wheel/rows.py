@@ -46,8 +46,10 @@ class Rows:
         return each * wheel + place if place < each else place * self._wheels + wheel
 
     def fill(self, values: list[float]) -> tuple[Array, Array, Array]:
-        """Jacobian (rows, states), residuals (rows,) and variances (rows,) of a window of each wheel, until
-        the next one is filled in."""
+        """Jacobian (rows, states), residuals (rows,) and variances (rows,) of a window of each wheel.
+
+        They are good until the next one is filled in.
+        """
         struct.pack_into(self._packing, self._values.data, 0, *values)
         self._table[self._places] = self._values
         return self._jacobian, self._residuals, self._variances

@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from hubodo.fuse.wheel.filter import Step
 
 _STRETCH = 200
-"""Steps that are in memory at once, 10 MB of matrices: about the square root of an hour's, which costs
-least."""
+"""Steps that are in memory at once, 10 MB of matrices.
+
+About the square root of an hour's, which costs least.
+"""
 
 
 class _Record(NamedTuple):
@@ -72,8 +74,11 @@ def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]
 def _step_back(
     record: _Record, later: _Record, x: Array, p: Array, angles: Sequence[int]
 ) -> tuple[Array, Array]:
-    """Smoothed states after `record`'s measurements, from those (x, p) after the measurements of the
-    `later` one. angles: places of the wheel angles, which are the same a turn further."""
+    """Smoothed states after `record`'s measurements.
+
+    From those (x, p) after the measurements of the `later` one. angles: places of the wheel angles, which are
+    the same a turn further.
+    """
     back = gain(record.kept, record.transition, later.kept)
     ahead = x - np.array(later.kept.prior_x)
     for angle in angles:

@@ -28,19 +28,25 @@ from hubodo.fuse.wheel.stillness import RestDetector
 from hubodo.vehicle import side_sign
 
 FORGET = 20
-"""Windows without a sample, two seconds, after which a wheel angle is no longer believed: at walking pace a
-wheel has then turned by more than can be guessed. Estimated."""
+"""Windows without a sample after which a wheel angle is no longer believed.
+
+Two seconds: at walking pace a wheel has then turned by more than can be guessed. Estimated.
+"""
 
 _LOST_ANGLE = 0.7
-"""rad by which gravity may seem to have turned over a gap; beyond it the wheel angle is found anew. Twice
-what hard braking tilts it by (WHEEL_ANGLE's prior), estimated."""
+"""rad by which gravity may seem to have turned over a gap; beyond it the angle is found anew.
+
+Twice what hard braking tilts it by (WHEEL_ANGLE's prior), estimated.
+"""
 
 _LOOK = 3
 """Windows after a gap that are looked at for it: a bump fills one. Estimated."""
 
 _OLD, _NEW = 0.8, 0.2
-"""Shares that the direction of gravity before a gap keeps and takes up from window to window: half a second
-of memory, shorter than a manoeuvre and longer than a bump. Estimated."""
+"""Shares that the direction of gravity before a gap keeps and takes up from window to window.
+
+Half a second of memory, shorter than a manoeuvre and longer than a bump. Estimated.
+"""
 
 
 @dataclass
@@ -100,8 +106,10 @@ class Wheel:
         self.spin = window.clock_angle + 0.5 * window.spin
 
     def _compare(self, window: Window) -> None:
-        """Forgets the angle when gravity lies elsewhere after a gap: the clock jumped, or the wheel did not
-        turn as the straight line across the gap has it."""
+        """Forgets the angle when gravity lies elsewhere after a gap.
+
+        Then the clock jumped, or the wheel did not turn as the straight line across the gap has it.
+        """
         level = window.force * cmath.exp(1j * window.clock_angle)
         if self._looked is None or self._before == 0j:
             self._looked = None
@@ -139,8 +147,10 @@ class Wheel:
 
 @dataclass
 class InitialState:
-    """States and covariance before the first window, variance by which each state wanders in a second, and
-    where everything stands."""
+    """States and covariance before the first window.
+
+    Besides, the variance by which each state wanders in a second, and where everything stands.
+    """
 
     x: list[float]
     p: Array

@@ -39,31 +39,40 @@ from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs, WheelUpdate
 
 _SPEED_STEP, _YAW_STEP = 0.5, 0.5
-"""m/s and rad/s by which speed and yaw rate may step from window to window: so far that what is measured
-decides. Estimated."""
+"""m/s and rad/s by which speed and yaw rate may step from window to window.
+
+So far that what is measured decides. Estimated.
+"""
 
 _EXCESS_STEP = 2.0
 """rad/s by which the spin beyond a clipped gyro may step from window to window: 3 m/s² on a wheel of 0.15 m.
 Estimated."""
 
 _HARDEST = 5.0
-"""m/s²; no wheel drives or brakes a vehicle harder: half of gravity, the grip of a good tyre on a dry
-road."""
+"""m/s²; no wheel drives or brakes a vehicle harder.
+
+Half of gravity, the grip of a good tyre on a dry road.
+"""
 
 _SYMMETRIC = 16
 """Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""
 
 _ENOUGH, _TURNING = 300, 1.0
-"""Windows in which the wheel turns, faster than so many rad/s, by which it is seen whether gravity turns with
-it: half a minute. Estimated."""
+"""How many windows, with a wheel faster than so many rad/s, tell whether gravity turns with it.
+
+Half a minute. Estimated.
+"""
 
 POSE = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
 class Pose(NamedTuple):
-    """End of a window. t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the
-    window. covariance: (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still.
-    nis, degrees: squared innovations of the step over their variance, and how many there were."""
+    """End of a window.
+
+    t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the window. covariance:
+    (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still. nis, degrees: squared
+    innovations of the step over their variance, and how many there were.
+    """
 
     t: float
     x: float
@@ -78,8 +87,10 @@ class Pose(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """Both sides of a step's measurements: states and covariance before and after; renewed: the states that
-    the step began anew, without memory."""
+    """Both sides of a step's measurements: states and covariance before and after.
+
+    renewed: the states that the step began anew, without memory.
+    """
 
     prior_x: list[float]
     prior_p: Array
@@ -122,8 +133,10 @@ class WheelStep:
                 wheel.join(self.x, self.p, at_begin=True)
 
     def step(self, windows: Sequence[Window], number: int, listen: bool, needed: int) -> Pose:
-        """Window `number` of each wheel. listen: look for the angle of wheels that were not heard, in
-        `needed` windows."""
+        """Window `number` of each wheel.
+
+        listen: look for the angle of wheels that were not heard, in `needed` windows.
+        """
         self._renewed = []
         pairs = tuple(zip(self.wheels, windows, strict=True))
         if listen:
@@ -160,8 +173,10 @@ class WheelStep:
         return self._motion.transition()
 
     def fix(self, told: Position) -> float:
-        """A position from elsewhere at the end of the last window; its squared innovation in sigma (2
-        numbers)."""
+        """A position from elsewhere at the end of the last window.
+
+        Gives its squared innovation in sigma (2 numbers).
+        """
         rows = position.measure(self.x, self._at, told)
         z, h = (
             np.array([row[0] for row in rows]),
@@ -174,8 +189,10 @@ class WheelStep:
         return float(z @ weight[:, -1])
 
     def estimate(self, node: str | None, entry: Entry) -> Quantity:
-        """Value and 1 sigma of an entry: of the vehicle (node None) or of a node and its wheel, facing
-        left."""
+        """Value and 1 sigma of an entry.
+
+        Of the vehicle (node None) or of a node and its wheel, facing left.
+        """
         at = self._at if node is None else next(wheel.at for wheel in self.wheels if wheel.name == node)
         place = at[entry]
         return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
@@ -195,8 +212,10 @@ class WheelStep:
         return found
 
     def _predict_rates(self, pairs: Pairs) -> None:
-        """Speed goes on with the mean forward acceleration that usable accelerometers feel; the rest is
-        noise."""
+        """Speed goes on with the mean forward acceleration that usable accelerometers feel.
+
+        The rest is noise.
+        """
         x, p, total, count = self.x, self.p, 0.0, 0
         for wheel, window in pairs:
             if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:
@@ -214,8 +233,10 @@ class WheelStep:
         p[yaw_rate, yaw_rate] += _YAW_STEP**2
 
     def _stand(self, stillness: Stillness) -> None:
-        """Speed and yaw rate of a vehicle that stands: they are free in each window, so that what is measured
-        takes the place of what was believed."""
+        """Speed and yaw rate of a vehicle that stands.
+
+        They are free in each window, so that what is measured takes the place of what was believed.
+        """
         for row in zero_velocity.measure(self.x, self._at, stillness):
             residual, variance, derivatives = row
             for entry in derivatives:

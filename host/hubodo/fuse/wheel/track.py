@@ -31,10 +31,11 @@ _DISAGREE = 10
 
 @dataclass(frozen=True, eq=False)
 class WheelTrack:
-    """Poses of the body origin, each (N,). t: s on the log's clock. x, y: m from the start; heading: rad,
-    unwrapped. speed: m/s and yaw_rate: rad/s, means of the tenth of a second that ends at t. covariance:
-    (N, 5, 5) of x, y, heading, speed, yaw_rate. still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of
-    each step.
+    """Poses of the body origin, each (N,).
+
+    t: s on the log's clock. x, y: m from the start; heading: rad, unwrapped. speed: m/s and yaw_rate: rad/s,
+    means of the tenth of a second that ends at t. covariance: (N, 5, 5) of x, y, heading, speed, yaw_rate.
+    still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of each step.
     """
 
     t: Array
@@ -56,11 +57,12 @@ class WheelTrack:
 
 @dataclass(frozen=True)
 class WheelReport:
-    """What the filter learnt. distance: m along the track. duration: s. method: in words. vehicle, and nodes
-    by name: effect -> parameter -> value and sigma, as a calibration file has them, nodes in their own axes;
-    what one wheel cannot show is not there. What the filter knows as a mean of two parameters, each has.
-    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. warnings: one line
-    each.
+    """What the filter learnt.
+
+    distance: m along the track. duration: s. method: in words. vehicle, and nodes by name: effect ->
+    parameter -> value and sigma, as a calibration file has them, nodes in their own axes; what one wheel
+    cannot show is not there. What the filter knows as a mean of two parameters, each has. counts: by node,
+    windows in which it slipped, clipped, was not heard; samples refused. warnings: one line each.
     """
 
     distance: float
@@ -130,9 +132,11 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
 def _without_what_jumped(
     config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
 ) -> WheelRun | None:
-    """The run without what came after a gap in one node alone, when since then the wheels disagree: its clock
-    jumped against the other's, by what cannot be told. None where all is well: samples lost in between leave
-    wheels that agree."""
+    """The run without what came after a gap in one node alone, when since then the wheels disagree.
+
+    Then its clock jumped against the other's, by what cannot be told. None where all is well: samples lost in
+    between leave wheels that agree.
+    """
     slips = sum(wheel.slips for wheel in made.core.wheels)
     gaps = own_gaps([nodes[name] for name in config.nodes if name in nodes])
     if slips < _DISAGREE or len(gaps) != 2 or all(gaps) or not any(gaps):
@@ -149,8 +153,10 @@ def _without_what_jumped(
 
 
 def _backwards(wheel: Wheel) -> bool:
-    """Whether a wheel rolled backwards nearly all the way, which is rare but for a node that faces the other
-    way."""
+    """Whether a wheel rolled backwards nearly all the way.
+
+    That is rare but for a node that faces the other way.
+    """
     return wheel.turned >= _TURN and wheel.forwards < -0.8 * wheel.turned
 
 
@@ -205,8 +211,10 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
 def _quantities(
     made: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
 ) -> dict[str, dict[str, Quantity]]:
-    """Effect -> parameter -> value and sigma of the entries that a drive can teach, in the node's own
-    axes."""
+    """Effect -> parameter -> value and sigma of the entries that a drive can teach.
+
+    They are in the node's own axes.
+    """
     found: dict[str, dict[str, Quantity]] = {}
     for entry in entries:
         if entry.lasts:

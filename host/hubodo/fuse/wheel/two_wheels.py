@@ -20,16 +20,22 @@ _MOVES = 0.1
 """m/s below which a wheel says nothing about its mounting: a tenth of walking pace. Estimated."""
 
 _ENOUGH, _SURE = 10, 3000
-"""Windows: a second for a verdict, so that one bump makes none; five minutes until all is taken to be as
-declared. Estimated."""
+"""Windows: a second for a verdict, so that one bump makes none.
+
+Five minutes until all is taken to be as declared. Estimated.
+"""
 
 _FITS, _SAME = 0.2, 0.02
-"""rad/s: rms by which a mounting may miss the yaw rate of the gyros and still explain it, and how well the
-right one is sure to meet it, 1 % of brisk turns. Estimated."""
+"""rad/s: rms by which a mounting may miss the yaw rate of the gyros and still explain it.
+
+And how well the right one is sure to meet it, 1 % of brisk turns. Estimated.
+"""
 
 _WORSE = 6.0
-"""How many times the squares of the declared mounting must be those of another one: two and a half times its
-rms. Estimated; a curve soon makes it hundreds."""
+"""How many times the squares of the declared mounting must be those of another one.
+
+Two and a half times its rms. Estimated; a curve soon makes it hundreds.
+"""
 
 
 def robust_variances(
@@ -64,8 +70,7 @@ def robust_variances(
 
 @dataclass
 class Agreement:
-    """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or that of another
-    mounting?
+    """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or another mounting's?
 
     The gyros across the axle feel the same yaw whichever way a node faces; the wheels' speeds change sign
     with the facing and change places with the side. track: m.

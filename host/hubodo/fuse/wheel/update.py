@@ -25,14 +25,19 @@ Pairs = Sequence[tuple[Wheel, Window]]
 _GAP = 1e4
 """How many times the variance grows in a window that is all gap: beyond what any row can tell. Estimated."""
 
+_STANDS_OUT = two_wheels.GATE**2
+"""Squared innovations below which no row can be beyond the gate."""
+
 _UNHEARD = 0.5
 """Share of a window without samples from which on it says nothing at all."""
 
 
 class Updated(NamedTuple):
-    """x, p: the states and their covariance with the measurements. nis, degrees: squared innovations over
-    their variance, and how many there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each
-    wheel's gyro feels it."""
+    """The states with the measurements, and what those said.
+
+    x, p: the states and their covariance. nis, degrees: squared innovations over their variance, and how many
+    there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each wheel's gyro feels it.
+    """
 
     x: list[float]
     p: Array
@@ -69,7 +74,8 @@ class WheelUpdate:
         diagonal += r
         whiten = _whitening(s)
         white = whiten.dot(z)
-        if white.dot(white) > two_wheels.GATE**2:
+        nis = float(white.dot(white))
+        if nis > _STANDS_OUT:
             sigma = 1.0 / whiten.diagonal()
             compared = self._compared if len(pairs) == 2 and not out else None
             wider, slipping = two_wheels.robust_variances(white, sigma, z, r, compared)
@@ -78,11 +84,12 @@ class WheelUpdate:
             diagonal += wider - r
             whiten = _whitening(s)
             white = whiten.dot(z)
+            nis = float(white.dot(white))
         root = whiten.dot(hp)
         x = list(map(add, x, white.dot(root).tolist()))
         # p - root' root in one go. To BLAS, which counts by columns, `.T` is the array as it lies.
         p = dgemm(-1.0, root.T, root.T, beta=1.0, c=p.T, trans_b=1, overwrite_c=1).T
-        return Updated(x, p, float(white.dot(white)), len(z), rates, yaws)
+        return Updated(x, p, nis, len(z), rates, yaws)
 
     def _gather(
         self, x: list[float], pairs: Pairs, resting: bool
@@ -92,7 +99,7 @@ class WheelUpdate:
         rates: list[float] = []
         yaws: list[float] = []
         out: list[int] = []
-        noise, measures = self._noise, self._measures
+        noise, measures, take = self._noise, self._measures, values.extend
         for index, (wheel, window) in enumerate(pairs):
             view = wheel.view
             view.look(x, window, resting)
@@ -100,7 +107,7 @@ class WheelUpdate:
             variances: list[float] = []
             for measure in measures:
                 residual, variance, derivatives = measure(view, noise)
-                values += derivatives.values()
+                take(derivatives.values())
                 residuals.append(residual)
                 variances.append(variance)
             values += residuals
@@ -132,9 +139,11 @@ def _clipped(window: Window) -> bool:
 
 
 def _whitening(s: Array) -> Array:
-    """Inverse of the lower Cholesky factor of the innovation covariance: makes each innovation, given those
-    before it, a number of sigma 1. (Solving with the factor instead wakes the threads of BLAS, a hundred
-    times slower.)"""
+    """Inverse of the lower Cholesky factor of the innovation covariance.
+
+    It makes each innovation, given those before it, a number of sigma 1. (Solving with the factor instead
+    wakes the threads of BLAS, a hundred times slower.)
+    """
     factor, _ = dpotrf(s, lower=1, clean=1)
     inverse: Array
     inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)

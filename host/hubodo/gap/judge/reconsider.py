@@ -9,6 +9,8 @@ from hubodo.gap.judge.round import DECIDED, Round, look
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.refit.refit import refit_with_weights
 
+# Changes at most: two names that take each other's place would go on for ever. Of more names than so many,
+# each stays as it was found: a turn costs a round for each.
 _TIMES = 3
 _MANY = 4
 

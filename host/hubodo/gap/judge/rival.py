@@ -46,7 +46,7 @@ def named_rival(before: Refit, screened: Screened, made: Refit, tempering: float
     term = next(term for term in made.free if term.key == screened.candidate.term.key)
     gain = _believed(gain_over(before, made), screened.gain)
     evidence = _evidence(screened, made.information(term), gain, tempering) - term.effect.surprise()
-    return Rival(term, gain, evidence, 0.0, made)
+    return Rival(term, gain, evidence, 0.0, made.bare())
 
 
 def scattered_rival(before: Refit, proposal: Proposal, walker: Refit | None, tempering: float) -> Rival:
@@ -60,7 +60,8 @@ def unnamed_rival(before: Refit, structure: Structure, made: Refit, tempering: f
     """A term without a name, refitted."""
     term = next(term for term in made.free if term.key == structure.term.key)
     gain = _believed(gain_over(before, made), structure.gain)
-    return Rival(term, gain, gain / tempering - (structure.gain - structure.evidence), 0.0, made)
+    evidence = gain / tempering - (structure.gain - structure.evidence)
+    return Rival(term, gain, evidence, 0.0, made.bare())
 
 
 def _believed(gain: float, promised: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hubodo.gap.judge.posterior import judged
@@ -10,7 +10,7 @@ from hubodo.gap.judge.rival import Rival, named_rival, scattered_rival, unnamed_
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights, declared_walk
-from hubodo.gap.refit.refit import Refit, gain_over, refit
+from hubodo.gap.refit.refit import Refit, fit_tracked, gain_over, refit
 from hubodo.gap.scatter import LOOKS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import Screened, screen
@@ -67,8 +67,10 @@ def look(point: Point, reject: Collection[str] = (), also: Collection[tuple[str,
     worth = _worth_a_refit(before, screened, reject, also)
     refits = [refit(before.point.at(before.state.with_term(it.candidate.term))) for it in worth]
     if refits:
-        before = refit(Point(before.state, _strictest(before, refits)), rounds=0)
-        refits = [refit(before.point.at(it.state), rounds=1) for it in refits]
+        tracked = [track_wheel_phase(it.state) for it in refits]
+        weights = _strictest(before.point.weights, [walks for _, walks in tracked])
+        before = refit(Point(before.state, weights), rounds=0)
+        refits = [fit_tracked(Point(state, weights), rounds=1) for state, _ in tracked]
     proposals, walkers = _scattered(before, reject)
     best = max([gain_over(before, it) for it in [*refits, *walkers.values()]], default=0.0)
     structures = [] if EMPIRICAL in reject else unlisted(before.point)
@@ -80,8 +82,7 @@ def look(point: Point, reject: Collection[str] = (), also: Collection[tuple[str,
     rivals = [named_rival(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rivals += [scattered_rival(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rivals += [unnamed_rival(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    kept = replace(before, point=before.point.bare())
-    return Round(kept, *judged(rivals), tuple(screened), screening.null)
+    return Round(before.bare(), *judged(rivals), tuple(screened), screening.null)
 
 
 def _worth_a_refit(
@@ -123,12 +124,10 @@ def _strict(before: Refit, reject: Collection[str]) -> list[Screened]:
     return _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
 
 
-def _strictest(before: Refit, refits: Sequence[Refit]) -> Weights:
+def _strictest(weights: Weights, walks: Sequence[Mapping[str, float]]) -> Weights:
     """Weights for all candidates: wheels that wander as little as under the best of them."""
-    tracked = [track_wheel_phase(it.state)[1] for it in refits]
-    walks = before.point.weights.walks
-    least = {node: min(walk, *(own[node] for own in tracked)) for node, walk in walks.items()}
-    return replace(before.point.weights, walks=least)
+    least = {node: min(walk, *(own[node] for own in walks)) for node, walk in weights.walks.items()}
+    return replace(weights, walks=least)
 
 
 def _scattered(before: Refit, reject: Collection[str]) -> tuple[list[Proposal], dict[tuple[str, str], Refit]]:

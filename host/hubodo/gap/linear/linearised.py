@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.sensitivity import Direction, columns
-from hubodo.gap.process_noise.point import Columns, Point
+from hubodo.gap.process_noise.point import NodeColumns, Point
 
 # Of what a column said before anything was taken out: less than this is rounding.
 _ROUNDING = 1e-5
@@ -58,7 +58,7 @@ def linearise(point: Point, directions: Sequence[Direction]) -> Linearised:
             made = np.concatenate([made, state.attitude_columns(node).astype(np.float32)])
             first = len(directions) + 3 * bodies.index(node)
             felt += range(first, first + 3)
-        own[node.name] = Columns(made, felt)
+        own[node.name] = NodeColumns(made, felt)
     found = point.innovations(own, len(directions) + nuisances)
     return Linearised(tuple(directions), nuisances, found.grams, found.raw, found.logs)
 

@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.gap.problem.problem import NodeData
-from hubodo.model.forward import Start
+from hubodo.model.forward import NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.vehicle import facing_sign
 
@@ -90,7 +90,7 @@ def _check_sides(nodes: Sequence[NodeData], where: str) -> None:
 
 def _spins(node: NodeData) -> tuple[Array, Array]:
     """(N,) rad/s, forwards: what the inputs make of a wheel's spin, and what its gyro reads."""
-    rolling = node.forward.mean((), Start()).rolling
+    rolling = node.forward.mean((), NodeStart()).rolling
     assert rolling is not None
     return rolling.spin, facing_sign(node.mount.facing or "left") * node.y[2]
 

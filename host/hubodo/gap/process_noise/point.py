@@ -32,8 +32,8 @@ BLOCK = 8
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Columns of one node, (P, 6, N), and their places among all, (P,)."""
+class NodeColumns:
+    """NodeColumns of one node, (P, 6, N), and their places among all, (P,)."""
 
     made: Array
     at: Sequence[int]
@@ -58,7 +58,7 @@ class Point:
         """Without what was worked out: for keeping, as a state of a long log takes much memory."""
         return Point(replace(self.state), self.weights)
 
-    def innovations(self, columns: Mapping[str, Columns], size: int) -> Innovations:
+    def innovations(self, columns: Mapping[str, NodeColumns], size: int) -> Innovations:
         """Of all nodes, and of their columns; size: of those in all."""
         noise = process_noise(self.state, self.weights.walks)
         shares = [self._share(node, noise, columns[node.name]) for node in self.problem.nodes]
@@ -69,7 +69,7 @@ class Point:
         noise, grid = process_noise(self.state, self.weights.walks), window_grid(self.problem)
         shares = []
         for node in self.problem.nodes:
-            none = Columns(np.zeros((0, *node.y.shape), np.float32), ())
+            none = NodeColumns(np.zeros((0, *node.y.shape), np.float32), ())
             shares.append(self._share(node, noise, none))
         mean = innovations(shares, noise.walks, 0, WINDOW, BLOCK, smooth=True).mean
         for node in self.problem.nodes:
@@ -98,7 +98,7 @@ class Point:
         speed, yaw_rate = window_variances(problem)
         made = {}
         for node in problem.nodes:
-            answers = state.input_answers[node.name]
+            answers = state.input_answers(node)
             input_sigma = input_noise(problem, answers)
             made[node.name] = Residual(
                 node,
@@ -120,7 +120,7 @@ class Point:
         declared = np.hypot(sensor_noise(self.problem, mean.effects.values()), mean.input_sigma)
         return replace(mean, value=mean.node.y - predicted, declared=declared)
 
-    def _share(self, node: NodeData, process: ProcessNoise, own: Columns) -> Share:
+    def _share(self, node: NodeData, process: ProcessNoise, own: NodeColumns) -> Share:
         noise, felt = self.weights.noise[node.name], process.felt[node.name]
         edges = np.append(np.searchsorted(node.t, window_grid(self.problem)), len(node.t))
         return Share(

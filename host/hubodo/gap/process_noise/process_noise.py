@@ -92,7 +92,7 @@ def _input_noise(state: State) -> Iterator[tuple[Walk, dict[str, Array]]]:
     grid = window_grid(state.problem)
     speeds, yaws = [], []
     for node in state.problem.nodes:
-        answers = state.input_answers[node.name]
+        answers = state.input_answers(node)
         at = node.t - (grid[window_of(grid, node)] + 0.5 * WINDOW)
         bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
         phase = state.phase_columns.get(node.name, np.zeros(1)) / node.forward.wheel_radius

@@ -11,9 +11,10 @@ from hubodo.gap.linear.directions import moved, term_directions
 from hubodo.gap.linear.linearised import linearise, solved
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
+from hubodo.gap.process_noise.weights import weights_of
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.forward import Start
+from hubodo.model.forward import NodeStart
 
 _ROUNDS = 6
 # Scales that one step may move a coordinate: beyond that nothing is linear.
@@ -49,6 +50,10 @@ class Refit:
     @property
     def state(self) -> State:
         return self.point.state
+
+    def bare(self) -> Refit:
+        """For keeping: see `Point.bare`."""
+        return replace(self, point=self.point.bare())
 
     def place(self, term: ModelTerm) -> slice:
         """Where the coordinates of a free term stand."""
@@ -87,7 +92,12 @@ def gain_over(before: Refit, made: Refit) -> float:
 
 def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
     """All terms that are `fitted`, moved to where the data want them; the weights stay."""
-    best, step = _look(point.at(track_wheel_phase(point.state)[0]))
+    return fit_tracked(point.at(track_wheel_phase(point.state)[0]), rounds)
+
+
+def fit_tracked(point: Point, rounds: int = _ROUNDS) -> Refit:
+    """As `refit`, from a state whose wheels have been tracked."""
+    best, step = _look(point)
     for _ in range(rounds):
         size = float(np.sqrt(step @ np.linalg.pinv(best.whole_covariance) @ step)) if len(step) else 0.0
         if size < _ARRIVED:
@@ -101,19 +111,18 @@ def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
         else:
             break
         best, step = made, next_step
-    return replace(best, point=best.point.bare())
+    return best
 
 
 def refit_with_weights(state: State) -> Refit:
     """A fit and weights that agree with it: what moves a wheel rightly leaves it less to wander."""
-    weights = own_weights(track_wheel_phase(state)[0])
-    made = refit(Point(state, weights))
+    tracked, _walks = track_wheel_phase(state)
+    made = fit_tracked(Point(tracked, own_weights(tracked)))
     for _ in range(_AGREED):
-        fresh = own_weights(made.state)
-        if all(fresh.walks[name] > 0.5 * walk for name, walk in weights.walks.items()):
+        tracked, walks = track_wheel_phase(made.state)
+        if all(walks[name] > 0.5 * walk for name, walk in made.point.weights.walks.items()):
             break
-        weights = fresh
-        made = refit(Point(made.state, weights))
+        made = fit_tracked(Point(tracked, weights_of(tracked, walks)))
     return made
 
 
@@ -148,5 +157,5 @@ def _stepped(made: Refit, step: Array) -> State:
     bodies = [node for node in made.state.problem.nodes if not node.on_wheel]
     for node, turn in zip(bodies, step[count:].reshape(-1, 3), strict=True):
         new = np.array(made.state.start(node).attitude) + np.clip(turn, -4.0, 4.0) * ATTITUDE_SCALE
-        starts[node.name] = Start(attitude=(float(new[0]), float(new[1]), float(new[2])))
+        starts[node.name] = NodeStart(attitude=(float(new[0]), float(new[1]), float(new[2])))
     return replace(made.state, terms=terms, starts=starts)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.model.forward import Reading, Start
+from hubodo.model.forward import NodeStart, Reading
 from hubodo.smooth import Smooth
 from hubodo.vehicle import facing_sign, side_sign
 
@@ -73,7 +73,7 @@ class InputAnswers:
     yaw_rate: Array
 
 
-def input_answers(node: NodeData, reading: Reading, start: Start) -> InputAnswers:
+def input_answers(node: NodeData, reading: Reading, start: NodeStart) -> InputAnswers:
     """What an error of the inputs does to a node; effects change that little and are left out."""
     body, rolling = reading.body, reading.rolling
     speed, acceleration, yaw_rate = (np.zeros_like(node.y) for _ in range(3))

@@ -13,7 +13,7 @@ from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.noise import InputAnswers, input_answers
 from hubodo.gap.state.terms import ModelTerm, effects_on
-from hubodo.model.forward import Reading, Start
+from hubodo.model.forward import NodeStart, Reading
 from hubodo.model.inputs import Later, MotionCorrection, SpeedCorrection
 from hubodo.vehicle import facing_sign
 
@@ -39,7 +39,7 @@ class State:
 
     problem: Problem
     terms: tuple[ModelTerm, ...] = ()
-    starts: Mapping[str, Start] = field(default_factory=dict)
+    starts: Mapping[str, NodeStart] = field(default_factory=dict)
     paths: Mapping[str, Array] = field(default_factory=dict)
     late: Mapping[str, Array] = field(default_factory=dict)
 
@@ -54,8 +54,8 @@ class State:
         """With other terms, wheels and clocks not yet followed: where they went under these may mislead."""
         return replace(self, terms=tuple(terms), paths={}, late={})
 
-    def start(self, node: NodeData) -> Start:
-        return self.starts.get(node.name, Start())
+    def start(self, node: NodeData) -> NodeStart:
+        return self.starts.get(node.name, NodeStart())
 
     @cached_property
     def effects(self) -> Effects:
@@ -80,11 +80,9 @@ class State:
         """(6, N) of each node: measured minus predicted."""
         return {node.name: node.y - stacked(self.readings[node.name]) for node in self.problem.nodes}
 
-    @cached_property
-    def input_answers(self) -> Mapping[str, InputAnswers]:
-        """What an error of the inputs does to each node."""
-        nodes = self.problem.nodes
-        return {node.name: input_answers(node, self.readings[node.name], self.start(node)) for node in nodes}
+    def input_answers(self, node: NodeData) -> InputAnswers:
+        """What an error of the inputs does to a node."""
+        return input_answers(node, self.readings[node.name], self.start(node))
 
     @cached_property
     def phase_columns(self) -> Mapping[str, Array]:
@@ -126,7 +124,7 @@ class State:
 
     def _turned(self, node: NodeData, axis: Array, by: float) -> State:
         x, y, z = (np.array(self.start(node).attitude) + by * axis).tolist()
-        return replace(self, starts={**self.starts, node.name: Start(attitude=(x, y, z))})
+        return replace(self, starts={**self.starts, node.name: NodeStart(attitude=(x, y, z))})
 
     def _slope(self, node: NodeData, at: Callable[[float], State]) -> Array:
         """(6, N): change of the channels of a node along `at`, per unit; its effects stay what they are."""
@@ -150,7 +148,9 @@ def speed_correction(problem: Problem, effects: Effects) -> SpeedCorrection | No
     sources = [node for node in problem.nodes if node.name in problem.measured_by]
     parts = []
     for node in sources:
-        reading = node.forward.mean([e for e in effects[node.name].values() if e.shows == "mean"], Start())
+        reading = node.forward.mean(
+            [e for e in effects[node.name].values() if e.shows == "mean"], NodeStart()
+        )
         rolling, body = reading.rolling, reading.body
         if rolling is None:
             continue

@@ -74,20 +74,20 @@ def _rows(made: Round, number: int, name: str) -> list[Row]:
 
 
 def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> str:
-    for named in result.found:
-        if named.effect == name:
-            return f"{name} was found ({named.scope}), probability {probability(named.confidence)}"
+    for finding in result.found:
+        if finding.effect == name:
+            return f"{name} was found ({finding.scope}), probability {probability(finding.confidence)}"
     if rejected:
         return f"{name} was not considered: --reject {name}"
     if any(item.effect.name == name for item in result.model.effects):
         return f"{name} is in the model file already; its values there stay as they are"
-    for named in result.found:
-        for effect, scope, gain, share in named.rivals:
+    for finding in result.found:
+        for effect, scope, gain, share in finding.rivals:
             if effect == name:
                 return (
-                    f"{name} ({scope}) lost to {named.effect} ({named.scope}) when each name was "
+                    f"{name} ({scope}) lost to {finding.effect} ({finding.scope}) when each name was "
                     f"reconsidered: gain {gain:.1f}, probability {probability(share)} against "
-                    f"{probability(named.confidence)}"
+                    f"{probability(finding.confidence)}"
                 )
     if not rows:
         if BY_NAME[name].shows == "scatter":

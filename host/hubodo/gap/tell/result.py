@@ -109,22 +109,22 @@ class GapResult:
             "gap": self.gap.as_json(),
             "held_out_gap": self.held_out_gap.as_json(),
             "held_out": self.held_out,
-            "found": [named.as_json() for named in self.found],
+            "found": [finding.as_json() for finding in self.found],
             "remaining": [left.as_json() for left in self.remaining],
             "warnings": list(self.warnings),
         }
 
 
-def by_channel(named: Finding) -> list[Finding]:
+def by_channel(finding: Finding) -> list[Finding]:
     """An empirical effect as one entry for each channel that it adds to, `empirical:left.gz ~ term`."""
-    channels, _, term = named.effect.removeprefix(PREFIX).partition(" ~ ")
+    channels, _, term = finding.effect.removeprefix(PREFIX).partition(" ~ ")
     made = []
     for channel in channels.split(","):
         own = {
             name.removeprefix(channel).lstrip("_") or "amplitude": value
-            for name, value in named.parameters.items()
+            for name, value in finding.parameters.items()
             if name.partition("_")[0] == channel
         }
-        effect = f"{PREFIX}{named.scope}.{channel} ~ {term}"
-        made.append(replace(named, effect=effect, parameters=own))
+        effect = f"{PREFIX}{finding.scope}.{channel} ~ {term}"
+        made.append(replace(finding, effect=effect, parameters=own))
     return made

@@ -36,8 +36,9 @@ class LocalizerThread:
         self._thread.start()
 
     def put(self, item: Pose | FixSample, arrived_ns: int) -> None:
-        """The next pose or fix, and when it was known."""
-        self._items.put((item, arrived_ns))
+        """The next pose or fix, and when it was known; let go once the thread has ended."""
+        if not self._stopped:
+            self._items.put((item, arrived_ns))
 
     def close(self) -> bool:
         """Waits for the answers to all that was put; False when they did not come in time."""
@@ -53,6 +54,17 @@ class LocalizerThread:
         self._items.put(None)
 
     def _run(self) -> None:
+        through = False
+        try:
+            self._work()
+            through = True
+        finally:
+            self._stopped = True
+            if not through:
+                text = "the graph failed; map → odom ends here, all else goes on"
+                self._answer(Answer(None, (text,), 0))
+
+    def _work(self) -> None:
         while (given := self._items.get()) is not None and not self._stopped:
             item, arrived_ns = given
             located = None

@@ -19,7 +19,7 @@ from hubodo.errors import ConfigError
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.log import ros2, topics
-from hubodo.log.decode import Decoder, Rows, message_type
+from hubodo.log.decode import ChannelRows, Decoder, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
 from hubodo.log.writer import McapLog
@@ -174,7 +174,7 @@ class _Blocks:
                 progress(f"reading {log.path.name}", log.progress)
         events, _ = events_of(payloads)
         rows = {topic: decoder.rows() for topic, decoder in decoders.items()}
-        self.nodes: dict[str, Rows] = {}
+        self.nodes: dict[str, ChannelRows] = {}
         self._temperatures: dict[str, dict[int, float]] = {}
         for topic, found in rows.items():
             name = topic.removeprefix("/").removesuffix("/imu")

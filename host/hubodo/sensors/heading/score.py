@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrueHeading:
-    """source: the file. t: (K,) s. heading: (K,) rad, unwrapped, as the file counts it."""
+    """source: the file. t: (K,) s. heading: (K,) rad, as the file counts it."""
 
     source: str
     t: Array
@@ -75,7 +75,7 @@ def truth_of(recording: Recording) -> TrueHeading | None:
             continue
         known = np.isfinite(told["heading"])
         if np.count_nonzero(known) > 1:
-            return TrueHeading(name, told.t[known], np.unwrap(told["heading"][known]))
+            return TrueHeading(name, told.t[known], told["heading"][known])
     return None
 
 
@@ -85,6 +85,9 @@ def score(track: HeadingTrack, truth: TrueHeading) -> HeadingScore | None:
     if np.count_nonzero(inside) < 2:
         return None
     t, heading = truth.t[inside], truth.heading[inside]
+    # Files count headings modulo a turn: the filter's own is near enough to say which turn is meant.
+    ahead = np.interp(t, track.t, track.heading) - heading
+    heading = heading + 2.0 * np.pi * np.round((ahead - ahead[0]) / (2.0 * np.pi))
 
     def against(values: Array) -> HeadingError:
         error = np.interp(t, track.t, values) - heading

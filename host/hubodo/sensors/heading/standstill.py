@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Table
-from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.imu.rests import Rests, find_rests
 from hubodo.sensors.north.stops import TableMotion, split_stops
 
 Array = NDArray[np.float64]
@@ -18,6 +18,11 @@ Spans = tuple[tuple[int, int], ...]
 """First sample and one past the last of each standstill."""
 
 _FEWEST_MEANS = 16
+_LEAP, _DRIFT, _SURE = np.radians(0.02), np.radians(0.002), 6.0
+"""rad/s, rad/s² and sigma by which the bias may differ from standstill to standstill.
+
+A MEMS gyro of 0.05 deg/s/K that warms up by 10 degrees in five minutes drifts by 0.0017 deg/s².
+"""
 
 
 def given_rests(t: Array, rests: Sequence[Sequence[float]]) -> Spans:
@@ -37,7 +42,8 @@ def found_rests(t: Array, gyro: Array, accel: Array, rate: Array, table: Table |
     """Those that the table's file tells, else those in which all six channels stay near their noise floor.
 
     t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². rate: (N,) rad/s, about the vertical, which proves that
-    the table stood. Empty where it never rests. Raises InputError when the table moved while it was still.
+    the table stood. Empty where it never rests. Raises InputError when the table moved while it was still, or
+    the bias leaps between standstills.
     """
     if table is not None and bool((table["moving"] < 0.5).any()):
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
@@ -47,7 +53,24 @@ def found_rests(t: Array, gyro: Array, accel: Array, rate: Array, table: Table |
         rests = find_rests(t, gyro, accel)
     except CalibrationError:
         return ()
+    _check_agreement(t, rate, rests)
     return tuple(zip(map(int, rests.start), map(int, rests.end), strict=True))
+
+
+def _check_agreement(t: Array, rate: Array, rests: Rests) -> None:
+    """Raises InputError where the bias leaps from one standstill to the next: a smooth ride is no rest."""
+    spans = list(zip(map(int, rests.start), map(int, rests.end), strict=True))
+    means = [float(rate[i:j].mean()) for i, j in spans]
+    sigma = np.linalg.norm(rests.gyro_sigma, axis=1)
+    for k, ((_, end), (start, _)) in enumerate(pairwise(spans)):
+        bound = _LEAP + _DRIFT * (t[start] - t[end - 1]) + _SURE * float(np.hypot(sigma[k], sigma[k + 1]))
+        leap = abs(means[k + 1] - means[k])
+        if leap > bound:
+            raise InputError(
+                f"the standstills at {t[end - 1]:.1f} and {t[start]:.1f} s differ by "
+                f"{np.degrees(leap):.2g} deg/s, more than a bias moves: the node turned in one of them; say "
+                "when it truly stood with --rest FROM TO"
+            )
 
 
 def angle_random_walk(t: Array, rate: Array, spans: Spans) -> float | None:

@@ -35,7 +35,6 @@ Nearer to it half a degree of tilt already outweighs what is left of it.
 """
 AVERAGES = 240
 PER_TURN = 16
-MAX_TILT = np.radians(0.5)
 
 
 @dataclass(frozen=True)

@@ -80,8 +80,9 @@ class Steps:
 
 @dataclass(frozen=True, eq=False)
 class BetweenFactors(Factor):
-    """R(h_k)' (p_{k+1} - p_k) = d(constants), h_{k+1} - h_k = turn(constants), with noise of
-    Steps.covariance.
+    """The odometry from pose to pose, with noise of Steps.covariance.
+
+    R(h_k)' (p_{k+1} - p_k) = d(constants), h_{k+1} - h_k = turn(constants).
 
     d is the sum of the steps, each scaled by 1 + wheel_radius and turned by (1 + yaw_scale) times the
     odometry's own angle, yaw_rate times the time and curvature times the way since pose k (Shah et al. eq.

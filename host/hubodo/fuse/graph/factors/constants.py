@@ -1,5 +1,4 @@
-"""The constants of a drive that the graph solves for beside the poses, and what is known of them
-beforehand."""
+"""The constants of a drive that the graph solves for beside the poses, and what is known of them before."""
 
 from __future__ import annotations
 
@@ -14,8 +13,10 @@ from hubodo.arrays import Array
 
 @dataclass(frozen=True, slots=True)
 class ConstantSigmas:
-    """1 sigma of each constant before the drive, in the order of their numbers; each is zero in the mean, and
-    what is to be added to the odometry. The values are those of headings from gyros on wheels.
+    """1 sigma of each constant before the drive, in the order of their numbers.
+
+    Each is zero in the mean, and what is to be added to the odometry. The values are those of headings from
+    gyros on wheels.
 
     wheel_radius: the effect of that name, common to both wheels: a fraction of the distance. A tyre measured
     by tape is known to half a percent.
@@ -44,13 +45,18 @@ COUNT = len(NAMES)
 WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(COUNT)
 
 _LEAST = ConstantSigmas(wheel_radius=5e-4, yaw_scale=1e-3, yaw_rate=5e-5, curvature=1e-4)
-"""What a tyre and a road change from hour to hour, whatever was measured before: the pressure of a tyre with
-10 degrees of warmth, a gyro's scale with its temperature, 10 deg/h of bias, 0.005 % of radii."""
+"""What a tyre and a road change from hour to hour, whatever was measured before.
+
+The pressure of a tyre with 10 degrees of warmth, a gyro's scale with its temperature, 10 deg/h of bias, 0.005
+% of radii.
+"""
 
 
 def of_wheel_speeds() -> ConstantSigmas:
-    """For headings from the difference of two wheel speeds: radii apart by 0.1 % on a track of half a
-    metre, 2 % of track."""
+    """For headings from the difference of two wheel speeds.
+
+    Radii apart by 0.1 % on a track of half a metre, 2 % of track.
+    """
     return ConstantSigmas(wheel_radius=0.01, yaw_scale=0.02, yaw_rate=1e-3, curvature=2e-3)
 
 

@@ -51,8 +51,10 @@ class Factor(ABC):
         """About poses (n, 3) and constants (COUNT,)."""
 
     def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
-        """One line for each thing to say of a solution. out: (M,) which count little; norm: (M,) in sigma;
-        state_t: (n,) s of all poses."""
+        """One line for each thing to say of a solution.
+
+        out: (M,) which count little; norm: (M,) in sigma; state_t: (n,) s of all poses.
+        """
         return []
 
     def part(self, begin: int, end: int) -> Self:

@@ -55,8 +55,10 @@ class Headings:
 
 @dataclass(frozen=True, eq=False)
 class HeadingFactors(Factor):
-    """z = heading + compass_offset + noise, modulo a turn. heading, sigma: (M,) rad. A compass beside iron
-    is off by any angle: beyond three sigma its pull fades."""
+    """z = heading + compass_offset + noise, modulo a turn.
+
+    heading, sigma: (M,) rad. A compass beside iron is off by any angle: beyond three sigma its pull fades.
+    """
 
     heading: Array
     sigma: Array

@@ -1,5 +1,4 @@
-"""What is known of a pose and the constants without measuring: a start, however vague, or what a sliding
-window forgot."""
+"""What is known of a pose and the constants without measuring: a vague start, or what a window forgot."""
 
 from __future__ import annotations
 
@@ -31,8 +30,10 @@ class StartFactor(Factor):
 
 @dataclass(frozen=True, eq=False)
 class ConstantsFactor(Factor):
-    """Priors of the constants: mean and 1 sigma, (M, COUNT); a sigma of 0 holds a constant at its mean. Kept
-    with a pose of the chain, but on none."""
+    """Priors of the constants: mean and 1 sigma, (M, COUNT); a sigma of 0 holds a constant at its mean.
+
+    Kept with a pose of the chain, but on none.
+    """
 
     mean: Array
     sigma: Array
@@ -47,8 +48,9 @@ class ConstantsFactor(Factor):
 
 @dataclass(frozen=True, eq=False)
 class ForgottenFactor(Factor):
-    """What measurements that are no longer kept said of a pose and of the constants, together: a Gaussian in
-    square-root form, residual = offset + root ((pose, constants) - about).
+    """What measurements that are no longer kept said of a pose and of the constants, together.
+
+    A Gaussian in square-root form, residual = offset + root ((pose, constants) - about).
 
     root: (M, 3 + COUNT, 3 + COUNT), root'root the information with its cross terms; offset, about:
     (M, 3 + COUNT).

@@ -28,16 +28,20 @@ from hubodo.fuse.wheel.preintegration import WINDOW
 STATES = (WHEEL_ANGLE, EXCESS, LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y)
 
 LEFT_OUT = (GYRO_SCALE_Z, GYRO_BIAS_Z, CAMBER, YAW_RATE)
-"""Entries that move the residual but are not corrected by it: next to EXCESS, which is free while the gyro is
-clipped, what it could say of them is lost."""
+"""Entries that move the residual but are not corrected by it.
+
+Next to EXCESS, which is free while the gyro is clipped, what it could say of them is lost.
+"""
 
 _SHORTEST = 2e-3
 """m; on a shorter arm 30 rad/s make less than 2 m/s²: no more than bias and vibration."""
 
 
 def measure(w: WheelWindow, noise: WheelNoise) -> Row | None:
-    """Residual in m/s; None where the arm is too short to feel the spin. Variance: 1 m/s² for what the
-    accelerometers' scale and the bumps of a fast drive make of a force of many g (estimated), and vibration.
+    """Residual in m/s; None where the arm is too short to feel the spin.
+
+    Variance: 1 m/s² for what the accelerometers' scale and the bumps of a fast drive make of a force of many
+    g (estimated), and vibration.
     """
     x, at = w.x, w.at
     arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])

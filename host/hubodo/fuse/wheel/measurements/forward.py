@@ -1,5 +1,4 @@
-"""Forward: the specific force along the vehicle's forward axis is what the wheel's acceleration and the road
-make.
+"""Forward: the specific force along the vehicle is what the wheel's acceleration and the road make.
 
     Im[(F - a E - rho L) e^(i theta_m)] = R (w_1 - w_0) + n T
 
@@ -42,8 +41,11 @@ def usable(window: Window) -> bool:
 
 
 def measure(w: WheelWindow, noise: WindowNoise) -> Row:
-    """Residual in m/s. Variance: white noise of the accelerometers; at rest, how still a wheel stands; while
-    driving, vibration and the forward force that the wheel's own acceleration does not show."""
+    """Residual in m/s.
+
+    Variance: white noise of the accelerometers; at rest, how still a wheel stands; while driving, vibration
+    and the forward force that the wheel's own acceleration does not show.
+    """
     window = w.window
     variance = noise.accel + STILL
     if not w.resting:

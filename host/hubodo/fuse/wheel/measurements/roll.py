@@ -33,8 +33,11 @@ def usable(window: Window) -> bool:
 
 
 def measure(w: WheelWindow, noise: WindowNoise) -> Row:
-    """Residual in rad. Variance: white noise of the gyros; while driving, what vibration adds to them and
-    the vehicle's own rolling about its forward axis."""
+    """Residual in rad.
+
+    Variance: white noise of the gyros; while driving, what vibration adds to them and the vehicle's own
+    rolling about its forward axis.
+    """
     variance = noise.gyro
     if not w.resting:
         variance = noise.gyro + noise.flex * w.window.axial_variance + noise.roll

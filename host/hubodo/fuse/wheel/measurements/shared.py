@@ -47,8 +47,11 @@ Row = tuple[float, float, dict[Entry, float]]
 
 @dataclass(frozen=True, slots=True)
 class WheelGeometry:
-    """side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the
-    entry TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0."""
+    """How a wheel stands on the vehicle.
+
+    side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the entry
+    TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0.
+    """
 
     side: float
     radius: float
@@ -109,8 +112,8 @@ class WheelWindow:
 
     def look(self, x: list[float], window: Window, resting: bool) -> None:
         """Everything above for the states x and a window."""
-        r, angle, k, b, excess, camber, *rest = self._pick(x)
-        bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = rest
+        r, angle, k, b, excess, camber, *errors = self._pick(x)
+        bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
         self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r
         self.sin, self.cos = sin, cos = math.sin(camber), math.cos(camber)
         side, stretch = self.geometry.side, 1.0 + k

@@ -36,8 +36,11 @@ def usable(window: Window) -> bool:
 
 
 def measure(w: WheelWindow, noise: WindowNoise) -> Row:
-    """Residual in m/s. Variance: white noise of the accelerometer; at rest, how still a wheel stands; while
-    driving, vibration and the swaying of the vehicle."""
+    """Residual in m/s.
+
+    Variance: white noise of the accelerometer; at rest, how still a wheel stands; while driving, vibration
+    and the swaying of the vehicle.
+    """
     x, at, window = w.x, w.at, w.window
     variance = noise.accel + STILL
     if not w.resting:

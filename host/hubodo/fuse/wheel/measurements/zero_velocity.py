@@ -14,8 +14,11 @@ from hubodo.fuse.wheel.stillness import Stillness
 STATES = (SPEED, YAW_RATE)
 
 _SIGMAS = {Stillness.RESTING: (1e-3, 1e-4), Stillness.ROCKING: (0.03, 0.03)}
-"""1 sigma of speed, m/s, and yaw rate, rad/s. At rest: 0.1 mm and 0.6 mrad in a window, below what a gyro
-shows; rocked by hand: 3 cm back and forth within a second. Estimated."""
+"""1 sigma of speed, m/s, and yaw rate, rad/s.
+
+At rest: 0.1 mm and 0.6 mrad in a window, below what a gyro shows; rocked by hand: 3 cm back and forth within
+a second. Estimated.
+"""
 
 
 def measure(x: list[float], at: Mapping[Entry, int], stillness: Stillness) -> tuple[Row, Row]:

@@ -1,4 +1,6 @@
-"""Short drives as graphs, with every kind of factor in them."""
+"""Drives for the graph: as the generator makes them, and as graphs of a few poses of all kinds of factors."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -43,3 +45,36 @@ def numeric(function, at, step=1e-6):
         down[k] -= step
         columns.append((function(up) - function(down)) / (2.0 * step))
     return np.array(columns).T
+
+
+def make(seed, length=250.0, errors=None, motion=None, **kwargs):
+    rng = np.random.default_rng([seed, 44])
+    motion = gnss_drives.loop(rng, length=length) if motion is None else motion(rng)
+    return gnss_drives.drive(rng, motion, errors or gnss_drives.drawn(rng), **kwargs)
+
+
+def path_of(drive):
+    return OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+
+
+def fixes_of(drive, keep=slice(None), sigma=None):
+    own = None if sigma is None else np.full(len(drive.fix_t), sigma)[keep]
+    return Fixes(drive.fix_t[keep], drive.fix_latitude_deg[keep], drive.fix_longitude_deg[keep], own)
+
+
+def north(fixes, which, metres):
+    there = gnss_drives.geodetic(0.0, np.where(which, metres, 0.0), fixes.latitude_deg, fixes.longitude_deg)
+    return replace(fixes, latitude_deg=there[0])
+
+
+def errors_of(drive, result):
+    """(N, 3) of the track: east, north, heading."""
+    zero = np.zeros(1)
+    x, y = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+    tx, ty, th = drive.truth(result.track.t)
+    turn = np.mod(result.track.heading - th + np.pi, 2 * np.pi) - np.pi
+    return np.column_stack([result.track.x - x[0] - tx, result.track.y - y[0] - ty, turn])
+
+
+def rms(error):
+    return float(np.sqrt(np.mean(error[:, 0] ** 2 + error[:, 1] ** 2)))

@@ -14,7 +14,7 @@ from hubodo.fuse.graph.factors.factor import Factor
 from hubodo.fuse.graph.steps import CutPath
 
 
-class Measurement(Protocol):
+class SensorSamples(Protocol):
     """N samples of one sensor, or one that just came."""
 
     @property
@@ -23,8 +23,10 @@ class Measurement(Protocol):
         ...
 
     def factors(self, cut: CutPath, config: GraphConfig) -> Factor | None:
-        """The factors of one kind that the samples make of the poses at cut.state_t, at most one on each;
-        None without any. Samples before the first pose or after the last are left out."""
+        """The factors of one kind that the samples make of the poses at cut.state_t; None without any.
+
+        At most one on each pose. Samples before the first pose or after the last are left out.
+        """
         ...
 
 

@@ -1,0 +1,112 @@
+"""Fixes that jump, promise too much, lie or come by another clock: survived, and said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from graph_drives import errors_of, fixes_of, make, north, path_of, rms
+from hubodo.errors import InputError
+from hubodo.fuse.graph.graph import fuse_graph
+from hubodo.fuse.graph.screening import scatter, without_jumps
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"),
+    [(80.0, 90.0), (80.0, 80.2), (-1.0, 10.0), (130.0, 1e9)],
+    ids=["10 s", "once", "start", "to end"],
+)
+def test_a_jump_of_a_hundred_metres_is_survived_and_said(begin, end):
+    drive = make(7)
+    jumped = (drive.fix_t > begin) & (drive.fix_t < end)
+    result = fuse_graph(path_of(drive), north(fixes_of(drive), jumped, 100.0))
+    error = errors_of(drive, result)
+    assert rms(error) < 1.5
+    said = [text for text in result.warnings if "jumped" in text]
+    assert len(said) == 1
+    assert f"t = {drive.fix_t[jumped][0]:.1f}" in said[0]
+
+
+def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
+    drive = make(8)
+    plain = fuse_graph(path_of(drive), fixes_of(drive))
+    result = fuse_graph(
+        path_of(drive), north(fixes_of(drive), (drive.fix_t > 80) & (drive.fix_t < 100), 20.0)
+    )
+    assert result.track.sigma_x.mean() > 2.0 * plain.track.sigma_x.mean()
+    assert any("alike" in text for text in result.warnings)
+
+
+def test_a_receiver_that_promises_too_much_is_not_believed():
+    drive = make(9)
+    plain = fuse_graph(path_of(drive), fixes_of(drive, sigma=5.0))
+    bold = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.5))
+    assert any("scatter" in text for text in bold.warnings)
+    assert bold.track.sigma_x.mean() == pytest.approx(plain.track.sigma_x.mean(), rel=0.2)
+    assert rms(errors_of(drive, bold)) < 1.0
+
+
+@pytest.mark.parametrize("delay", [2.0, -1.5])
+def test_a_clock_that_is_off_is_found_undone_and_said(delay):
+    drive = make(10, delay=delay)
+    result = fuse_graph(path_of(drive), fixes_of(drive))
+    found = result.constants["gnss_delay"]
+    assert abs(found.value - delay) < 4.0 * found.sigma
+    assert rms(errors_of(drive, result)) < 1.0
+    assert any("time stamps" in text for text in result.warnings)
+
+
+def test_a_clock_that_is_right_stays_untouched():
+    drive = make(11, sigma=0.05)
+    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.05))
+    assert abs(result.constants["gnss_delay"].value) < 4.0 * result.constants["gnss_delay"].sigma
+    assert result.warnings == ()
+
+
+def test_rows_that_are_no_place_on_earth_are_named_and_left_out():
+    drive = make(14)
+    fixes = fixes_of(drive)
+    latitude = fixes.latitude_deg.copy()
+    latitude[16:20] = 95.0
+    result = fuse_graph(path_of(drive), replace(fixes, latitude_deg=latitude))
+    assert rms(errors_of(drive, result)) < 1.0
+    (text,) = result.warnings
+    assert "4 of" in text
+    assert "row 17" in text
+    with pytest.raises(InputError, match=r"no usable fix.*no place on Earth"):
+        fuse_graph(path_of(drive), replace(fixes, latitude_deg=fixes.latitude_deg * 0.0 + 95.0))
+
+
+def test_fixes_of_another_clock_altogether_are_one_clear_error():
+    drive = make(15, length=40.0)
+    fixes = fixes_of(drive)
+    with pytest.raises(InputError, match="clocks differ"):
+        fuse_graph(path_of(drive), replace(fixes, t=fixes.t + 1e6))
+
+
+def test_fixes_at_null_island_do_not_move_the_frame():
+    drive = make(16)
+    fixes, lost = fixes_of(drive), drive.fix_t < 15.0
+    result = fuse_graph(
+        path_of(drive),
+        replace(
+            fixes,
+            latitude_deg=np.where(lost, 0.0, fixes.latitude_deg),
+            longitude_deg=np.where(lost, 0.0, fixes.longitude_deg),
+        ),
+    )
+    assert rms(errors_of(drive, result)) < 1.0
+    assert any("km from the others" in text for text in result.warnings)
+
+
+def test_screening_keeps_what_the_wheels_can_have_rolled():
+    way = np.arange(100.0)
+    place = way + 0j
+    sigma = np.ones(100)
+    assert without_jumps(place, way, sigma).all()
+    jumped = place + np.where((way > 20) & (way < 30), 100j, 0)
+    assert np.array_equal(without_jumps(jumped, way, sigma), ~((way > 20) & (way < 30)))
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal(100) + 1j * rng.standard_normal(100)
+    assert scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
+    assert scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)
