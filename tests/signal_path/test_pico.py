@@ -16,7 +16,7 @@ from hubodo.flash.slots import MAIN, SLOTS, main_for
 from hubodo.log.mcap import read_recording
 from virtual_runs import pico_or_skip, unique_motion
 
-PACE = 4
+PACE = 2
 
 
 @pytest.fixture(autouse=True)
