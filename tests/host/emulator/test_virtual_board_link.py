@@ -67,6 +67,7 @@ def test_ctrl_c_breaks_a_program_that_sleeps_and_one_that_waits_for_input(
     ):
         host.write(line)
         host.until(b"\n42")
+        time.sleep(0.3)
         host.write(b"\x03")
         host.until(b"KeyboardInterrupt")
         host.until(b">>> ")
