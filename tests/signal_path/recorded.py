@@ -13,9 +13,9 @@ from virtual_runs import matched
 SECONDS = 4
 
 
-def recorder(port, log, *more):
-    """A daemon that listens to `port` for a few seconds; `more` words for it."""
-    words = ("record", str(port), "-o", str(log), "--duration", str(SECONDS), "--json", *more)
+def recorder(port, log, *more, seconds=SECONDS):
+    """A daemon that listens to `port` for so long; `more` words for it."""
+    words = ("record", str(port), "-o", str(log), "--duration", str(seconds), "--json", *more)
     return subprocess.Popen(
         [sys.executable, "-m", "hubodo.cli", *words],
         stdout=subprocess.PIPE,
@@ -32,7 +32,7 @@ def logged(log):
     return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
 
 
-def judge(done, log, truth):
+def judge(done, log, truth, seconds=SECONDS):
     """Nothing lost or damaged, every sample the chip's own, and the node has heard the host: what it says."""
     out, errors = done
     result = json.loads(out) if out else errors
@@ -42,7 +42,7 @@ def judge(done, log, truth):
     assert link["frames_damaged"] == 0
     assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 1
     found = matched(logged(log), truth)
-    assert len(found) > 0.8 * (SECONDS - 1) * 416
+    assert len(found) > 0.8 * (seconds - 1) * 416
     places, numbers = np.diff(found[:, 0]), np.diff(found[:, 2])
     hole = np.flatnonzero((places != 1) | (numbers != 1))
     assert not len(hole), (

@@ -16,7 +16,9 @@ from hubodo.flash.slots import MAIN, SLOTS, main_for
 from hubodo.log.mcap import read_recording
 from virtual_runs import pico_or_skip, unique_motion
 
-PACE = 2
+# Seconds of the wall for one of its own: an idle core would do with 2, but a busy one has to keep up as well.
+PACE = 6
+SECONDS = 2.5
 
 
 @pytest.fixture(autouse=True)
@@ -26,7 +28,7 @@ def _needs_an_image():
 
 @pytest.mark.real_time
 def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_path):
-    """On that clock its samples are as far apart as on its own, not twice as far."""
+    """On that clock its samples are as far apart as on its own, not six times as far."""
     port, log = tmp_path / "ttyACM0", tmp_path / "pico.mcap"
     node = VirtualNode(
         unique_motion(30),
@@ -36,9 +38,9 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
         host=Host(path=port, wait=True),
     )
     with node:
-        done = recorder(port, log, "--time-scale", str(PACE)).communicate(timeout=90)
+        done = recorder(port, log, "--time-scale", str(PACE), seconds=SECONDS).communicate(timeout=120)
         truth = node.chip.truth()
-    judge(done, log, truth)
+    judge(done, log, truth, SECONDS)
     (table,) = read_recording(log).nodes.values()
     made = truth.t[: len(table)]
     assert np.polyfit(made, table.t, 1)[0] == pytest.approx(1.0, abs=0.02)
