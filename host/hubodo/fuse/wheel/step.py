@@ -17,10 +17,6 @@ from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     EXCESS,
-    GYRO_BIAS_X,
-    GYRO_BIAS_Y,
-    GYRO_BIAS_Z,
-    GYRO_SCALE_Z,
     HEADING,
     SLOPE,
     SPEED,
@@ -32,6 +28,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements import Row, centripetal, position, zero_velocity
 from hubodo.fuse.wheel.measurements.position import Position
+from hubodo.fuse.wheel.prediction import forward_force, least_still
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
 from hubodo.fuse.wheel.state import Wheel, initial_state
@@ -145,7 +142,7 @@ class WheelStep:
                     wheel.join(self.x, self.p, at_begin=False)
                     self._renewed.append(wheel.at[WHEEL_ANGLE])
                 wheel.listen(window)
-        stillness = self._stillness(pairs)
+        stillness = least_still(pairs, self.x, self.p)
         if stillness is Stillness.MOVING:
             self._predict_rates(pairs)
         else:
@@ -199,35 +196,13 @@ class WheelStep:
 
     # -- prediction -----------------------------------------------------------------------------------------
 
-    def _stillness(self, pairs: Pairs) -> Stillness:
-        """That of the least still wheel."""
-        x, p, found = self.x, self.p, Stillness.RESTING
-        for wheel, window in pairs:
-            at = wheel.at
-            spin, bx, by = at[GYRO_BIAS_Z], at[GYRO_BIAS_X], at[GYRO_BIAS_Y]
-            sigma = math.sqrt(max(p.item(spin, spin), p.item(bx, bx), p.item(by, by)))
-            still = wheel.rest.stillness(window, x[spin], complex(x[bx], x[by]), sigma)
-            if still < found:
-                found = still
-        return found
-
     def _predict_rates(self, pairs: Pairs) -> None:
-        """Speed goes on with the mean forward acceleration that usable accelerometers feel.
-
-        The rest is noise.
-        """
-        x, p, total, count = self.x, self.p, 0.0, 0
-        for wheel, window in pairs:
-            if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:
-                at = wheel.at
-                seen = window.spin / WINDOW - x[at[GYRO_BIAS_Z]]
-                rate = seen / (1.0 + x[at[GYRO_SCALE_Z]])
-                angle = x[at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
-                total += (window.force * cmath.exp(1j * angle)).imag / WINDOW
-                count += 1
+        """Speed goes on with the mean forward acceleration that is felt; the rest is noise."""
+        x, p = self.x, self.p
         speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
-        if count:
-            force = total / count - x[self._at[SLOPE]]
+        force = forward_force(pairs, x)
+        if force is not None:
+            force -= x[self._at[SLOPE]]
             x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
         p[speed, speed] += _SPEED_STEP**2
         p[yaw_rate, yaw_rate] += _YAW_STEP**2
