@@ -40,8 +40,11 @@ class Fixes:
 
 @dataclass(frozen=True, eq=False)
 class LocalFixes:
-    """Usable fixes, (M,). row: their numbers in the input; place: east + i north of the frame, m; warnings:
-    one line for each reason why others are missing."""
+    """Usable fixes, (M,).
+
+    row: their numbers in the input; place: east + i north of the frame, m; warnings: one line for each
+    reason why others are missing.
+    """
 
     row: NDArray[np.intp]
     t: Array

@@ -45,11 +45,14 @@ class Reception(Enum):
 
 @dataclass(frozen=True, slots=True)
 class LiveLimits:
-    """lag: s of poses that are still moved: long enough for a fix to be judged by those after it. look_back:
+    """Times and bounds of a live graph.
+
+    lag: s of poses that are still moved: long enough for a fix to be judged by those after it. look_back:
     s of measurements a start looks at, begun every `retry` s and good when the heading's 1 sigma is below
-    `heading`, rad (9 deg: within it Gauss-Newton is sure to converge). patience: s that a fix may come after
-    the odometry of its time: two epochs of a slow receiver. lost: s of nothing but refused fixes, after which
-    the graph starts anew: longer than any street canyon misleads a receiver alike."""
+    `heading`, rad (9 deg: within it Gauss-Newton is sure to converge). patience: s that a fix may come
+    after the odometry of its time: two epochs of a slow receiver. lost: s of nothing but refused fixes,
+    after which the graph starts anew: longer than any street canyon misleads a receiver alike.
+    """
 
     lag: float = 60.0
     look_back: float = 120.0
@@ -61,8 +64,11 @@ class LiveLimits:
 
 @dataclass(frozen=True, slots=True)
 class LiveState:
-    """Pose at the newest odometry: x, y m east and north of `frame`, heading rad. covariance: (3, 3).
-    fix_t: s of the newest fix that counted. constants: as GraphTrack's."""
+    """Pose at the newest odometry.
+
+    x, y: m east and north of `frame`; heading: rad. covariance: (3, 3). fix_t: s of the newest fix that
+    counted. constants: as GraphTrack's.
+    """
 
     t: float
     x: float

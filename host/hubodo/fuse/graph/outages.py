@@ -12,9 +12,12 @@ from hubodo.fuse.track import Track
 
 @dataclass(frozen=True, slots=True)
 class Outage:
-    """A time without fixes. start, end: s, of the fixes before and after. distance: m driven in it. sigma:
-    m, 1 sigma of the position at its end. error, percent: m and % of the distance there, worst: m within
-    it; None without truth."""
+    """A time without fixes.
+
+    start, end: s, of the fixes before and after. distance: m driven in it. sigma: m, 1 sigma of the
+    position at its end. error, percent: m and % of the distance there, worst: m within it; None without
+    truth.
+    """
 
     start: float
     end: float

@@ -38,9 +38,12 @@ COMMON = slice(CONSTANTS.start, RESIDUAL + 1)
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """poses: (n, 3) x, y, heading; constants: (COUNT,). covariance: (n, 3, 3) of each pose, start_covariance:
-    (n, 3, 3) of pose k with pose 0, constants_covariance: (COUNT, COUNT); empty unless asked for.
-    iterations: taken; converged: before the most allowed."""
+    """The optimum of a graph.
+
+    poses: (n, 3) x, y, heading; constants: (COUNT,). covariance: (n, 3, 3) of each pose,
+    start_covariance: (n, 3, 3) of pose k with pose 0, constants_covariance: (COUNT, COUNT); empty unless
+    asked for. iterations: taken; converged: before the most allowed.
+    """
 
     poses: Array
     constants: Array

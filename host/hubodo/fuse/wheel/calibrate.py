@@ -65,10 +65,13 @@ across is one number.
 
 @dataclass(frozen=True)
 class WheelCalibration:
-    """nodes: name -> effect -> parameter -> value and sigma, names of the model file, node's own axes.
+    """What a drive with known positions told.
+
+    nodes: name -> effect -> parameter -> value and sigma, names of the model file, node's own axes.
     vehicle: the same. unseen: what the drive did not show, one line each, with what would. rms: m between
     the fixes and the track that the filter made before it was told them. fixes: how many were used.
-    warnings: as of the filter."""
+    warnings: as of the filter.
+    """
 
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     vehicle: Mapping[str, Mapping[str, Quantity]]

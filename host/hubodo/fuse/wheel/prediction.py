@@ -26,8 +26,10 @@ def least_still(pairs: Pairs, x: list[float], p: Array) -> Stillness:
 
 
 def forward_force(pairs: Pairs, x: list[float]) -> float | None:
-    """Mean specific force, m/s², that usable accelerometers feel along the vehicle's forward axis; None
-    where there are none."""
+    """Mean specific force, m/s², that accelerometers feel along the vehicle's forward axis.
+
+    None where no accelerometer is usable.
+    """
     total, count = 0.0, 0
     for wheel, window in pairs:
         if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:

@@ -22,8 +22,11 @@ _PROMISED, _BESIDE = 20.0, 20.0
 
 @dataclass(frozen=True)
 class Rival:
-    """One candidate of a round. gain: in ln likelihood. evidence: ln Bayes factor against its absence.
-    probability: among all of its round, and nothing. refit: with it; proposal: of a look at scatter."""
+    """One candidate of a round.
+
+    gain: in ln likelihood. evidence: ln Bayes factor against its absence. probability: among all of its
+    round, and nothing. refit: with it; proposal: of a look at scatter.
+    """
 
     term: ModelTerm
     gain: float

@@ -31,8 +31,11 @@ Say = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class SearchResult:
-    """rounds: in order; each but the last added its best. final: the fit of all that was added. decimated:
-    whether the first rounds saw only some of the samples."""
+    """All rounds of a search.
+
+    rounds: in order; each but the last added its best. final: the fit of all that was added. decimated:
+    whether the first rounds saw only some of the samples.
+    """
 
     rounds: tuple[Round, ...]
     final: Refit

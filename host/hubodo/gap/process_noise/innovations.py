@@ -57,11 +57,14 @@ class Share:
 
 @dataclass(frozen=True)
 class Innovations:
-    """grams: (B, P+1, P+1), one for each `block` windows; the last row and column belong to the residual.
-    logs: logarithms that go with them: -½ (last element + logs) is the log-likelihood. raw: (P+1,) squares of
-    the columns before anything but a free walk was taken out, with those of the steps that they ask of it.
-    mean: (K, C) where each walk is beside its path as all windows show it; nothing when only columns were
-    asked for."""
+    """What the filter left of residuals and columns, as sums.
+
+    grams: (B, P+1, P+1), one for each `block` windows; the last row and column belong to the residual.
+    logs: logarithms that go with them: -½ (last element + logs) is the log-likelihood. raw: (P+1,)
+    squares of the columns before anything but a free walk was taken out, with those of the steps that
+    they ask of it. mean: (K, C) where each walk is beside its path as all windows show it; nothing when
+    only columns were asked for.
+    """
 
     grams: Array
     logs: float

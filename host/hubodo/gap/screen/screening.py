@@ -17,8 +17,11 @@ from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, nul
 
 @dataclass(frozen=True)
 class Screened:
-    """gain: of the log-likelihood. evidence: ln Bayes factor. value: (k,) of its coordinates, in scales.
-    information: (k, k) about them where they begin, zero for what is not seen there."""
+    """What a candidate would bring, to first order.
+
+    gain: of the log-likelihood. evidence: ln Bayes factor. value: (k,) of its coordinates, in scales.
+    information: (k, k) about them where they begin, zero for what is not seen there.
+    """
 
     candidate: Candidate
     gain: float

@@ -39,9 +39,12 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """M factors of one kind. state: (M,) numbers of their poses, increasing: at most one of a kind on a pose.
-    Every array of a kind counts factors along its first axis, so that parts of a graph are cut out and put
-    together without knowing the kind."""
+    """M factors of one kind.
+
+    state: (M,) numbers of their poses, increasing: at most one of a kind on a pose. Every array of a kind
+    counts factors along its first axis, so that parts of a graph are cut out and put together without
+    knowing the kind.
+    """
 
     state: NDArray[np.intp]
     loss: Loss = field(default=QUADRATIC, kw_only=True)
