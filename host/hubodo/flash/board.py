@@ -229,7 +229,7 @@ class FlashBoard:
                 local = Path(scratch) / str(number)
                 local.write_bytes(content)
                 words += ["+", "fs", "cp", str(local), f":{name}"]
-            self._run(*words[1:], patience=_COMMAND_TIMEOUT + _FILE_TIMEOUT * len(files))
+            self._run(*words[1:], longer=_FILE_TIMEOUT * len(files))
 
     def reset(self) -> None:
         """Restarts the board; the link may vanish and come back."""
@@ -262,7 +262,9 @@ class FlashBoard:
             f"{self.port}: copied, but no Hello within {timeout:.0f} s: see mpremote connect {self.port}"
         )
 
-    def _run(self, *command: str, patience: float = _COMMAND_TIMEOUT) -> str:
+    def _run(self, *command: str, longer: float = 0.0) -> str:
+        """What mpremote prints; longer: s that it may take beyond _COMMAND_TIMEOUT."""
+        patience = _COMMAND_TIMEOUT + longer
         words = [sys.executable, "-m", "mpremote", "connect", self.port, "resume", *command]
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=patience, check=False)
