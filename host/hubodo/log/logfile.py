@@ -143,25 +143,25 @@ class Log:
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[LogMessage]:
-        """Messages by log time, start <= log_time < end (ns); holds only the chunks that overlap in time."""
-        waiting = sorted(self.found.chunks, key=lambda place: place.start_ns)
+        """Messages by log time, start <= log_time < end (ns), those of one time in the order of the file.
+
+        Holds only the chunks that overlap in time.
+        """
         waiting = [
-            place
-            for place in waiting
+            (number, place)
+            for number, place in enumerate(self.found.chunks)
             if (start is None or place.end_ns >= start) and (end is None or place.start_ns < end)
         ]
-        waiting.reverse()
+        waiting.sort(key=lambda numbered: numbered[1].start_ns, reverse=True)
         cut = self.found.cut
         cursors: list[tuple[int, int, Iterator[LogMessage], LogMessage]] = []
-        count = 0
         while waiting or cursors or cut is not None:
-            while waiting and (not cursors or waiting[-1].start_ns <= cursors[0][0]):
-                count += 1
-                self._push(cursors, count, self._ordered(waiting.pop(), topics, start, end))
+            while waiting and (not cursors or waiting[-1][1].start_ns <= cursors[0][0]):
+                number, place = waiting.pop()
+                self._push(cursors, number, self._ordered(place, topics, start, end))
             if cut is not None and not waiting:
-                messages = self._cut_messages(cut)
-                cut, count = None, count + 1
-                self._push(cursors, count, self._select(messages, topics, start, end))
+                messages, cut = self._cut_messages(cut), None
+                self._push(cursors, len(self.found.chunks), self._select(messages, topics, start, end))
             if cursors:
                 _, number, rest, message = cursors[0]
                 yield message

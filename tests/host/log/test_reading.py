@@ -239,6 +239,27 @@ def test_messages_come_by_log_time_across_chunks_that_overlap(window, tmp_path: 
     assert odd == [t for t in expected if t % 2]
 
 
+def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path: Path) -> None:
+    """Frames of one read have one time; those in a chunk that begins with something older are not read first."""
+    path = tmp_path / "log.mcap"
+    first = b"first" + bytes(200)  # fills a chunk
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=200, compression=CompressionType.NONE)
+        writer.start()
+        raw, late = (writer.register_channel(topic, "x", 0) for topic in ("/raw", "/late"))
+        for channel, t, data in (
+            (raw, 5, first),
+            (late, 3, b"older"),
+            (raw, 5, b"second"),
+            (raw, 5, b"third"),
+        ):
+            writer.add_message(channel, t, data, t)
+        writer.finish()
+    with open_log(path) as log:
+        assert [place.start_ns for place in log.found.chunks] == [5, 3]
+        assert [m.data for m in log.messages()] == [b"older", first, b"second", b"third"]
+
+
 def test_iterating_messages_keeps_few_chunks_in_memory(tmp_path: Path) -> None:
     with McapLog(tmp_path / "log.mcap", compression="zstd", clock=None) as log:
         channel = log.add_channel("/x", "", "", b"", "json")
