@@ -240,7 +240,7 @@ def test_messages_come_by_log_time_across_chunks_that_overlap(window, tmp_path: 
 
 
 def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path: Path) -> None:
-    """Frames of one read have one time; those in a chunk that begins with something older are not read first."""
+    """Frames of one read have one time; a chunk that begins with something older is not read before them."""
     path = tmp_path / "log.mcap"
     first = b"first" + bytes(200)  # fills a chunk
     with path.open("wb") as stream:
