@@ -21,8 +21,8 @@ REAL_TIME = (
     "host/test_verb_record.py",
 )
 
-# Rides that take their time begin with the first test of this folder: it comes first. Their own tests come last,
-# but for those that watch how late each sample is: no ride may run beside them.
+# Rides that take their time begin with the first test of this folder: it comes first. Their own tests come
+# last, but for those that watch how late each sample is: no ride may run beside them.
 FIRST = "signal_path"
 LAST = (
     *(f"signal_path/test_{name}.py" for name in ("wheelchair_ride", "hidden_effect", "demo")),
