@@ -107,10 +107,14 @@ def test_map_to_odom_after_odom_to_base_link_is_where_the_vehicle_is_on_the_map(
     seconds = (t - recording_zero) * 1e-9
     inside = seconds < odom.t[-1]
     x, y = (np.interp(seconds, odom.t, odom[name]) for name in ("x", "y"))
-    for made, ox, oy in zip(np.array(located)[inside], x[inside], y[inside], strict=True):
-        chained = made.odom_position[0] + _turned(ox, oy, made.odom_heading[0])
-        # /odom's rows lie within a few ms of the end of a window, and are carried there from the one before.
-        assert np.hypot(*(chained - made.position[0])) < 0.03
+    apart = [
+        np.hypot(*(made.odom_position[0] + _turned(ox, oy, made.odom_heading[0]) - made.position[0]))
+        for made, ox, oy in zip(np.array(located)[inside], x[inside], y[inside], strict=True)
+    ]
+    # /odom's rows are carried on from the newest pose: for a window as a rule, and for as long as one of the
+    # nodes is late beside it. Most lie within millimetres; none is a window's way off, 0.1 s at 1.5 m/s.
+    assert np.median(apart) < 0.005
+    assert max(apart) < 0.15
 
 
 def _turned(x, y, angle):
