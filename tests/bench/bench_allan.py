@@ -18,7 +18,7 @@ import sys, tracemalloc
 import numpy as np
 samples = np.random.default_rng(0).normal(0.02, 0.004, int(sys.argv[2]))
 if sys.argv[1] == "ours":
-    from hubodo.sensors.allan import allan_deviation as run
+    from hubodo.sensors.allan.deviation import allan_deviation as run
 else:
     import allantools
     run = lambda s, dt: allantools.oadev(s, rate=1 / dt, data_type="freq", taus="octave")

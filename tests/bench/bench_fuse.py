@@ -132,7 +132,7 @@ def main(argv=None):
     step, start = live(hour(LIVE, 10.0))
     print(f"  live, {LiveLimits().lag:g} s of poses at 5 Hz: {1e3 * step:.1f} ms CPU a fix, at most "
           f"{1e3 * LIVE_LIMIT:g}; a start {1e3 * start:.0f} ms")  # fmt: skip
-    return times[10.0] > LIMIT * seconds / 3600.0 + 0.5 or times[100.0] > cpu or step > LIVE_LIMIT
+    return int(times[10.0] > LIMIT * seconds / 3600.0 + 0.5 or times[100.0] > cpu or step > LIVE_LIMIT)
 
 
 if __name__ == "__main__":
