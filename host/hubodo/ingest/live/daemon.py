@@ -77,7 +77,7 @@ def record(
             log.attach(name, "application/toml", data)
         localizer = None
         if vehicle is not None and gnss:
-            localizer = LocalizerThread(log.t_zero_ns, news.put)
+            localizer = LocalizerThread(log.t_zero_ns, news.put, vehicle.antenna)
             stack.callback(localizer.stop)
         recorder = Recorder(
             names,
