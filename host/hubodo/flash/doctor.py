@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hubodo.errors import LinkError
-from hubodo.flash.board import BoardIdentity, FlashBoard, FlashError
+from hubodo.flash.board import BoardIdentity, FlashBoard
 from hubodo.flash.check_result import CHECKS, CheckResult, ok, unknown, wrong
 from hubodo.flash.image import build, digests, firmware_folder
 from hubodo.flash.listen import Heard, listen
+from hubodo.flash.prompt import FlashError
 from hubodo.flash.slots import CONFIG, SLOTS, main_for, plan
 from hubodo.flash.symptoms import judge, speech
 from hubodo.flash.wires import board_pins, judge_wires, look
@@ -53,7 +54,8 @@ def examine(
         return _complete(port, results + judge(heard, baud))
     note("looking from within")
     try:
-        within, has_firmware = _look_within(FlashBoard(port))
+        with FlashBoard(port) as board:
+            within, has_firmware = _look_within(board)
     except FlashError as error:
         remedy = (
             "unplug the board, plug it in again; a node that sends by UART or Wi-Fi has its prompt on USB"
