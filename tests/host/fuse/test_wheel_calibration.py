@@ -45,13 +45,20 @@ def _positions(drive: wheel_drives.WheelDrive, seed: int, sigma: float) -> tuple
     return t, place.real, place.imag, np.full(len(t), sigma)
 
 
-@pytest.mark.parametrize("facing", [None, {"right": "right"}])
+@pytest.fixture(scope="module", params=[None, {"right": "right"}], ids=["all left", "right right"])
+def drives(
+    request: pytest.FixtureRequest,
+) -> tuple[dict[str, str] | None, dict[int, wheel_drives.WheelDrive]]:
+    """Where the nodes face, and two drives by their seeds."""
+    return request.param, {seed: _drive(seed, facing=request.param) for seed in (70, 71)}
+
+
 @pytest.mark.parametrize("sigma", [0.01, 1.0])
 def test_what_is_seen_lies_within_four_sigma_of_the_truth(
-    sigma: float, facing: dict[str, str] | None
+    sigma: float, drives: tuple[dict[str, str] | None, dict[int, wheel_drives.WheelDrive]]
 ) -> None:
-    for seed in (70, 71):
-        drive = _drive(seed, facing=facing)
+    facing, made = drives
+    for seed, drive in made.items():
         found = calibrate_wheels(config(drive, facing=facing), tables(drive), *_positions(drive, seed, sigma))
         for name, node in drive.nodes.items():
             for (effect, parameter), truth in TRUTH_OF.items():
