@@ -5,7 +5,7 @@ export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
 
-.PHONY: demo test check chip bench papers accuracy gap-matrix gap-rides mutants browser setup clean
+.PHONY: demo test check chip bench papers accuracy road gap-matrix gap-rides mutants browser setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -41,6 +41,10 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py
+
+road: setup          ## calibration of wheels: on a real car, and with positions of several kinds; some ten minutes
+	$(BIN)/python tests/accuracy/car.py
+	$(BIN)/python tests/accuracy/wheel_calibration.py
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test

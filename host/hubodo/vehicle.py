@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -28,12 +29,14 @@ class NodeMount:
 class Vehicle:
     """Geometry of a vehicle and its nodes, ``[vehicle]`` and ``[nodes.*]`` of a model file.
 
-    wheel_radius, track_width (between contacts): m. nodes: by name.
+    wheel_radius, track_width (between contacts): m. nodes: by name. antenna: m forward and left of midway
+    between the wheels, of what tells positions; None where it is not known.
     """
 
     wheel_radius: float
     track_width: float
     nodes: Mapping[str, NodeMount] = field(default_factory=dict)
+    antenna: tuple[float, float] | None = None
 
     def on(self, side: Side) -> str | None:
         """The name of the first node on that wheel, None where there is none."""
@@ -64,8 +67,8 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
     body = as_table(table["vehicle"], f"{path}: [vehicle]")
-    only_keys(body, ("wheel_radius", "track_width"), f"{path}: [vehicle]")
-    sizes = read_table(body, _Sizes, f"{path}: [vehicle]")
+    only_keys(body, ("wheel_radius", "track_width", "antenna"), f"{path}: [vehicle]")
+    sizes = read_table({k: body[k] for k in body if k != "antenna"}, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
     nodes: dict[str, NodeMount] = {}
@@ -74,13 +77,22 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         entries = as_table(values, where)
         only_keys(entries, ("side", "facing", "effects"), where)
         nodes[name] = _mount(entries, where)
-    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes)
+    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, _antenna(body, f"{path}: [vehicle] antenna"))
 
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
     wheel_radius: float
     track_width: float
+
+
+def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
+    if "antenna" not in body:
+        return None
+    match body["antenna"]:
+        case [int() | float() as x, int() | float() as y] if math.isfinite(x) and math.isfinite(y):
+            return float(x), float(y)
+    raise ConfigError(f"{where}: give [forward, left] in metres, such as [0.5, 0.0]")
 
 
 def _mount(table: Mapping[str, Any], where: str) -> NodeMount:

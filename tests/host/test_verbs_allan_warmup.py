@@ -1,6 +1,7 @@
 """`hubodo allan` and `hubodo warmup`: forms for programs, files for people, refusals in one line."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +73,14 @@ def test_allan_writes_a_png_and_a_page_that_needs_no_network(rest, tmp_path, cap
     text = page.read_text("utf-8")
     assert "Allan deviation of left gz" in text
     assert "<script src" not in text
+
+
+@pytest.mark.parametrize("verb", ["allan", "heading"])
+def test_a_png_without_matplotlib_is_refused_before_any_work(verb, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    log, png = tmp_path / "is not even looked for", tmp_path / "gz.png"
+    assert main([verb, str(log), "--figure", str(png)]) == 2
+    assert "pip install 'hubodo[figures]'" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_accelerometer_channels_have_their_own_names(rest, capsys):

@@ -221,6 +221,7 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         "[vehicle]",
         _number("wheel_radius", vehicle.wheel_radius, "m"),
         _number("track_width", vehicle.track_width, "m, between contacts"),
+        *_antenna(vehicle),
         "",
         "[imu]",
         _number("gyro_noise", noise.gyro, "rad/s, 1 sigma per sample"),
@@ -252,6 +253,13 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
             if value or key in item.effect.fitted():
                 lines.append(_number(key, value, item.effect.unit(key)))
     return "\n".join(lines) + "\n"
+
+
+def _antenna(vehicle: Vehicle) -> list[str]:
+    if vehicle.antenna is None:
+        return []
+    forward, left = map(toml_number, vehicle.antenna)
+    return [f"antenna = [{forward}, {left}]  # m, forward and left of midway between the wheels"]
 
 
 def _number(key: str, value: float, unit: str) -> str:

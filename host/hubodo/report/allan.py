@@ -12,6 +12,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from hubodo.report.page import Grid, Section, figure
+from hubodo.report.png import blank
 from hubodo.sensors.allan.characterise import AllanReport
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.ieee952 import is_gyro, rate_unit, units
@@ -148,14 +149,9 @@ def _figure(report: AllanReport) -> go.Figure:
 
 def allan_png(report: AllanReport, path: Path, title: str) -> None:
     """The same figure as a PNG. Raises OSError when the file cannot be written."""
-    # Imported here: half a second that only those who want a picture pay.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     unit = rate_unit(report.channel)
     points = report.points
-    made = Figure(figsize=(8.0, 5.5), layout="constrained")
-    FigureCanvasAgg(made)
+    made = blank(8.0, 5.5)
     axes = made.add_subplot()
     axes.errorbar(
         points.tau,

@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hubodo.report.page import Grid, Section, figure
+from hubodo.report.png import blank
 from hubodo.sensors.heading.summary import HeadingReport
 
 _DEG = math.degrees(1.0)
@@ -79,13 +80,8 @@ def heading_sections(report: HeadingReport) -> list[Section]:
 
 def heading_png(report: HeadingReport, path: Path, title: str) -> None:
     """Course and sigma, and the error where there is a truth. Raises OSError where it cannot be written."""
-    # Imported here: half a second that only those who want a picture pay.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     track, score = report.track, report.score
-    made = Figure(figsize=(8.0, 6.0), layout="constrained")
-    FigureCanvasAgg(made)
+    made = blank(8.0, 6.0)
     upper, lower = made.subplots(2, 1, sharex=True)
     upper.plot(track.t, (track.heading + report.start) * _DEG, color=_OURS, label="heading")
     for (name, values), colour in zip(track.rivals.items(), _RIVALS, strict=False):

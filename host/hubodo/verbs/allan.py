@@ -13,6 +13,7 @@ from rich.table import Table
 from hubodo.errors import InputError
 from hubodo.report.allan import MEANING, allan_lead, allan_png, allan_sections, duration_words, value_words
 from hubodo.report.page import page
+from hubodo.report.png import png_path
 from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.ieee952 import units
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
@@ -84,7 +85,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="1..12",
         help="averaging times per octave",
     )
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="write the log-log figure with asymptotes")
+    parser.add_argument(
+        "--figure", type=png_path, metavar="PNG", help="write the log-log figure with asymptotes"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 

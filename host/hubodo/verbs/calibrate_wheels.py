@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.arrays import Array
 from hubodo.calibration.file import (
     Calibration,
-    Quantity,
     node_serial,
     read_calibration,
     source_hash,
@@ -23,18 +22,26 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
-from hubodo.fuse.wheel.calibrate import WheelCalibration, calibrate_wheels
+from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, WheelPriors, calibrate_wheels
+from hubodo.fuse.wheel.calibration.findings import plain
+from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.mcap import read_recording
 from hubodo.recording import Recording, Table
-from hubodo.vehicle import load_vehicle
+from hubodo.vehicle import Vehicle, load_vehicle
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
 
-TRUTH_SIGMA = 0.01
+TRUTH_SIGMA = 0.1
+"""m; what is called a truth is no worse from one row to the next. How good it is, it shows."""
+
 GNSS_SIGMA = 3.0
+"""m; of a receiver that does not say."""
+
+ANTENNA_SIGMA = 0.05
+"""m; how well a tape measure knows where an antenna is."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +59,13 @@ class CalibratedWheels:
             "output": self.output,
             "positions": self.positions,
             "fixes": found.fixes,
+            "jumps": found.jumps,
+            "position_error": {"random": found.random, "slow": found.slow},
+            "antenna": {name: asdict(q) for name, q in zip("xy", found.antenna, strict=True)},
             "rms_before": found.rms,
-            "nodes": {name: _plain(effects) for name, effects in found.nodes.items()},
-            "vehicle": _plain(found.vehicle),
+            "held_out": asdict(found.held_out),
+            "nodes": {name: plain(effects) for name, effects in found.nodes.items()},
+            "vehicle": plain(found.vehicle),
             "unseen": list(found.unseen),
             "warnings": list(found.warnings),
         }
@@ -67,11 +78,8 @@ class CalibratedWheels:
                 for parameter, q in parameters.items():
                     table.add_row(name, effect, parameter, f"{q.value:+.6g}", f"{q.sigma:.2g}")
         console.print(table)
-        console.print(
-            f"{self.result.fixes} positions ({self.positions}); before calibration the track was "
-            f"{self.result.rms:.2f} m rms from them",
-            highlight=False,
-        )
+        for line in _words(self.result, self.positions):
+            console.print(line, highlight=False, soft_wrap=True)
         for line in self.result.unseen:
             console.print(f"not seen: {line}", highlight=False, markup=False, soft_wrap=True)
         for line in self.result.warnings:
@@ -85,6 +93,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="TOML", help="calibration file; added to"
     )
+    for name, of in (
+        ("radius", "a wheel's radius"),
+        ("track", "the track width"),
+        ("scale", "a gyro's scale"),
+    ):
+        parser.add_argument(
+            f"--{name}-sigma",
+            type=float,
+            default=getattr(WheelPriors(), name),
+            metavar="SHARE",
+            help=f"by which {of} may be off before the drive, 1 sigma (default %(default)s)",
+        )
 
 
 def run(args: argparse.Namespace) -> CalibratedWheels:
@@ -92,12 +112,13 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     vehicle = load_vehicle(args.vehicle)
     recording = read_folder(args.log) if args.log.is_dir() else read_recording(args.log)
     before = read_calibration(args.output) if args.output.exists() else Calibration()
-    kind, t, x, y, sigma = _positions(recording, str(args.log))
+    kind, positions = _positions(recording, vehicle, str(args.log))
+    priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))
     try:
         config = wheel_config(vehicle, list(recording.nodes))
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
-    found = calibrate_wheels(config, recording.nodes, t, x, y, sigma)
+    found = calibrate_wheels(config, recording.nodes, positions, priors)
     provenance: dict[str, Any] = {
         "method": f"wheel filter with {found.fixes} positions ({kind})",
         "source_sha256": source_hash(args.log),
@@ -112,18 +133,45 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     return CalibratedWheels(str(args.output), kind, found)
 
 
-def _positions(recording: Recording, log: str) -> tuple[str, Array, Array, Array, Array]:
-    """Truth where there is one, else GNSS: its name, t, x, y and sigma."""
+def _positions(recording: Recording, vehicle: Vehicle, log: str) -> tuple[str, Positions]:
+    """Truth where there is one, else GNSS: its name, and where it says that the vehicle was."""
     truth, gnss = recording.truth, recording.gnss
+    antenna = None if vehicle.antenna is None else (*vehicle.antenna, ANTENNA_SIGMA)
     if truth is not None:
-        return "truth", truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA)
-    if gnss is None or len(gnss) == 0:
+        t, x, y, sigma = truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA)
+    elif gnss is not None and len(gnss) > 0:
+        frame = local_frame(float(gnss["latitude_deg"][0]), float(gnss["longitude_deg"][0]))
+        x, y = frame.to_local(gnss["latitude_deg"], gnss["longitude_deg"])
+        t, sigma = gnss.t, gnss["sigma"] if "sigma" in gnss else np.full(len(gnss), GNSS_SIGMA)
+    else:
         raise InputError(f"{log}: has neither truth nor GNSS; calibrate wheels needs to know where it was")
-    frame = local_frame(float(gnss["latitude_deg"][0]), float(gnss["longitude_deg"][0]))
-    x, y = frame.to_local(gnss["latitude_deg"], gnss["longitude_deg"])
-    sigma = gnss["sigma"] if "sigma" in gnss else np.full(len(gnss), GNSS_SIGMA)
     sound = np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma) & (sigma > 0)
-    return "gnss", gnss.t[sound], x[sound], y[sound], sigma[sound]
+    kind = "gnss" if truth is None else "truth"
+    return kind, Positions(t[sound], x[sound], y[sound], sigma[sound], antenna)
+
+
+def _share(args: argparse.Namespace, name: str) -> float:
+    value: float = getattr(args, f"{name}_sigma")
+    if not 0.0 < value < 1.0:
+        raise InputError(f"--{name}-sigma {value:g}: give a share between 0 and 1, such as 0.02")
+    return value
+
+
+def _words(found: WheelCalibration, positions: str) -> Iterator[str]:
+    """What people want to know beside the table."""
+    yield (
+        f"{found.fixes} positions ({positions}), off by {found.random:.2g} m at random and {found.slow:.2g} "
+        f"m slowly; before calibration the track was {found.rms:.2f} m rms from them"
+    )
+    if found.jumps:
+        yield f"the positions jumped {found.jumps} times; each began a new slow error"
+    x, y = found.antenna
+    yield f"antenna {x.value:+.2f} ± {x.sigma:.2f} m forward, {y.value:+.2f} ± {y.sigma:.2f} m to the left"
+    judged = found.held_out
+    if judged.stretches:
+        yield (f"held out: {judged.stretches} stretches, calibrated on the others each: {judged.words}")
+    else:
+        yield "held out: the drive is too short to leave stretches out; whether it helps is not known"
 
 
 def _span(table: Table) -> tuple[float, float] | None:
@@ -131,10 +179,3 @@ def _span(table: Table) -> tuple[float, float] | None:
         return None
     known = table["temperature"][np.isfinite(table["temperature"])]
     return (float(known.min()), float(known.max())) if len(known) else None
-
-
-def _plain(effects: Any) -> dict[str, dict[str, dict[str, float]]]:
-    def one(q: Quantity) -> dict[str, float]:
-        return {"value": q.value, "sigma": q.sigma}
-
-    return {name: {p: one(q) for p, q in parameters.items()} for name, parameters in effects.items()}

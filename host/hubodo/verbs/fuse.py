@@ -106,9 +106,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--antenna",
         nargs=2,
         type=float,
-        default=(0.0, 0.0),
         metavar=("X", "Y"),
-        help="m of the GNSS antenna forward and left of midway between the wheels",
+        help="m of the GNSS antenna forward and left of midway between the wheels ([vehicle] antenna)",
     )
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help="folder for the result"
@@ -136,9 +135,8 @@ def run(args: argparse.Namespace) -> Fused:
         calibration=calibration,
         lag=lag,
     )
-    absolute = (
-        None if args.no_graph else absolute_track(recording, odometry, (args.antenna[0], args.antenna[1]))
-    )
+    antenna = tuple(args.antenna) if args.antenna else vehicle.antenna or (0.0, 0.0)
+    absolute = None if args.no_graph else absolute_track(recording, odometry, antenna)
     known = None
     if args.calibration:
         known = {"file": str(args.calibration), "sha256": source_hash(args.calibration)}

@@ -20,6 +20,7 @@ from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.report.heading import heading_lead, heading_png, heading_sections, score_rows
 from hubodo.report.page import page
+from hubodo.report.png import png_path
 from hubodo.sensors.heading.prior import noise_of_allan, upright, warmup_upwards
 from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
@@ -92,7 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--step", type=float, default=0.1, help="s from row to row (default 0.1)")
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
-    parser.add_argument("--figure", type=Path, metavar="PNG", help="write the course with its sigma")
+    parser.add_argument("--figure", type=png_path, metavar="PNG", help="write the course with its sigma")
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 

@@ -15,6 +15,7 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_ACROSS,
     LEVER_ARM_X,
     LEVER_ARM_Y,
+    OF_POSITIONS,
     OF_VEHICLE,
     OF_WHEEL,
     SPEED,
@@ -38,7 +39,7 @@ from hubodo.fuse.wheel.preintegration import WINDOW, Window, WindowBuilder
 from hubodo.fuse.wheel.sine import cosine_and_sine
 from hubodo.fuse.wheel.stillness import Stillness
 
-AT = Columns(1).wheels[0]
+AT = Columns(1, told=True).wheels[0]
 TOLD = position.Position(3.0, -2.0, 0.5)
 
 
@@ -92,7 +93,7 @@ def test_derivatives_of_every_measurement_equal_central_differences(
     rng = np.random.default_rng(seed)
     window = _window(rng, float(rng.uniform(-34.0, 34.0)), facing)
     geometry = WheelGeometry(side, 0.31, 0.46 * side, 1.0)
-    entries = OF_VEHICLE + OF_WHEEL
+    entries = OF_VEHICLE + OF_POSITIONS + OF_WHEEL
     sign = np.array([entry.sign(facing) for entry in entries])  # type: ignore[arg-type]
     own = 0.1 * rng.standard_normal(len(entries))
 

@@ -182,7 +182,8 @@ def models(draw):
     speed = st.one_of(st.floats(-10, 10), st.sampled_from(["nodes", "reference.speed"]))
     noise = st.floats(0, 1)
     inputs = InputNames(draw(speed), draw(speed), draw(noise), draw(noise))
-    vehicle = Vehicle(draw(positive), draw(positive), nodes)
+    antenna = draw(st.one_of(st.none(), st.tuples(st.floats(-9, 9), st.floats(-9, 9))))
+    vehicle = Vehicle(draw(positive), draw(positive), nodes, antenna)
     return Model(
         vehicle, Noise(draw(positive), draw(positive)), inputs, tuple(draw(st.permutations(effects)))
     )

@@ -7,14 +7,16 @@ from dataclasses import dataclass, field, replace
 
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
 from hubodo.effects.gyro import GyroBias
+from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, Entry
 from hubodo.fuse.wheel.stillness import RestLimits
 from hubodo.vehicle import Facing, Side, Vehicle
 
-_BIAS_OF_ANOTHER_DAY = 0.005
-"""rad/s; what a calibrated bias is worth after other temperatures and switchings on.
+_OF_ANOTHER_DAY = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
+"""1 sigma that what was calibrated has at least in another drive.
 
-0.3 deg/s, what the LSM6DS33 drifts in six degrees (0.05 deg/s/K, data sheet).
+gyro_bias: rad/s, other temperatures and switchings on: 0.3 deg/s, what the LSM6DS33 drifts in six degrees
+(0.05 deg/s/K, data sheet). wheel_radius: a fraction; pressure, load and wear, 0.3 mm on a car's wheel.
 """
 
 
@@ -56,7 +58,8 @@ class WheelConfig:
 
     radius, track_width: m. nodes: by name, one of each side at most. known: what replaces the priors of the
     vehicle's entries. gyro_limit: rad/s, accel_limit: m/s², where the channels clip: just below 2000 deg/s
-    and 16 g, the ranges of the firmware. start_heading: rad, heading_sigma: 1 sigma of it.
+    and 16 g, the ranges of the firmware. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it
+    is told positions by somebody else.
     """
 
     radius: float
@@ -69,6 +72,7 @@ class WheelConfig:
     accel_limit: float = 156.0
     start_heading: float = 0.0
     heading_sigma: float = 0.0
+    told: bool = False
 
     def __post_init__(self) -> None:
         sides = [node.side for node in self.nodes.values()]
@@ -88,16 +92,16 @@ def wheel_config(
     for name, mount in vehicle.nodes.items():
         if name in names and mount.side is not None and mount.facing is not None:
             found = calibration.nodes.get(name) if calibration else None
-            known = _known(OF_WHEEL, found.effects if found else {}, mount.facing)
+            known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
             nodes[name] = WheelNode(mount.side, mount.facing, known)
     config = WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes)
-    return replace(config, known=_known(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
+    return replace(config, known=known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
 
 
-def _known(
+def known_of(
     entries: tuple[Entry, ...], effects: Mapping[str, CalibratedEffect], facing: Facing
 ) -> dict[Entry, Quantity]:
-    """What a calibration says of entries, as of a node that faces left."""
+    """What a calibration says of entries, as of a node that faces left, on another day."""
     known = {}
     for entry in entries:
         found = effects[entry.effect].parameters if entry.effect in effects else {}
@@ -106,6 +110,6 @@ def _known(
         share = entry.factor / len(entry.parameters)
         value = sum(found[name].value for name in entry.parameters) * share
         sigma = sum(found[name].sigma for name in entry.parameters) * share
-        least = _BIAS_OF_ANOTHER_DAY if entry.of is GyroBias else 0.0
+        least = _OF_ANOTHER_DAY.get(entry.effect, 0.0)
         known[entry] = Quantity(entry.sign(facing) * value, max(sigma, least))
     return known

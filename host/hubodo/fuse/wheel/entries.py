@@ -6,6 +6,7 @@ in its effect, with its origin. The filter turns every node to face left.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -31,7 +32,7 @@ class Entry:
     the first sample; walk: how far it wanders per square root of a second. of: the effect, None of a
     process; parameters: those of the effect whose mean it is, most often one; factor: by which that mean is
     multiplied in the state. alone: whether nothing but that effect is in it, so that a calibration of the
-    effect says what it is.
+    effect says what it is. forgets: s after which it is another one, with the prior for its size.
 
     There is one object of each entry and two are never equal: looking one up costs next to nothing.
     """
@@ -45,6 +46,7 @@ class Entry:
     parameters: tuple[str, ...] = ()
     factor: float = 1.0
     alone: bool = True
+    forgets: float = math.inf
 
     def __str__(self) -> str:
         return f"{self.effect}.{self.parameter}"
@@ -65,10 +67,7 @@ class Entry:
     @property
     def lasts(self) -> bool:
         """Whether it is a parameter that a drive can teach: no process, and not of the road underneath."""
-        if self.of is None:
-            return False
-        estimate = self.of.estimate(self.parameters[0])
-        return estimate is not None and estimate.forgets == float("inf")
+        return self.of is not None and self.forgets == math.inf
 
 
 def _of(
@@ -78,7 +77,8 @@ def _of(
     estimate = effect.estimate(parameters[0])
     assert estimate is not None, f"{effect.name}.{parameters[0]} is not estimated"
     prior, walk = estimate.prior * factor, estimate.walk * factor
-    return Entry(scope, effect.name, " ".join(parameters), prior, walk, effect, parameters, factor, alone)
+    named = " ".join(parameters)
+    return Entry(scope, effect.name, named, prior, walk, effect, parameters, factor, alone, estimate.forgets)
 
 
 X = Entry("vehicle", "motion", "x", 0.0, 0.0)
@@ -136,6 +136,24 @@ AXIAL_LEAK_Y = _of("wheel", AccelNonorthogonality, "zx", alone=False)
 EXCESS = Entry("wheel", "clipping", "excess", 0.0, 0.0)
 """rad/s about the axle that a clipped gyro does not show; zero while it shows all."""
 
+ANTENNA_X = Entry("vehicle", "antenna", "x", 1.5, 0.0)
+"""m forward of the body origin, of what is told where it is; anywhere on a car."""
+
+ANTENNA_Y = Entry("vehicle", "antenna", "y", 0.5, 0.0)
+"""m to the left; most stand in the middle."""
+
+POSITION_DELAY = Entry("vehicle", "positions", "delay", 0.05, 0.0)
+"""s by which the time stamps of the positions are later than the nodes'. Two clocks that somebody set."""
+
+POSITION_ERROR_X = Entry("vehicle", "positions", "error_x", 0.1, 0.0, forgets=600.0)
+"""m east, what changes slowly in a position's error: satellites that rise, reflections, a filter's memory.
+
+Ten minutes: satellites move on; a jump lasts as well. How large it is the positions tell.
+"""
+
+POSITION_ERROR_Y = Entry("vehicle", "positions", "error_y", 0.1, 0.0, forgets=600.0)
+"""m north."""
+
 OF_VEHICLE = (X, Y, HEADING, SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET, SLOPE)
 OF_WHEEL = (
     WHEEL_ANGLE,
@@ -143,6 +161,9 @@ OF_WHEEL = (
     *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, ACCEL_BIAS_Z, CAMBER, GYRO_SCALE_ACROSS),
     *(YAW_RATE_FROM_GRAVITY, WHEEL_RADIUS, AXIAL_LEAK_X, AXIAL_LEAK_Y, EXCESS),
 )
+OF_POSITIONS = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
+"""What there is besides where positions are told."""
+
 SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 """What one wheel cannot show."""
 
@@ -150,14 +171,15 @@ SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 class Columns:
     """Where each entry stands in the state, the vehicle's first, then those of each wheel.
 
-    Worked out once, when a filter is built.
+    Worked out once, when a filter is built. told: whether it is told positions.
     """
 
-    def __init__(self, wheels: int) -> None:
-        self.vehicle = {entry: place for place, entry in enumerate(OF_VEHICLE)}
-        self.size = len(OF_VEHICLE) + wheels * len(OF_WHEEL)
+    def __init__(self, wheels: int, told: bool = False) -> None:
+        of_vehicle = OF_VEHICLE + OF_POSITIONS if told else OF_VEHICLE
+        self.vehicle = {entry: place for place, entry in enumerate(of_vehicle)}
+        self.size = len(of_vehicle) + wheels * len(OF_WHEEL)
         self.wheels: list[dict[Entry, int]] = []
-        for first in range(len(OF_VEHICLE), self.size, len(OF_WHEEL)):
+        for first in range(len(of_vehicle), self.size, len(OF_WHEEL)):
             own = {entry: first + place for place, entry in enumerate(OF_WHEEL)}
             self.wheels.append(self.vehicle | own)
 

@@ -1,19 +1,19 @@
 """The wheel filter's states and covariance from the middle of a window to its end.
 
 The vehicle goes along the chord of an arc at the mean speed and yaw rate of the window; each wheel turns on
-at its mean rate; the force of the slope is a Gauss-Markov process of first order; every other entry stays,
-and wanders as its effect says.
+at its mean rate; an entry that forgets is a Gauss-Markov process of first order; every other one stays, and
+wanders as its effect says.
 """
 
 from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.vehicle import RoadGrade
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     CAMBER,
@@ -21,7 +21,6 @@ from hubodo.fuse.wheel.entries import (
     GYRO_BIAS_Z,
     GYRO_SCALE_Z,
     HEADING,
-    SLOPE,
     SPEED,
     WHEEL_ANGLE,
     YAW_RATE,
@@ -38,7 +37,6 @@ _VEHICLE = (
     (X, (HEADING, SPEED, YAW_RATE)),
     (Y, (HEADING, SPEED, YAW_RATE)),
     (HEADING, (YAW_RATE,)),
-    (SLOPE, (SLOPE,)),
 )
 """The entries of the vehicle that move within a window, and by which they do, beside themselves."""
 
@@ -51,29 +49,30 @@ class WheelMotion:
 
     def __init__(self, config: WheelConfig, begin: InitialState) -> None:
         columns = begin.columns
+        fading = [entry for entry in columns.vehicle if math.isfinite(entry.forgets)]
+        moving = (*_VEHICLE, *((entry, (entry,)) for entry in fading))
         # Only these states move within a window; their rows of the transition are all that is kept of it.
         self._moved = np.array(
-            [*(columns.vehicle[entry] for entry, _ in _VEHICLE), *(at[_WHEEL[0]] for at in columns.wheels)]
+            [*(columns.vehicle[entry] for entry, _ in moving), *(at[_WHEEL[0]] for at in columns.wheels)]
         )
         self._crossings = self._moved[:, None] * columns.size + self._moved
         self._rows = np.eye(columns.size)[self._moved]
-        self._entries = _transition_places(columns)
+        self._entries = _transition_places(columns, moving)
         # Takes a list of floats into an array in half the time that numpy does.
         self._packing, self._values = f"{len(self._entries)}d", np.empty(len(self._entries))
         self._at = columns.vehicle
         # Of these, what x and y gain depends on the way: it is put in for each window.
         self._walk = begin.walk * WINDOW
         self._lateral = config.noise.lateral**2
-        road = RoadGrade.estimate("angle")
-        assert road is not None
-        self._fade = math.exp(-WINDOW / road.forgets)
-        slope = begin.p[self._at[SLOPE], self._at[SLOPE]]
-        self._walk[self._at[SLOPE]] = slope * (1.0 - self._fade * self._fade)
+        self._fades = [math.exp(-WINDOW / entry.forgets) for entry in fading]
+        self._fading = list(zip((columns.vehicle[entry] for entry in fading), self._fades, strict=True))
+        for place, fade in self._fading:
+            self._walk[place] = begin.p[place, place] * (1.0 - fade * fade)
 
     def advance(self, x: list[float], p: Array, pairs: Pairs) -> None:
         """x and p, at the mean rates of the window, to its end; both in place."""
         at = self._at
-        at_x, at_y, at_heading, at_slope = at[X], at[Y], at[HEADING], at[SLOPE]
+        at_x, at_y, at_heading = at[X], at[Y], at[HEADING]
         t, speed, yaw_rate = WINDOW, x[at[SPEED]], x[at[YAW_RATE]]
         turn = yaw_rate * t
         course = x[at_heading] + 0.5 * turn
@@ -84,10 +83,11 @@ class WheelMotion:
         x[at_x] += chord * cos
         x[at_y] += chord * sin
         x[at_heading] += turn
-        x[at_slope] *= self._fade
+        for place, fade in self._fading:
+            x[place] *= fade
         half = 0.5 * t * chord
         values = [-chord * sin, t * short * cos, -half * sin]
-        values += [chord * cos, t * short * sin, half * cos, t, self._fade]
+        values += [chord * cos, t * short * sin, half * cos, t, *self._fades]
         for wheel, window in pairs:
             values += _turn_wheel(x, wheel, window, yaw_rate)
         rows, moved = self._rows, self._moved
@@ -128,8 +128,8 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
     return -seen / scale * t, -t / scale, t, -side * yaw_rate * math.cos(lean) * t, -side * sin * t
 
 
-def _transition_places(columns: Columns) -> Array:
+def _transition_places(columns: Columns, moving: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
     """Places in the kept rows of the transition of all numbers that change from window to window."""
-    rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(columns.vehicle, by) for _, by in _VEHICLE]
+    rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(columns.vehicle, by) for _, by in moving]
     rows += [(at, _WHEEL[1]) for at in columns.wheels]
     return np.array([row * columns.size + at[entry] for row, (at, by) in enumerate(rows) for entry in by])

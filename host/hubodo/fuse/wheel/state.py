@@ -14,9 +14,7 @@ from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
     HEADING,
-    OF_VEHICLE,
     OF_WHEEL,
-    SLOPE,
     TIME_OFFSET,
     WHEEL_ANGLE,
     Columns,
@@ -161,13 +159,13 @@ class InitialState:
 
 def initial_state(config: WheelConfig) -> InitialState:
     """At rest at the origin, with the priors of all entries and what `config` knows better."""
-    columns = Columns(len(config.nodes))
+    columns = Columns(len(config.nodes), config.told)
     made = InitialState(
         [0.0] * columns.size, np.zeros((columns.size, columns.size)), np.zeros(columns.size), columns
     )
     alone = len(config.nodes) == 1
     start = {HEADING: Quantity(config.start_heading, config.heading_sigma)}
-    for entry in OF_VEHICLE:
+    for entry in columns.vehicle:
         if alone and entry is TIME_OFFSET:
             continue
         _begin(made, columns.vehicle[entry], entry, {**config.known, **start}.get(entry))
@@ -187,5 +185,5 @@ def _begin(made: InitialState, place: int, entry: Entry, known: Quantity | None)
     begin = known or Quantity(0.0, entry.prior)
     made.x[place] = begin.value
     made.p[place, place] = begin.sigma * begin.sigma
-    # A process that forgets does not wander off: its noise is worked out with its memory.
-    made.walk[place] = entry.walk * entry.walk if entry is not SLOPE else 0.0
+    # What forgets does not wander off: its noise is worked out with its memory.
+    made.walk[place] = entry.walk * entry.walk if math.isinf(entry.forgets) else 0.0

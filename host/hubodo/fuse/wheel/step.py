@@ -96,6 +96,24 @@ class Kept(NamedTuple):
     p: Array
 
 
+class Innovation(NamedTuple):
+    """What a position says that is new.
+
+    z: (2,) m, the position less what was expected; s: (2, 2) m², its covariance; ph: (n, 2), its covariance
+    with the states; nis: z in units of s, squared.
+    """
+
+    z: Array
+    s: Array
+    ph: Array
+    nis: float
+
+    @property
+    def cost(self) -> float:
+        """Minus twice the logarithm of its likelihood, but for a constant."""
+        return self.nis + float(np.linalg.slogdet(self.s)[1])
+
+
 class WheelStep:
     """State vector, covariance and the step that carries both through a window.
 
@@ -169,21 +187,19 @@ class WheelStep:
         """Derivatives of the states at the end of the last window by those at its beginning, (n, n)."""
         return self._motion.transition()
 
-    def fix(self, told: Position) -> float:
-        """A position from elsewhere at the end of the last window.
-
-        Gives its squared innovation in sigma (2 numbers).
-        """
+    def innovation(self, told: Position) -> Innovation:
+        """What a position at the end of the last window would say that is new."""
         rows = position.measure(self.x, self._at, told)
-        z, h = (
-            np.array([row[0] for row in rows]),
-            np.array([self._derivatives(row, self._at) for row in rows]),
-        )
+        z = np.array([row[0] for row in rows])
+        h = np.array([self._derivatives(row, self._at) for row in rows])
         ph = self.p @ h.T
         s = h @ ph + np.diag([row[1] for row in rows])
-        weight = np.linalg.solve(s, np.column_stack([ph.T, z]))
-        self._correct(z @ weight[:, :-1], ph @ weight[:, :-1])
-        return float(z @ weight[:, -1])
+        return Innovation(z, s, ph, float(z @ np.linalg.solve(s, z)))
+
+    def fix(self, new: Innovation) -> None:
+        """Works a position in."""
+        weight = np.linalg.solve(new.s, new.ph.T)
+        self._correct(new.z @ weight, new.ph @ weight)
 
     def estimate(self, node: str | None, entry: Entry) -> Quantity:
         """Value and 1 sigma of an entry.

@@ -62,8 +62,9 @@ def record(
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
-        localizer = LocalizerThread(zero, computer.put) if vehicle is not None and gnss else None
-        if localizer is not None:
+        localizer = None
+        if vehicle is not None and gnss:
+            localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
             stack.callback(localizer.stop)
         recorder = Recorder(
             names,
@@ -81,7 +82,6 @@ def record(
         view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
         verdict, duration = _run(config, links, computer, recorder, localizer, log, view, stopping)
-        log.close()
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:

@@ -83,13 +83,16 @@ class Located:
         )
 
 
+Antenna = tuple[float, float]
+
+
 class Localizer:
     """The factor graph over a window of the last minute, with a map frame that stays: that of its start."""
 
-    def __init__(self, t_zero_ns: int, config: GraphConfig | None = None) -> None:
-        """t_zero_ns: host time of t = 0 of the poses."""
+    def __init__(self, t_zero_ns: int, antenna: Antenna | None = None) -> None:
+        """t_zero_ns: host time of t = 0 of the poses. antenna: m forward and left of the body origin."""
         self._t_zero_ns = t_zero_ns
-        self._graph = LiveGraph(config)
+        self._graph = LiveGraph(GraphConfig(antenna=antenna or (0.0, 0.0)))
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0

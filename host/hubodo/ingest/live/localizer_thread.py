@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hubodo.fuse.wheel.step import Pose
-from hubodo.ingest.live.localizer import FixSample, Localizer, Located
+from hubodo.ingest.live.localizer import Antenna, FixSample, Localizer, Located
 
 _PATIENCE_S = 20.0
 """s; a minute of fixes that waited is through by then, even on a small computer."""
@@ -26,9 +26,11 @@ class Answer:
 class LocalizerThread:
     """Give it poses and fixes in their order; `answer` is called with what becomes of them, on its thread."""
 
-    def __init__(self, t_zero_ns: int, answer: Callable[[Answer], None]) -> None:
-        """t_zero_ns: host time of t = 0 of the poses."""
-        self._localizer = Localizer(t_zero_ns)
+    def __init__(
+        self, t_zero_ns: int, answer: Callable[[Answer], None], antenna: Antenna | None = None
+    ) -> None:
+        """As for `Localizer`."""
+        self._localizer = Localizer(t_zero_ns, antenna)
         self._items: queue.SimpleQueue[tuple[Pose | FixSample, int] | None] = queue.SimpleQueue()
         self._answer = answer
         self._stopped = False

@@ -107,7 +107,8 @@ class Playback:
 
     def publications(self) -> Iterator[OdometryRows | Located]:
         """`motions` and, where the log has fixes, what the localizer makes of both."""
-        return self._made(Localizer(self.t_zero_ns) if self.has_fixes else None)
+        antenna = self.vehicle.antenna if self.vehicle is not None else None
+        return self._made(Localizer(self.t_zero_ns, antenna) if self.has_fixes else None)
 
     def _made(self, localizer: Localizer | None) -> Iterator[OdometryRows | Located]:
         odometer = self.odometer

@@ -1,0 +1,1 @@
+"""What a drive with known positions tells about wheels, track and nodes."""

@@ -1,0 +1,105 @@
+"""A real car with wheel nodes and an RTK truth: calibrated on one drive, driven on the others.
+
+    python tests/accuracy/car.py
+
+The largest distance from the truth, in % of the path, of a track that begins where the truth does and is
+turned so that it lies on it as well as it can (the truth knows no heading of a car that stands). The rival is
+a tape measure: radius and track of the vehicle file.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+import wanted  # noqa: E402
+from hubodo.calibration.file import Calibration  # noqa: E402
+from hubodo.errors import CalibrationError  # noqa: E402
+from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
+from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
+from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
+from hubodo.fuse.wheel.track import WheelTrack, run  # noqa: E402
+from hubodo.log.csv_folder import read_folder  # noqa: E402
+from hubodo.recording import Recording, Table  # noqa: E402
+from hubodo.vehicle import NodeMount, Vehicle  # noqa: E402
+from hubodo.verbs.calibrate_wheels import TRUTH_SIGMA  # noqa: E402
+
+CAR = Vehicle(0.2924, 1.42, {"left": NodeMount("left", "left"), "right": NodeMount("right", "right")})
+SETS = (("left",), ("right",), ("left", "right"))
+
+
+def drives() -> dict[str, Recording]:
+    """The recordings by name."""
+    return {path.name: read_folder(path) for path in sorted(wanted.recording("car").iterdir())}
+
+
+def truth_of(log: Recording) -> Table:
+    """The truth, which every drive has."""
+    assert log.truth is not None
+    return log.truth
+
+
+def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
+    """What these nodes' drive tells. Raises CalibrationError."""
+    truth = truth_of(log)
+    told = Positions(truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA))
+    found = calibrate_wheels(wheel_config(_with(names), list(names)), log.nodes, told)
+    made = Calibration().with_vehicle(found.vehicle_effects())
+    for name in names:
+        made = made.with_node(name, found.effects(name))
+    return made
+
+
+def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
+    """Largest distance from the truth in % of the path."""
+    track = run(wheel_config(_with(names), list(names), calibration), log.nodes).track
+    return _largest(track, truth_of(log))
+
+
+def _with(names: tuple[str, ...]) -> Vehicle:
+    return replace(CAR, nodes={name: CAR.nodes[name] for name in names})
+
+
+def _largest(track: WheelTrack, truth: Table) -> float:
+    inside = (track.t >= truth.t[0]) & (track.t <= truth.t[-1])
+    t = track.t[inside]
+    ours = (track.x + 1j * track.y)[inside]
+    theirs = np.interp(t, truth.t, truth["x"]) + 1j * np.interp(t, truth.t, truth["y"])
+    ours, theirs = ours - ours[0], theirs - theirs[0]
+    turn = np.exp(1j * np.angle(np.sum(theirs * ours.conj())))
+    return float(100.0 * np.abs(ours * turn - theirs).max() / np.sum(np.abs(np.diff(theirs))))
+
+
+def main() -> int:
+    """A line for each drive, and each pair of drives."""
+    logs = drives()
+    for names in SETS:
+        there = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
+        tape = {name: largest_percent(log, names, None) for name, log in there.items()}
+        print(" and ".join(names))
+        for name, value in tape.items():
+            print(f"  tape measure           on {name}: {value:.2f} %")
+        calibrated = []
+        for first, log in there.items():
+            try:
+                calibration = calibration_from(log, names)
+            except CalibrationError as error:
+                print(f"  calibrated on {first}: {error}")
+                continue
+            for name in there:
+                if name != first:
+                    calibrated.append(largest_percent(there[name], names, calibration))
+                    print(f"  calibrated on {first}  on {name}: {calibrated[-1]:.2f} %")
+        print(
+            f"  median: tape {np.median(list(tape.values())):.2f} %, calibrated {np.median(calibrated):.2f} %"
+        )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

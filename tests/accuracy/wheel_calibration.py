@@ -1,0 +1,99 @@
+"""Calibration of wheels from positions of several kinds: are values as far from the truth as they say?
+
+    python tests/accuracy/wheel_calibration.py [--drives 20] [--length 200] [--seed 1000]
+
+Drives and receivers are made without the model under test. The rival is the tape measure: stretches that were
+left out, with its radius and track.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import defaultdict
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from generators import wheel_drives  # noqa: E402
+from generators.told_positions import Receiver, positions  # noqa: E402
+from hubodo.errors import CalibrationError  # noqa: E402
+from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, calibrate_wheels  # noqa: E402
+from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
+from wheel_runs import config, tables  # noqa: E402
+
+ERRORS = replace(wheel_drives.Errors(), radius=0.01, track=0.015)
+RECEIVERS = {
+    "RTK": (Receiver(), 0.1),
+    "RTK that jumps": (Receiver(jumps=2), 0.1),
+    "RTK, float": (Receiver(slow=0.5, white=0.05, memory=90.0), 0.1),
+    "GNSS": (Receiver(rate_hz=1.0, white=0.7, slow=1.5, memory=120.0, delay=0.05), 1.5),
+    "GNSS, white": (Receiver(rate_hz=1.0, white=1.0, slow=0.0), 1.0),
+}
+TRUTH_OF = {
+    ("wheel_radius", "error"): "radius",
+    ("lever_arm", "x"): "arm_x",
+    ("lever_arm", "y"): "arm_y",
+    ("node_misalignment", "x"): "tilt_x",
+    ("node_misalignment", "y"): "tilt_y",
+    ("gyro_scale_factor", "z"): "spin_scale",
+    ("gyro_scale_factor", "x"): "yaw_scale",
+}
+Sigmas = dict[str, list[float]]
+
+
+def main() -> int:
+    """One block for each kind of positions."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--drives", type=int, default=20)
+    parser.add_argument("--length", type=float, default=200.0, help="m of each")
+    parser.add_argument("--seed", type=int, default=1000)
+    args = parser.parse_args()
+    print(f"{args.drives} drives of {args.length:g} m, seeds from {args.seed}")
+    for kind, (receiver, declared) in RECEIVERS.items():
+        errors: Sigmas = defaultdict(list)
+        shares, refused = [], 0
+        for seed in range(args.seed, args.seed + args.drives):
+            rng = np.random.default_rng(seed)
+            drive = wheel_drives.drive(wheel_drives.loop(rng, args.length, 6.0), rng, ERRORS)
+            t, x, y = positions(drive, receiver, seed)
+            told = Positions(t, x, y, np.full(len(t), declared))
+            try:
+                found = calibrate_wheels(config(drive), tables(drive), told)
+            except CalibrationError:
+                refused += 1
+                continue
+            shares.append(found.held_out.after.rms / found.held_out.before.rms)
+            _add(errors, drive, found, receiver)
+        median = f"{np.median(shares):.2f}" if shares else "-"
+        print(f"{kind}: {refused} refused; left-out stretches, rms beside a tape measure's: median {median}")
+        for name, values in errors.items():
+            rms, largest = np.sqrt(np.mean(np.square(values))), np.abs(values).max()
+            print(
+                f"  {name:24} seen {len(values):3} times, error in sigmas: rms {rms:4.2f}, "
+                f"largest {largest:.1f}"
+            )
+    return 0
+
+
+def _add(errors: Sigmas, drive: wheel_drives.WheelDrive, found: WheelCalibration, receiver: Receiver) -> None:
+    """Errors of what was seen, in sigmas."""
+    for name, effects in found.nodes.items():
+        for (effect, parameter), truth in TRUTH_OF.items():
+            if parameter in effects.get(effect, {}):
+                q = effects[effect][parameter]
+                errors[f"{effect}.{parameter}"].append((q.value - drive.nodes[name].truth[truth]) / q.sigma)
+    if "track_width" in found.vehicle:
+        q = found.vehicle["track_width"]["error"]
+        errors["track_width.error"].append((q.value - drive.nodes["left"].truth["track"]) / q.sigma)
+    for q, value in zip(found.antenna, receiver.antenna, strict=True):
+        errors["antenna"].append((q.value - value) / q.sigma)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

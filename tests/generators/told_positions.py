@@ -1,0 +1,58 @@
+"""Positions as receivers tell them: an antenna away from the axle, late, with errors that last, and jumps.
+
+Nothing is taken from hubodo. The slow error is a Gauss-Markov process of first order, drawn exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from generators.wheel_drives import WheelDrive
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """rate_hz: of positions. white, slow: m, 1 sigma of what is random and of what lasts `memory` seconds.
+    antenna: m forward and left of the axle's middle. delay: s by which stamps are late. jumps: how many, of
+    `jump` m. turned: rad, of its axes."""
+
+    rate_hz: float = 10.0
+    white: float = 0.01
+    slow: float = 0.05
+    memory: float = 60.0
+    antenna: tuple[float, float] = (0.5, 0.1)
+    delay: float = 0.01
+    jumps: int = 0
+    jump: float = 0.5
+    turned: float = 1.0
+
+
+def positions(drive: WheelDrive, receiver: Receiver, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """t, x, y of what the receiver tells, (M,) each."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(receiver.delay, drive.t[-1], 1.0 / receiver.rate_hz)
+    at = t - receiver.delay
+    heading = np.interp(at, drive.t, drive.heading)
+    place = np.interp(at, drive.t, drive.x) + 1j * np.interp(at, drive.t, drive.y)
+    place += complex(*receiver.antenna) * np.exp(1j * heading)
+    place += receiver.white * _complex(rng, len(t)) + _lasting(rng, receiver, len(t))
+    for start in rng.integers(len(t) // 5, len(t), receiver.jumps):
+        place[start:] += receiver.jump * np.exp(2j * np.pi * rng.random())
+    place *= np.exp(1j * receiver.turned)
+    return t, place.real, place.imag
+
+
+def _lasting(rng: np.random.Generator, receiver: Receiver, count: int) -> np.ndarray:
+    keep = np.exp(-1.0 / (receiver.rate_hz * receiver.memory))
+    made = np.empty(count, complex)
+    value = receiver.slow * _complex(rng, 1)[0]
+    for k, news in enumerate(_complex(rng, count)):
+        made[k] = value
+        value = keep * value + receiver.slow * np.sqrt(1.0 - keep * keep) * news
+    return made
+
+
+def _complex(rng: np.random.Generator, count: int) -> np.ndarray:
+    return rng.standard_normal(count) + 1j * rng.standard_normal(count)
