@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
 from hubowire import FINGERPRINT, Frame, FrameDecoder, Message, decode, encode, encode_frame
 from hubowire.messages import (
     Ack,
@@ -41,6 +42,7 @@ from hubowire.messages import (
 )
 
 PERIOD = 1 << 30
+TURN_NS = 1_000_000
 
 
 def sample(index: int) -> tuple[int, int, int, int, int, int]:
@@ -50,7 +52,7 @@ def sample(index: int) -> tuple[int, int, int, int, int, int]:
 
 
 @dataclass
-class Sent:
+class SentFrame:
     """One frame as the fake put it on the line."""
 
     wire: bytes
@@ -64,7 +66,10 @@ class Sent:
 
 @dataclass
 class FakeNode:
-    """Runs between `start` and `stop`. All times are real; `skew_ppm` speeds its clock up."""
+    """Runs between `start` and `stop`; `skew_ppm` speeds its clock up.
+
+    computer: in whose virtual time it lives, from now on; None: in real time, in a thread.
+    """
 
     node_id: int = 1
     rate_hz: float = 208.0
@@ -81,7 +86,8 @@ class FakeNode:
     bias_q12: tuple[int, int, int] | None = None  # what its filter says five times a second
     refuse: int | None = None  # the Reason for which settings and initialisations are refused
     rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
-    sent: list[Sent] = field(default_factory=list)
+    computer: VirtualComputer | None = None
+    frames: list[SentFrame] = field(default_factory=list)
     requests: list[Message] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -95,6 +101,8 @@ class FakeNode:
         self._lock = threading.RLock()
         self._master = self._slave = -1
         self._spare: list[int] = []
+        self._virtual_ns = 0 if self.computer is None else self.computer.now_ns()
+        self._on_port: Sent = []
         self._boot()
         self.plug()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -102,7 +110,10 @@ class FakeNode:
     # What a test does to it.
 
     def start(self) -> FakeNode:
-        self._thread.start()
+        if self.computer is None:
+            self._thread.start()
+        else:
+            self.computer.plug_in(self)
         return self
 
     def stop(self) -> None:
@@ -124,6 +135,8 @@ class FakeNode:
         with self._lock:
             self.plugs += 1
             self._delimited = True
+            self._unheard = 0
+            self._listened_to = self.computer is None
             self._master, self._slave = os.openpty()
             while os.ttyname(self._slave) == self.path:
                 self._spare += [self._master, self._slave]  # held, so that the name is really another
@@ -163,12 +176,31 @@ class FakeNode:
                 self.samples_made += self.batch
                 self.dropped += 1
 
+    # In virtual time; see `Device`.
+
+    def live_until(self, t_ns: int, heard: int | None) -> None:
+        self._listened_to = heard is not None
+        self._unheard += heard or 0
+        while self._unheard > 0:
+            select.select([self._master], [], [])
+            self._listen()
+        while self._virtual_ns < t_ns:
+            self._virtual_ns = min(self._virtual_ns + TURN_NS, t_ns)
+            self._turn()
+
+    def sent(self) -> Sent:
+        sent, self._on_port = self._on_port, []
+        return sent
+
     # Its inside.
+
+    def _now(self) -> float:
+        return time.monotonic() if self.computer is None else self._virtual_ns * 1e-9
 
     def _boot(self) -> None:
         self.boots += 1
         self._boot_id = self.rng.randrange(1, 65536)
-        self._t0 = time.monotonic()
+        self._t0 = self._now()
         self._index = 0
         self._seqs: dict[int, int] = {}
         self.dropped = 0
@@ -179,7 +211,7 @@ class FakeNode:
         self.boot_indices.append(self.samples_made)
 
     def _clock_us(self) -> int:
-        return int((time.monotonic() - self._t0) * 1e6 * (1 + self.skew_ppm * 1e-6))
+        return int((self._now() - self._t0) * 1e6 * (1 + self.skew_ppm * 1e-6))
 
     def _unread(self) -> int:
         if self._slave < 0:
@@ -222,19 +254,22 @@ class FakeNode:
         if self._master < 0:
             return
         try:
-            written = os.write(self._master, on_line)
+            written = os.write(self._master, on_line) if self._listened_to else len(on_line)
         except (BlockingIOError, OSError):
             self.dropped += 1
             return
+        if self.computer is not None and self._listened_to:
+            self._on_port.append((self._virtual_ns, written))
         intact = bytes(on_line) == wire and written == len(wire)
         whole = intact and self._delimited
         self._delimited = on_line[written - 1] == 0
-        self.sent.append(Sent(wire, intact, whole, message.type_id, self.plugs, index, count))
+        self.frames.append(SentFrame(wire, intact, whole, message.type_id, self.plugs, index, count))
 
     def _run(self) -> None:
         while not self._stop.is_set():
             with self._lock:
                 self._turn()
+                self._listen()
                 fd = self._master
             if fd >= 0:
                 with contextlib.suppress(OSError, ValueError):  # unplugged meanwhile
@@ -245,7 +280,6 @@ class FakeNode:
         if self._clock_us() * 1e-6 >= self._next_hello:
             self._next_hello = self._clock_us() * 1e-6 + self.hello_period
             self._put(self.hello())
-        self._listen()
         period = 1 / self.rate_hz
         now = self._clock_us() * 1e-6
         while self._streaming and (self._index + self.batch) * period <= now:
@@ -277,6 +311,7 @@ class FakeNode:
             data = os.read(self._master, 4096)
         except (BlockingIOError, OSError):
             return
+        self._unheard -= len(data)
         for frame in self._decoder.feed(data):
             message = decode(frame.type_id, frame.payload)
             if message is not None:

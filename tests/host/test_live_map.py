@@ -1,41 +1,31 @@
 """Odometry and a GNSS receiver while recording: where on the map, beside an odometry that is not held up."""
 
 import json
-import os
 import pickle
-import subprocess
-import sys
 import threading
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fakes.fake_node import FakeNode
-from fakes.fake_receiver import FakeReceiver
+from fakes.fake_receiver import fake_receiver
+from fakes.script import Script
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import WGS84, geodetic
 from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
+from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
 from hubodo.log.mcap import open_log, read_recording
+from in_process import hubodo
 
-ROOT = Path(__file__).resolve().parents[2]
 SEED = 6
 ORIGIN = (47.37, 8.54)
 START_HEADING = 2.0
 """rad from east at which the drive begins; the odometry begins at 0."""
-
-
-def hubodo(*args):
-    paths = [str(ROOT / "host"), str(ROOT / "protocol")]
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, env=env, timeout=60, check=False)
 
 
 def place_on(drive, since, noise):
@@ -45,39 +35,42 @@ def place_on(drive, since, noise):
     return np.array([way.real]), np.array([way.imag])
 
 
-def ridden(folder, seconds):
-    """(process, log, drive, s by which the receiver began after the first node)."""
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory):
+    """(log, JSON result, drive) of eleven seconds; the graph does not move before the last but one."""
+    folder = tmp_path_factory.mktemp("ride")
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
     drive, out = short_drive(SEED), folder / "ride.mcap"
-    rng = np.random.default_rng(SEED)
-    began = time.monotonic()
+    rng, computer, moving = np.random.default_rng(SEED), VirtualComputer(), threading.Event()
+    Script(computer, (10.0, moving.set))
+    move = Localizer.fix
 
-    def place(_):
-        since = time.monotonic() - began
+    def stands_still(localizer, fix):
+        assert moving.wait(60), "the recorder waits for the graph"
+        move(localizer, fix)
+
+    def place(since):
         latitude, longitude = geodetic(*place_on(drive, since, 0.2 * rng.standard_normal(2)), *ORIGIN)
         return float(latitude[0]), float(longitude[0]), 0.2
 
     with (
-        FakeNode(node_id=1, rows=raw_rows(drive, "left")) as left,
-        FakeNode(node_id=2, rows=raw_rows(drive, "right")) as right,
-        FakeReceiver(place) as receiver,
+        pytest.MonkeyPatch.context() as patch,
+        FakeNode(node_id=1, rows=raw_rows(drive, "left"), computer=computer) as left,
+        FakeNode(node_id=2, rows=raw_rows(drive, "right"), computer=computer) as right,
+        fake_receiver(computer, place) as receiver,
     ):
+        patch.setattr(Localizer, "fix", stands_still)
         done = hubodo(
             "record", f"left={left.path}", f"right={right.path}", "--gnss", receiver.path,
-            "--vehicle", folder / "vehicle.toml", "--duration", seconds, "-o", out, "--json",
+            "--vehicle", folder / "vehicle.toml", "--duration", 11, "-o", out, "--json",
+            computer=computer,
         )  # fmt: skip
-    return done, out, drive
-
-
-@pytest.fixture(scope="module")
-def ride(tmp_path_factory):
-    done, out, drive = ridden(tmp_path_factory.mktemp("ride"), 11)
-    assert done.returncode == 0, done.stderr
-    return out, json.loads(done.stdout), drive, done.stderr
+    assert done.code == 0, done.err
+    return out, json.loads(done.out), drive
 
 
 def test_the_map_is_found_and_its_latency_is_told(ride):
-    _, result, drive, _ = ride
+    _, result, drive = ride
     found = result["map"]
     assert found["poses"] > 20
     assert 0.0 < found["latency_median"] <= found["latency_p99"] <= found["latency_worst"]
@@ -85,20 +78,20 @@ def test_the_map_is_found_and_its_latency_is_told(ride):
     latitude, longitude = geodetic(*place_on(drive, drive.t[-1], (0.0, 0.0)), *ORIGIN)
     azimuth, _, far = WGS84.inv(found["longitude_deg"], found["latitude_deg"], longitude[0], latitude[0])
     east, north = far * np.sin(np.radians(azimuth)), far * np.cos(np.radians(azimuth))
-    # The wheels start with the nodes, a few ms before the clock of the receiver's places.
     assert np.hypot(found["x"] - east, found["y"] - north) < 4.0 * found["sigma"] + 0.2, f"seed {SEED}"
     turned = found["heading"] - (START_HEADING + drive.heading[-1])
     assert np.angle(np.exp(1j * turned)) == pytest.approx(0.0, abs=0.15)
 
 
 def test_the_odometry_is_not_held_up_by_the_graph(ride):
-    _, result, _, _ = ride
-    assert result["odometry"]["latency_p99"] < 0.02
+    _, result, _ = ride
+    assert result["odometry"]["latency_worst"] < 0.02
+    assert result["map"]["latency_worst"] > 1.0
 
 
 def test_map_to_odom_after_odom_to_base_link_is_where_the_vehicle_is_on_the_map(ride):
     """REP 105: the chain of the two transforms on /tf against /odom_map."""
-    out, _, _, _ = ride
+    out, _, _ = ride
     publications = list(Playback(out).publications())
     located = [made for made in publications if hasattr(made, "odom_heading")]
     odom = read_recording(out).odometry
@@ -111,10 +104,8 @@ def test_map_to_odom_after_odom_to_base_link_is_where_the_vehicle_is_on_the_map(
         np.hypot(*(made.odom_position[0] + _turned(ox, oy, made.odom_heading[0]) - made.position[0]))
         for made, ox, oy in zip(np.array(located)[inside], x[inside], y[inside], strict=True)
     ]
-    # /odom's rows are carried on from the newest pose: for a window as a rule, and for as long as one of the
-    # nodes is late beside it. Most lie within millimetres; none is a window's way off, 0.1 s at 1.5 m/s.
-    assert np.median(apart) < 0.005
-    assert max(apart) < 0.15
+    # /odom's rows lie within a few ms of the end of a window, and are carried there from the one before.
+    assert len(apart) > 20 and max(apart) < 0.03
 
 
 def _turned(x, y, angle):
@@ -123,18 +114,18 @@ def _turned(x, y, angle):
 
 
 def test_the_log_alone_gives_odometry_and_map_again_to_the_last_bit(ride):
-    out, result, _, _ = ride
+    out, result, _ = ride
     playback = Playback(out)
     recorded = recorded_messages(out)
     assert as_messages(playback.publications(), playback.t_zero_ns) == recorded
     assert len(recorded[topics.ODOM_MAP]) == result["map"]["poses"]
-    shown = json.loads(hubodo("play", out, "--speed", 0, "--json").stdout)["odometry"]
+    shown = json.loads(hubodo("play", out, "--speed", 0, "--json").out)["odometry"]
     assert shown["equal"] is True
     assert shown["located"] == result["map"]["poses"]
 
 
 def test_the_origin_of_the_map_is_in_the_log(ride):
-    out, result, _, _ = ride
+    out, result, _ = ride
     origins = [event.data for event in read_recording(out).events if event.source == "map"]
     assert origins == [
         {"latitude_deg": result["map"]["latitude_deg"], "longitude_deg": result["map"]["longitude_deg"]}

@@ -101,8 +101,17 @@ def test_a_bias_is_asked_for_with_its_kind_and_number_of_samples(capsys):
     assert told["bias_filter"]["bias_x"] == pytest.approx(math.radians(0.07) * 410 / 4096)
 
 
-def test_a_restart_is_waited_for(capsys):
-    with FakeNode() as node:
+class PromptNode(FakeNode):
+    """Says Hello right behind its answer, as it looks to a host that reads late."""
+
+    def _answer(self, frame, message):
+        super()._answer(frame, message)
+        self._turn()
+
+
+@pytest.mark.parametrize("kind", [FakeNode, PromptNode])
+def test_a_restart_is_waited_for(capsys, kind):
+    with kind() as node:
         before = node.hello().boot_id
         code, told, _ = asked(capsys, node.path, "reboot")
         assert any(isinstance(message, Reboot) for message in node.requests)

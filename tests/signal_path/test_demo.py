@@ -1,26 +1,31 @@
 """The demo from start to end, as anybody runs it: the track it draws, beside the truth and two rivals."""
 
 import base64
+import io
 import json
+from contextlib import redirect_stdout
 from pathlib import Path
 
 import numpy as np
 import pytest
-from demo_ride import MOVING, SEED
 from scipy.integrate import cumulative_trapezoid
 
+from hubodo.cli import main
 from hubodo.demo.scenario import TRACK_WIDTH, WHEEL_RADIUS, make_scenario
 from hubodo.log.mcap import read_recording
 
 DRAWN = "fused from the two wheels"
+MOVING, SEED = 6.0, 7
 
 
 @pytest.fixture(scope="module")
-def demo(demo_ride):
-    """What it printed."""
-    code, out, errors = demo_ride.result(timeout=170)
-    assert code == 0, errors
-    return json.loads(out)
+def demo(tmp_path_factory):
+    """What it printed: a short drive."""
+    printed = io.StringIO()
+    words = ["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path_factory.mktemp("demo"))]
+    with redirect_stdout(printed):
+        assert main([*words, "--json"]) == 0
+    return json.loads(printed.getvalue())
 
 
 @pytest.fixture(scope="module")

@@ -1,28 +1,29 @@
-"""A real ride on two wheels through chip registers, firmware, pseudo serial ports, daemon, log and fusion."""
+"""A real ride on two wheels through chip registers, firmware, pseudo serial ports, recorder, log, fusion."""
 
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
-from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, hubodo, read_csv
+from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, drive, read_csv
 
 import wanted
+from hubodo.cli import main
 from hubodo.flash.image import build, firmware_folder
 from hubowire.messages import node_name
+from virtual_runs import micropython_or_skip
 
 
 @pytest.fixture(scope="module")
-def ride(wheelchair_ride) -> Ride:
-    wanted.recording("wheelchair")
-    return wheelchair_ride.result(timeout=240)
+def ride(tmp_path_factory) -> Ride:
+    micropython_or_skip()
+    return drive(wanted.recording("wheelchair"), tmp_path_factory.mktemp("ride"))
 
 
 def exported(ride: Ride) -> Path:
     out = ride.folder / "csv"
     if not out.exists():
-        done = hubodo("export", ride.folder / "ride.mcap", "-o", out)
-        assert done.returncode == 0, done.stderr
+        assert main(["export", str(ride.folder / "ride.mcap"), "-o", str(out)]) == 0
     return out
 
 
@@ -71,9 +72,8 @@ def test_every_exported_sample_is_the_step_that_the_chip_made(ride, name):
 
 def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
     """Against the plain integral of the recording's own wheel speeds, over the ride alone."""
-    done = hubodo("fuse", ride.folder / "ride.mcap", "--vehicle", ride.folder / "vehicle.toml",
-                  "-o", ride.folder / "fused", "--json")  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    log, vehicle, out = (str(ride.folder / name) for name in ("ride.mcap", "vehicle.toml", "fused"))
+    assert main(["fuse", log, "--vehicle", vehicle, "-o", out]) == 0
     track = read_csv(ride.folder / "fused" / "track.csv")
     assert list(track)[:5] == ["t", "x", "y", "heading", "speed"]
     assert (track["x"][0], track["y"][0], track["heading"][0]) == (0, 0, 0)

@@ -1,24 +1,27 @@
-"""A real ride on two wheels through chip registers, firmware, serial ports, daemon and log, run once."""
+"""A real ride on two wheels through chip registers, firmware, serial ports, recorder and log, run once."""
 
 import gzip
-import json
-import subprocess
-import sys
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from hubodo.demo.led_node import LedNode
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.sampling import Truth
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.vehicle import load_vehicle
 
 WHEELS = {"left": 1, "right": 2}
 ODR_ERROR = {"left": 0.031, "right": -0.017}
-START = 2.0  # s of chip time at which the ride begins: by then the daemon listens
+START = 2.0  # s of chip time at which the ride begins: by then the node has booted
 VEHICLE = """
 [vehicle]
 wheel_radius = 0.31
@@ -30,11 +33,6 @@ facing = "left"
 side = "right"
 facing = "left"
 """
-
-
-def hubodo(*words: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "hubodo.cli", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:
@@ -63,7 +61,7 @@ class Ride:
 
 
 def drive(data: Path, folder: Path) -> Ride:
-    """Through the whole path, in real time. data: of the recording."""
+    """Through the whole path, in virtual time. data: of the recording."""
     image = folder / "image"
     for name, content in build(firmware_folder(), None).items():
         (image / name).parent.mkdir(parents=True, exist_ok=True)
@@ -74,22 +72,20 @@ def drive(data: Path, folder: Path) -> Ride:
             recorded_motion(data / f"{name}.csv.gz"),
             Flash(image, {"node_id": number, "rate_hz": 416}),
             sensors=SensorBoard(specimen=Specimen(odr_error=ODR_ERROR[name])),
-            clock=Clock("paced"),
-            host=Host(wait=True, path=folder / f"tty-{name}"),
+            clock=Clock("led"),
+            host=Host(path=folder / f"tty-{name}"),
             seed=number,
         )
         for name, number in WHEELS.items()
     }
-    try:
+    with ExitStack() as stack:
+        computer = VirtualComputer()
         for node in nodes.values():
-            node.start()
-        ports = [f"{name}={folder / f'tty-{name}'}" for name in WHEELS]
-        done = hubodo("record", *ports, "-o", folder / "ride.mcap", "--vehicle", folder / "vehicle.toml",
-                      "--duration", 39, "--json")  # fmt: skip
+            computer.plug_in(LedNode(stack.enter_context(node), computer))
+        ports = tuple(f"{name}={node.port}" for name, node in nodes.items())
+        vehicle = load_vehicle(folder / "vehicle.toml")
+        config = RecordConfig(ports=ports, duration=39.0)
+        result = record(config, folder / "ride.mcap", vehicle=vehicle, computer=computer)
         truth = {name: node.chip.truth() for name, node in nodes.items()}
         stats = {name: node.stats for name, node in nodes.items()}
-    finally:
-        for node in nodes.values():
-            node.stop()
-    assert done.returncode == 0, done.stderr
-    return Ride(folder, truth, json.loads(done.stdout), stats)
+    return Ride(folder, truth, result.as_json(), stats)

@@ -1,18 +1,17 @@
-"""A ride: power on virtual nodes, let the real daemon record them over their serial ports."""
+"""A ride: virtual nodes are switched on and recorded over their serial ports, all in virtual time."""
 
 import argparse
-import json
-import os
-import signal
-import subprocess
 import sys
-import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
+from rich.console import Console
+
+from hubodo import __version__
+from hubodo.demo.led_node import LedNode
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.interpreters.find import InterpreterMissing
@@ -22,6 +21,11 @@ from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.vehicle import load_vehicle
+from hubowire import FINGERPRINT
 from hubowire.messages import NODE_IDS
 
 INTERPRETERS: dict[Kind, str] = {
@@ -32,13 +36,10 @@ INTERPRETERS: dict[Kind, str] = {
 
 RATE_HZ = 416
 SETTLE = 4.0
-"""s between power-on and the drive: a node boots in one or two, the daemon looks for ports every second."""
+"""s between power-on and the drive: a node boots in one or two."""
 _TAIL = 1.0
-_PATIENCE = 60.0
-_POWER_ON, _BOOT, _HURRY, _LATE = 1.0, 0.8, 1.5, 0.05
 _PICO = PicoSettings()
-_PACE: dict[Kind, float] = {"micropython": 1.0, "cpython": 1.0, "rp2040": 2.0}
-"""Seconds of the wall clock for one of the nodes, where each has a core of its own."""
+_S = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -55,8 +56,7 @@ class Rider:
 class RideResult:
     """What a ride left behind.
 
-    start_ns: of the drive, on the clock of the log; recorded: the daemon's own words; pace: s of the wall
-    clock for one of the ride.
+    start_ns: of the drive, on the clock of the log; recorded: the recorder's own words.
     """
 
     log: Path
@@ -64,7 +64,6 @@ class RideResult:
     start_ns: int
     recorded: dict[str, Any]
     nodes: dict[str, dict[str, Any]]
-    pace: float
 
 
 def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
@@ -76,7 +75,7 @@ def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
         dest="interpreter",
         choices=choices,
         default="auto",
-        help=f"what runs the firmware{of}; rp2040: a whole emulated Pico, slower than real time",
+        help=f"what runs the firmware{of}; rp2040: a whole emulated Pico, a good deal slower",
     )
     parser.add_argument("--image", type=Path, help="with --on rp2040: MicroPython for the Pico, .uf2 or .bin")
     parser.add_argument("--bootrom", type=Path, help="with --on rp2040: of the chip (default: beside it)")
@@ -125,58 +124,51 @@ def ride(
     rate_hz: int = RATE_HZ,
     pico: PicoSettings = _PICO,
 ) -> RideResult:
-    """Runs the drive in real time; `tick` gets the share done, 0 to 1, some times a second.
+    """Runs the drive, as fast as the computer can; `tick` gets the share done, 0 to 1, after each step.
 
-    What cannot keep up with real time runs slower, and the daemon's clock with it. riders: by node name, one
-    of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on. Raises HubodoError when the
-    daemon or a node fails.
+    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on.
+    Raises HubodoError when the recorder or a node fails.
     """
-    pace = _pace(interpreter, len(riders))
     firmware = write_image(out / "firmware", interpreter)
     vehicle, log = out / "vehicle.toml", out / "drive.mcap"
     vehicle.write_text(vehicle_toml, "utf-8")
-    links = {name: out / f"tty-{name}" for name in riders}
     duration = max(rider.motion.duration for rider in riders.values()) + _TAIL
+    ports = tuple(f"{name}={out / f'tty-{name}'}" for name in riders)
     with ExitStack() as stack:
-        # The daemon first: on a busy computer it takes longer to start than a node does to boot.
-        zero_ns = time.time_ns()
-        daemon = stack.enter_context(_Daemon(links, log, vehicle, pace, zero_ns))
-        # The boards need about as long as the daemon did.
-        power_on_ns = time.monotonic_ns() + int(1e9 * (_POWER_ON + daemon.took))
-        clock = Clock("paced", pace=pace, power_on_ns=power_on_ns)
+        computer = VirtualComputer(passed=lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / _S / duration)))
+        zero_ns = computer.now_ns()
         nodes = {}
         for name, rider in riders.items():
             flash = Flash(firmware, {"node_id": NODE_IDS[name], "rate_hz": rate_hz})
             board = BoardSettings(interpreter=interpreter, pico=pico, unique_id=_serial(seed, name))
-            node = _node(rider, flash, board, clock, out / f"board-{name}", seed * 2 + NODE_IDS[name])
+            node = _node(rider, flash, board, out / f"tty-{name}", seed * 2 + NODE_IDS[name])
             nodes[name] = stack.enter_context(node)
-        powered_ns = time.time_ns() + (power_on_ns - time.monotonic_ns())
-        start_ns = zero_ns + int((powered_ns - zero_ns) / pace) + int(SETTLE * 1e9)
-
-        def gone() -> float:
-            return 1e-9 * (time.monotonic_ns() - power_on_ns) / pace
-
-        _plug_in(nodes, links, gone, pace)
-        while (now := gone()) < duration and daemon.running:
-            tick(min(max(now / duration, 0.0), 1.0))
-            time.sleep(0.2)
-        recorded = daemon.stop()
+            computer.plug_in(LedNode(node, computer))
+        recorded = record(
+            RecordConfig(ports=ports, duration=duration),
+            log,
+            vehicle=load_vehicle(vehicle),
+            metadata={"hubodo": __version__, "fingerprint": f"{FINGERPRINT:08x}", "ports": " ".join(ports)},
+            attachments={"vehicle.toml": vehicle.read_bytes()},
+            computer=computer,
+            console=Console(quiet=True),
+        )
         stats = {name: dict(node.stats) for name, node in nodes.items()}
-    silent = [name for name in riders if name not in recorded["nodes"]]
+    if recorded.duration < duration:
+        raise KeyboardInterrupt
+    silent = [name for name in riders if name not in recorded.nodes]
     if silent:
-        raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node; run it again with less load")
-    return RideResult(log, vehicle, start_ns, recorded, stats, pace)
+        raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node")
+    return RideResult(log, vehicle, zero_ns + int(SETTLE * _S), recorded.as_json(), stats)
 
 
-def _node(
-    rider: Rider, flash: Flash, board: BoardSettings, clock: Clock, port: Path, seed: int
-) -> VirtualNode:
+def _node(rider: Rider, flash: Flash, board: BoardSettings, port: Path, seed: int) -> VirtualNode:
     return VirtualNode(
         rider.motion,
         flash,
         sensors=SensorBoard(specimen=Specimen(rider.odr_error, disturbance=rider.scatter)),
         board=board,
-        clock=replace(clock, ppm=rider.clock_ppm),
+        clock=Clock("led", ppm=rider.clock_ppm),
         host=Host(path=port),
         seed=seed,
     )
@@ -185,76 +177,3 @@ def _node(
 def _serial(seed: int, name: str) -> str:
     """Unique id of a board, in hexadecimal."""
     return f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}"
-
-
-def speed_of(interpreter: Kind, nodes: int) -> str:
-    """How fast a ride goes, in words."""
-    pace = _pace(interpreter, nodes)
-    return "in real time" if pace == 1.0 else f"at {1 / pace:.2f} of real time"
-
-
-def _pace(interpreter: Kind, nodes: int) -> float:
-    """Emulated boards share the cores with the daemon and each other."""
-    alone = _PACE[interpreter]
-    return alone if alone == 1.0 else alone * max(1.0, (nodes + 1) / (os.cpu_count() or 1))
-
-
-def _plug_in(
-    nodes: Mapping[str, VirtualNode], links: Mapping[str, Path], gone: Callable[[], float], pace: float
-) -> None:
-    """Connect the boards once they keep up with the wall clock.
-
-    A board that boots on a busy computer is late and makes up for it in a rush, which no real clock does.
-    """
-
-    def late(node: VirtualNode) -> float:
-        return gone() - float(node.stats["t"])
-
-    time.sleep(pace * max(0.0, _BOOT - gone()))
-    end = gone() + _HURRY
-    while any(late(node) > _LATE for node in nodes.values()) and gone() < end:
-        time.sleep(0.05)
-    for name, node in nodes.items():
-        links[name].symlink_to(node.link_path)
-
-
-class _Daemon:
-    """`hubodo record` in a process of its own; ready once its log is there, which took `took` s."""
-
-    def __init__(
-        self, links: Mapping[str, Path], log: Path, vehicle: Path, time_scale: float, time_zero_ns: int
-    ) -> None:
-        ports = [f"{name}={link}" for name, link in links.items()]
-        words = [sys.executable, "-m", "hubodo.cli", "record", *ports, "-o", str(log)]
-        words += ["--vehicle", str(vehicle), "--wait", "--json"]
-        words += ["--time-scale", str(time_scale), "--time-zero", str(time_zero_ns)]
-        self._log, self.took = log, 0.0
-        self._process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-    def __enter__(self) -> Self:
-        begin = time.monotonic()
-        while self.running and not self._log.exists() and time.monotonic() < begin + _PATIENCE:
-            time.sleep(0.05)
-        self.took = time.monotonic() - begin
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
-
-    @property
-    def running(self) -> bool:
-        return self._process.poll() is None
-
-    def stop(self) -> dict[str, Any]:
-        """Its account of what it recorded. Raises HubodoError with its complaint when it failed."""
-        if self.running:
-            self._process.send_signal(signal.SIGINT)
-        try:
-            said, complaint = self._process.communicate(timeout=_PATIENCE)
-        except subprocess.TimeoutExpired:
-            raise HubodoError(f"hubodo record did not end within {_PATIENCE:.0f} s; run it again") from None
-        if self._process.returncode != 0:
-            raise HubodoError(f"hubodo record failed: {complaint.strip() or 'it said nothing'}")
-        found: dict[str, Any] = json.loads(said)
-        return found

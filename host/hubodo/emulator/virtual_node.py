@@ -226,19 +226,43 @@ class VirtualNode:
 
     def command(self, name: str, *arguments: object) -> Any:
         """Ask the board's process; see `board.process.BoardService`."""
+        with self._lock:
+            self._say(name, *arguments)
+            return self._hear()
+
+    def live_until(self, t: float, heard: int) -> None:
+        """With a led clock: begins to live until t, s, with the next so many bytes of its host."""
+        self._say("live_until", t * 1e9, heard)
+
+    def lived(self) -> list[tuple[int, int]]:
+        """Once it has lived so far: (ns, bytes) of what it put on its port meanwhile.
+
+        Raises:
+            HubodoError: what the board died of.
+        """
+        written: list[tuple[int, int]] = self._hear()
+        return written
+
+    def _say(self, name: str, *arguments: object) -> None:
         if self._connection is None:
             raise VirtualNodeError("virtual node is not running: start it first")
-        with self._lock:
-            try:
-                self._connection.send((name, arguments))
-                reply = self._connection.recv()
-            except (EOFError, OSError) as gone:
-                raise VirtualNodeError(
-                    f"the board's process is gone ({gone!r}); its message is on stderr"
-                ) from gone
+        try:
+            self._connection.send((name, arguments))
+        except OSError as gone:
+            raise self._gone(gone) from gone
+
+    def _hear(self) -> Any:
+        assert self._connection is not None
+        try:
+            reply = self._connection.recv()
+        except (EOFError, OSError) as gone:
+            raise self._gone(gone) from gone
         if isinstance(reply, HubodoError):
             raise reply
         return reply
+
+    def _gone(self, error: Exception) -> VirtualNodeError:
+        return VirtualNodeError(f"the board's process is gone ({error!r}); its message is on stderr")
 
     @property
     def port(self) -> str:

@@ -20,7 +20,6 @@ from hubodo.demo.ride import (
     add_board_arguments,
     choose_interpreter,
     ride,
-    speed_of,
 )
 from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.emulator.interpreters.interpreter import Kind
@@ -141,7 +140,7 @@ def run(args: argparse.Namespace) -> Demo:
     note = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
-        task = progress.add_task(f"two virtual nodes drive, {speed_of(interpreter, 2)}", total=1.0)
+        task = progress.add_task("two virtual nodes drive", total=1.0)
         result = ride(
             scenario.riders(),
             VEHICLE_TOML,

@@ -143,7 +143,7 @@ def run(args: argparse.Namespace) -> NodeResult:
     wanted = _settings(args)
     with Conversation(parse_port(args.port), args.baud, args.node_id) as node:
         with Console(stderr=True).status(f"{args.port}: waiting for the node") as status:
-            node.meet()
+            met = node.meet()
             if args.action == "set":
                 _set(node, wanted)
             elif args.action == "bias":
@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> NodeResult:
                 status.update(f"{args.port}: waiting for the node to start again")
                 node.ask(Reboot(RebootMode.REPL if args.repl else RebootMode.RUN), tries=1)
                 if not args.repl:
-                    node.again(_HELLO_S)
+                    node.again(_HELLO_S, met.boot_id)
             if args.action in ("info", "bias"):
                 node.wait(lambda: node.health is not None, _HEALTH_S)
                 node.wait(lambda: node.filter is not None, _FILTER_S)

@@ -56,9 +56,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
-    parser.add_argument(
-        "--time-zero", type=int, metavar="NS", help="with --time-scale: host time from which on (ns)"
-    )
     parser.add_argument("--wait", action="store_true", help="wait for ports that are not there yet, or busy")
 
 
@@ -79,7 +76,6 @@ def run(args: argparse.Namespace) -> RecordResult:
         "duration": args.duration,
         "wait": args.wait or None,
         "time_scale": args.time_scale,
-        "time_zero_ns": args.time_zero,
     }
     config = replace(config, **{key: value for key, value in given.items() if value is not None})
     if output is None:

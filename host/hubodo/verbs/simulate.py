@@ -21,7 +21,6 @@ from hubodo.demo.ride import (
     add_board_arguments,
     choose_interpreter,
     ride,
-    speed_of,
 )
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
@@ -120,9 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--stop", type=float, default=20.0, help="s that the table stands (default: 20)")
     parser.add_argument("--turn", type=float, default=2.0, help="s that it turns (default: 2)")
-    parser.add_argument(
-        "--virtual-node", action="store_true", help="run the firmware on virtual boards, in real time"
-    )
+    parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
     add_board_arguments(parser, " of --virtual-node")
 
 
@@ -270,7 +267,6 @@ def _virtual(
         )
         riders[name] = Rider(motion, Scatter(model.noise, effects))
     plain = dataclasses.replace(model, effects=())
-    speed = speed_of(interpreter, len(riders))
     with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
         result = ride(
             riders,
@@ -278,7 +274,7 @@ def _virtual(
             Path(folder),
             interpreter,
             args.seed,
-            lambda share: show(f"virtual nodes drive, {speed}", share),
+            lambda share: show("virtual nodes drive", share),
             int(args.rate or 416),
             pico=PicoSettings(args.image, args.bootrom),
         )

@@ -1,17 +1,19 @@
 """The raw frames of a log decoded again: the same samples at the same times, the same gaps and causes."""
 
 import json
-import time
+from operator import itemgetter
 
 import numpy as np
 import pytest
 
 from fakes.fake_node import FakeNode
-from fakes.recorder_thread import Device, RecorderThread
+from fakes.recorder_thread import Device
+from fakes.script import Script
 from hubodo.cli import main
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay import decode_again as module
 from hubodo.ingest.replay.decode_again import decode_again
 from hubodo.log.mcap import open_log, read_recording
@@ -36,14 +38,14 @@ def told(path, *kinds):
 
 
 def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
-    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
+    out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with (
-        FakeNode(node_id=1, skew_ppm=60, bias_q12=(1, 2, 3)) as left,
-        FakeNode(node_id=2, batch=1, rate_hz=100) as right,
+        FakeNode(node_id=1, skew_ppm=60, bias_q12=(1, 2, 3), computer=computer) as left,
+        FakeNode(node_id=2, batch=1, rate_hz=100, computer=computer) as right,
     ):
         ports = (f"port_side={left.path}", right.path)
         config = RecordConfig(ports=ports, duration=3.0)
-        result = record(config, out, metadata={"ports": " ".join(ports)})
+        result = record(config, out, metadata={"ports": " ".join(ports)}, computer=computer)
     made = decode_again(out, again)
     kinds = ("/imu", "/temperature", "/bias_filter")
     before, after = messages(out, *kinds), messages(again, *kinds)
@@ -70,19 +72,13 @@ def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
 
 
 def test_unplugs_damage_and_a_restart_are_told_as_they_were_live(tmp_path):
-    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
-    node = FakeNode(node_id=1, rate_hz=416, batch=4, damage=0.002, seed=5)
-    with node, RecorderThread(out, "left=FAKE0001", lister=lambda: [Device(node.path, "FAKE0001")]):
-        time.sleep(1.0)
-        for turn in range(4):
-            node.unplug()
-            time.sleep(0.06)
-            node.plug()
-            time.sleep(0.4)
-            if turn == 2:
-                node.reset()
-                time.sleep(1.5)
-        time.sleep(0.3)
+    out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
+    pulled = (1.0, 1.46, 1.92, 3.88)
+    trouble = [step for t in pulled for step in ((t, lambda: node.unplug()), (t + 0.06, lambda: node.plug()))]
+    Script(computer, *sorted([*trouble, (2.38, lambda: node.reset())], key=itemgetter(0)))
+    with FakeNode(node_id=1, rate_hz=416, batch=4, damage=0.002, seed=5, computer=computer) as node:
+        config = RecordConfig(ports=("left=FAKE0001",), duration=4.6)
+        record(config, out, lister=lambda: [Device(node.path, "FAKE0001")], computer=computer)
     decode_again(out, again)
     before, after = messages(out, "/imu", "/temperature"), messages(again, "/imu", "/temperature")
     assert before == after
@@ -95,9 +91,9 @@ def test_unplugs_damage_and_a_restart_are_told_as_they_were_live(tmp_path):
 
 
 def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
-    out = tmp_path / "ride.mcap"
-    with FakeNode(batch=1, bias_q12=(1, 2, 3)) as node:
-        record(RecordConfig(ports=(node.path,), duration=2.0), out)
+    out, computer = tmp_path / "ride.mcap", VirtualComputer()
+    with FakeNode(batch=1, bias_q12=(1, 2, 3), computer=computer) as node:
+        record(RecordConfig(ports=(node.path,), duration=2.0), out, computer=computer)
     found = []
     for pieces in (7, 100, 100_000):
         monkeypatch.setattr(module, "_PIECES", pieces)
@@ -107,9 +103,10 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
 
 
 def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, monkeypatch):
-    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
-    with FakeNode(fingerprint=0xDEADBEEF) as node, pytest.raises(WireMismatch):
-        record(RecordConfig(ports=(node.path,), duration=2), out)
+    out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
+    with FakeNode(fingerprint=0xDEADBEEF, computer=computer) as node, pytest.raises(WireMismatch):
+        computer.news(0.1)  # its first Hello is not heard: frames of samples come before the next
+        record(RecordConfig(ports=(node.path,), duration=2), out, computer=computer)
     with pytest.raises(WireMismatch, match="deadbeef"):
         decode_again(out, again)
     assert not again.exists()
@@ -121,9 +118,9 @@ def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, mon
 
 
 def test_the_verb_decodes_again_and_refuses_what_holds_no_frames(tmp_path, capsys):
-    out, again = tmp_path / "ride.mcap", tmp_path / "again.mcap"
-    with FakeNode() as node:
-        result = record(RecordConfig(ports=(node.path,), duration=1.5), out)
+    out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
+    with FakeNode(computer=computer) as node:
+        result = record(RecordConfig(ports=(node.path,), duration=1.5), out, computer=computer)
     assert main(["import", str(out), "-o", str(again), "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     assert shown["nodes"]["left"]["samples"] == result.nodes["left"]["samples"] > 100

@@ -13,6 +13,7 @@ from typing import Any
 from hubodo.emulator.board.bus import I2cBus
 from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
 from hubodo.emulator.board.hypercall import EIO, ENODEV, Handler, Op, Reply
+from hubodo.emulator.board.lead import Lead
 from hubodo.emulator.board.link import HostLink, LineNoise
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.peripherals import Peripherals
@@ -73,6 +74,7 @@ class VirtualBoard:
         self._network = Network(model, settings.air, self._clock, self.counts)
         waits = self._network.waits
         self.streams = Streams(settings, model, link, noise, self._clock, self._poll, self.counts, waits)
+        self.lead = Lead(self._clock, link)
         self._peripherals = Peripherals(model, self.bus, settings.battery_mv, self._network.radio_on)
         self._handlers = self._own_handlers()
         for part in (self._schedule, self._peripherals, self.streams, self._network):
@@ -102,6 +104,7 @@ class VirtualBoard:
 
     def _boot(self, *, raw: bool = False, run_main: bool = True) -> None:
         self._waiting = None
+        self.lead.forget()
         self.streams.begin()
         self.processor.boot(raw=raw, run_main=run_main)
 
@@ -135,6 +138,7 @@ class VirtualBoard:
                 self._boot()
             while self.running:
                 self._turn()
+                self.lead.look(waits=self._waiting is not None)
         finally:
             self.running = False
             self.processor.kill()
@@ -177,11 +181,13 @@ class VirtualBoard:
         self.streams.send_waiting()
         if self._waiting is not None:
             self._settle(self._waiting)
+        self.lead.note_written()
         while self.running and self._waiting is None:
-            request = self.processor.next_request()
+            request = self.lead.next_call(self.processor.next_request)
             if request is None:
                 break
             self._serve(request)
+            self.lead.note_written()
 
     def _patience_ms(self) -> float:
         if self.processor.asks and self._waiting is None:

@@ -18,6 +18,9 @@ class BoardClock:
         self.settings = settings
         self.stepped = settings.kind != "real"
         self.paced = settings.kind == "paced"
+        self.led = settings.kind == "led"
+        self.limit = 0.0 if self.led else FOREVER
+        """How far a led clock may go, ns."""
         self.t = 0.0
         """Of a stepped clock."""
         self.zero_ns = 0
@@ -36,6 +39,8 @@ class BoardClock:
         """Stepped: lets time pass in a wait; a host on a terminal gets a little real time to answer."""
         if self.paced:
             passed = (time.monotonic_ns() - self.zero_ns) / self.settings.pace
+        elif self.led:
+            passed = self.limit
         else:
             passed = self.t + _WAIT_STEP_NS
         self.t = max(self.t, min(deadline, passed))

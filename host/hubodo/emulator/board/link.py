@@ -34,6 +34,10 @@ class HostLink(Protocol):
         """How many bytes went out at once; with no host all of them, into nowhere."""
         ...
 
+    def await_bytes(self, count: int) -> None:
+        """Waits until the host's next bytes, so many, have come."""
+        ...
+
     @property
     def host_open(self) -> bool:
         """Whether a host holds the port open."""
@@ -108,6 +112,7 @@ class PtyLink:
         os.close(slave)
         os.set_blocking(self._master, False)
         self._open, self._looked = False, 0.0
+        self._kept, self._owed = b"", 0
         self._poll = select.poll()
         self._poll.register(self._master, 0)
         if self.link_path is not None:
@@ -150,14 +155,27 @@ class PtyLink:
             self._open = not any(event & select.POLLHUP for _, event in self._poll.poll(0))
         return self._open
 
+    def await_bytes(self, count: int) -> None:
+        """See `HostLink`; they are kept for `read`."""
+        self._looked = 0.0
+        self._owed += count
+        while self._owed > 0 and self._master >= 0:
+            select.select([self._master], [], [])
+            self._kept += self._take()
+
     def read(self) -> bytes:
         """Bytes the host has written."""
+        kept, self._kept = self._kept, b""
+        return kept + self._take()
+
+    def _take(self) -> bytes:
         if self._master < 0:
             return b""
         try:
             data = os.read(self._master, RX_FIFO)
             # Whoever wrote that may have come since the last look, and wants the answer.
             self._looked = 0.0
+            self._owed -= len(data)
             return data
         except BlockingIOError:
             return b""
@@ -219,6 +237,9 @@ class MemoryLink:
         self.arrivals.append((self.t, len(self.output)))
         self.counts["written"] += len(data)
         return len(data)
+
+    def await_bytes(self, count: int) -> None:
+        """Its script comes by itself."""
 
     def fileno(self) -> int:
         """Nothing to wait on."""

@@ -83,7 +83,8 @@ class BoardService:
         self._scratch = spec.scratch
         self._cpu_zero = _own_cpu()
         self.board, self.chips = build(spec)
-        self._let_go = False
+        self.board.lead.on_lived = self._lived
+        self._let_go = self._led_on = False
 
     def run(self) -> None:
         """Serve until told to quit or the other end is gone; a fatal error is reported there."""
@@ -93,6 +94,7 @@ class BoardService:
         except HubodoError as failure:
             error = failure
         self._failure = error
+        self._lived()
         while not self._let_go:
             self._command()
         self.board.streams.link.close()
@@ -107,6 +109,12 @@ class BoardService:
             self._let_go = True
             self.board.stop()
             return
+        if name == "live_until":
+            self._led_on = True
+            self.board.lead.live_until(*arguments)
+            if not self.board.running:
+                self._lived()
+            return
         if name == "quit":
             self._let_go = True
             self.board.stop()
@@ -116,6 +124,12 @@ class BoardService:
             self._reply(getattr(self, f"_do_{name}")(*arguments))
         except HubodoError as failure:
             self._reply(failure)
+
+    def _lived(self) -> None:
+        """Answers, once, that the board has come as far as it was let, or ended before."""
+        if self._led_on:
+            self._led_on = False
+            self._reply(self._failure or self.board.lead.take_written())
 
     def _reply(self, value: object) -> None:
         try:

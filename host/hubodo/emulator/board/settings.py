@@ -62,7 +62,8 @@ class Clock:
     Attributes:
         kind: "real" is time.monotonic; "stepped" advances by sleeps, wire time and the cost of calls alone,
             as fast as it can; "paced" is stepped but never ahead of time.monotonic: where the host machine is
-            too slow for a while, the board's whole world waits and catches up, and loses nothing.
+            too slow for a while, the board's whole world waits and catches up, and loses nothing; "led" is
+            stepped as far as `VirtualNode.live_until` lets it.
         run_for: s of true time after which the board is switched off, or None.
         ppm: the device clock gains this much on true time.
         ticks_start_us: time.ticks_us() at power-on; ticks wrap at 2**30.
@@ -74,7 +75,7 @@ class Clock:
         tick_cost_us: stepped and paced, what a look at the clock or at standard input takes.
     """
 
-    kind: Literal["real", "paced", "stepped"] = "real"
+    kind: Literal["real", "paced", "stepped", "led"] = "real"
     run_for: float | None = None
     ppm: float = 0.0
     ticks_start_us: int = 0

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import gc
-import queue
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -15,9 +12,9 @@ from rich.console import Console
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
-from hubodo.ingest.link.link import LinkNews, PortLink
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
-from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
+from hubodo.ingest.live.computer import Computer, Link, ThisComputer
+from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.status import RecordResult, View, make_result
@@ -30,18 +27,6 @@ _TICK_NS = S // 50
 _BATCH = 256
 
 
-def steady_clock(scale: float = 1.0, zero_ns: int | None = None) -> Callable[[], int]:
-    """Host time in ns since 1970 that never steps: the wall clock now, and monotonic from here on.
-
-    With a scale, it passes `scale` times slower than the wall clock from zero_ns on.
-    """
-    base = time.time_ns() - time.monotonic_ns()
-    if scale == 1.0:
-        return lambda: base + time.monotonic_ns()
-    zero = zero_ns if zero_ns is not None else base + time.monotonic_ns()
-    return lambda: zero + int((base + time.monotonic_ns() - zero) / scale)
-
-
 def record(
     config: RecordConfig,
     out: Path,
@@ -52,51 +37,51 @@ def record(
     attachments: Mapping[str, bytes] | None = None,
     lister: Lister = list_devices,
     stop: threading.Event | None = None,
+    computer: Computer | None = None,
+    console: Console | None = None,
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
-    Unless config.wait, every port must open at the start; once open, a link may come and go. Raises
-    InputError (a port cannot be opened, `out` exists, only strangers on the links; nothing is left
-    behind then), CalibrationError (the calibration is of nodes with other serials; nothing is left behind)
-    and WireMismatch (every node speaks another version; the raw frames stay in the log).
+    computer: None: this one. console: where the user is told how it goes; None: stderr. Unless config.wait,
+    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
+    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
+    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
     """
-    now_ns = steady_clock(config.time_scale, config.time_zero_ns)
-    news: queue.SimpleQueue[LinkNews | Answer] = queue.SimpleQueue()
-    links, names, gnss = _links(config, news, now_ns, lister)
+    computer = computer or ThisComputer(config.time_scale)
+    links, names, gnss = _links(config, computer, lister)
     if out.exists():
         raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
     with ExitStack() as stack:
-        for link in links.values():
-            stack.callback(link.stop)
+        stack.callback(_stop, links)
         if not config.wait:
             _open_all(links)
-        log = stack.enter_context(
-            McapLog(out, metadata=metadata, t_zero_ns=now_ns() // S * S, compression=config.compression)
+        zero = computer.now_ns() // S * S
+        log = McapLog(
+            out, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=computer.now_ns
         )
+        stack.enter_context(log)
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
         localizer = None
         if vehicle is not None and gnss:
-            localizer = LocalizerThread(log.t_zero_ns, news.put, vehicle.antenna)
+            localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
             stack.callback(localizer.stop)
         recorder = Recorder(
             names,
             log,
             lambda label, data, to: links[label].send(data, to),
-            now_ns,
+            computer.now_ns,
             gnss=gnss,
             vehicle=vehicle,
             calibration=calibration,
-            t_zero_ns=log.t_zero_ns,
+            t_zero_ns=zero,
             odometry_rate_hz=config.odometry_rate_hz,
             clock_period=config.clock_request_period,
             localizer=localizer,
         )
-        view = stack.enter_context(View(Console(file=sys.stderr), now_ns()))
+        view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
-        stack.enter_context(_short_collections())
-        verdict, duration = _run(config, links, news, recorder, localizer, log, view, now_ns, stopping)
-        log.close()
+        verdict, duration = _run(config, links, computer, recorder, localizer, log, view, stopping)
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:
@@ -106,31 +91,38 @@ def record(
 
 def _run(
     config: RecordConfig,
-    links: Mapping[str, PortLink],
-    news: queue.SimpleQueue[LinkNews | Answer],
+    links: Mapping[str, Link],
+    computer: Computer,
     recorder: Recorder,
     localizer: LocalizerThread | None,
     log: McapLog,
     view: View,
-    now_ns: Callable[[], int],
     stopping: threading.Event,
 ) -> tuple[InputError | WireMismatch | CalibrationError | None, float]:
     """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
     for link in links.values():
         link.start()
-    start_ns = now_ns()
-    verdict = _loop(config, news, recorder, log, view, now_ns, stopping)
-    for link in links.values():
-        link.stop()
-    while not news.empty():
-        recorder.handle(news.get_nowait())
-    duration = (now_ns() - start_ns) / S
+    start_ns = computer.now_ns()
+    with _short_collections():
+        verdict = _loop(config, computer, recorder, log, view, stopping)
+    _stop(links)
+    _handle_all(computer, recorder)
+    duration = (computer.now_ns() - start_ns) / S
     recorder.close()
     if localizer is not None and not localizer.close():
         view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
-    while not news.empty():
-        recorder.handle(news.get_nowait())
+    _handle_all(computer, recorder)
     return verdict, duration
+
+
+def _stop(links: Mapping[str, Link]) -> None:
+    for link in links.values():
+        link.stop()
+
+
+def _handle_all(computer: Computer, recorder: Recorder) -> None:
+    while (item := computer.news(0.0)) is not None:
+        recorder.handle(item)
 
 
 @contextmanager
@@ -146,23 +138,23 @@ def _short_collections() -> Iterator[None]:
 
 def _loop(
     config: RecordConfig,
-    news: queue.SimpleQueue[LinkNews | Answer],
+    computer: Computer,
     recorder: Recorder,
     log: McapLog,
     view: View,
-    now_ns: Callable[[], int],
     stopping: threading.Event,
 ) -> InputError | WireMismatch | CalibrationError | None:
-    end_ns = None if config.duration is None else now_ns() + int(config.duration * S)
+    end_ns = None if config.duration is None else computer.now_ns() + int(config.duration * S)
     next_tick = 0
     while not stopping.is_set():
-        try:
-            recorder.handle(news.get(timeout=_TICK_NS / S))
-            for _ in range(_BATCH):
-                recorder.handle(news.get_nowait())
-        except queue.Empty:
-            pass  # all that came has been handled
-        now = now_ns()
+        wait = _TICK_NS / S
+        for _ in range(_BATCH):
+            item = computer.news(wait)
+            if item is None:
+                break
+            recorder.handle(item)
+            wait = 0.0
+        now = computer.now_ns()
         if now < next_tick:
             continue
         next_tick = now + _TICK_NS
@@ -179,12 +171,9 @@ def _loop(
 
 
 def _links(
-    config: RecordConfig,
-    news: queue.SimpleQueue[LinkNews | Answer],
-    now_ns: Callable[[], int],
-    lister: Lister,
-) -> tuple[dict[str, PortLink], dict[str, str | None], list[str]]:
-    links: dict[str, PortLink] = {}
+    config: RecordConfig, computer: Computer, lister: Lister
+) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
+    links: dict[str, Link] = {}
     names: dict[str, str | None] = {}
     gnss = ["gnss"] if config.gnss is not None else []
     wanted = [(text, config.baud, False) for text in config.ports]
@@ -198,13 +187,13 @@ def _links(
         label = "gnss" if is_gnss else port.label
         if label in links or (label == "gnss" and not is_gnss):
             label = next(f"{label}_{n}" for n in range(2, 300) if f"{label}_{n}" not in links)
-        links[label] = PortLink(port, label, news, now_ns, baud=baud, lister=lister)
+        links[label] = computer.link(port, label, baud, lister)
         if not is_gnss:
             names[label] = port.name
     return links, names, gnss
 
 
-def _open_all(links: Mapping[str, PortLink]) -> None:
+def _open_all(links: Mapping[str, Link]) -> None:
     for link in links.values():
         try:
             link.open_now()

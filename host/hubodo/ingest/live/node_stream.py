@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.errors import HubodoError, InputError, LinkError
-from hubodo.ingest.link.link import LinkNews, PortLink
-from hubodo.ingest.link.ports import parse_port
-from hubodo.ingest.live.daemon import steady_clock
+from hubodo.ingest.link.link import LinkNews
+from hubodo.ingest.link.ports import list_devices, parse_port
+from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.writer import McapLog
 from hubowire.budget import UART_BAUD
@@ -50,8 +48,10 @@ class _TableRow:
 class _KeepingLog(McapLog):
     """A log that also keeps in memory what was measured, until it is asked for."""
 
-    def __init__(self, path: Path, *, t_zero_ns: int, metadata: Mapping[str, str]) -> None:
-        super().__init__(path, t_zero_ns=t_zero_ns, metadata=metadata)
+    def __init__(
+        self, path: Path, *, t_zero_ns: int, metadata: Mapping[str, str], clock: Callable[[], int]
+    ) -> None:
+        super().__init__(path, t_zero_ns=t_zero_ns, metadata=metadata, clock=clock)
         self.kept: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
         self._zero_ns = t_zero_ns
 
@@ -68,7 +68,8 @@ class NodeStream:
     """Records the node on a port into a log from a thread of its own; a context manager.
 
     port: as `hubodo record` takes it. out: the log. node: its name, None for the only one on the port. say:
-    gets the lines that a user should see. Raises InputError when `out` exists or the port cannot be opened.
+    gets the lines that a user should see. computer: None, the one on which this runs. Raises InputError when
+    `out` exists or the port cannot be opened.
     """
 
     def __init__(
@@ -80,26 +81,28 @@ class NodeStream:
         baud: int = UART_BAUD,
         metadata: Mapping[str, str] | None = None,
         say: Callable[[str], None] = lambda line: None,
+        computer: Computer | None = None,
     ) -> None:
         if out.exists():
             raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
         self.node = node
         self._say = say
-        self._now_ns = steady_clock()
-        self._zero_ns = self._now_ns() // S * S
-        self._news: queue.SimpleQueue[LinkNews | _TableRow] = queue.SimpleQueue()
+        self._computer = computer or ThisComputer()
+        self._zero_ns = self._computer.now_ns() // S * S
         name = parse_port(port)
-        self._link = PortLink(name, name.label, self._news, self._now_ns, baud=baud)
+        self._label = name.label
+        self._link = self._computer.link(name, name.label, baud, list_devices)
         try:
             self._link.open_now()
         except LinkError as error:
             raise InputError(str(error)) from None
-        self._log = _KeepingLog(out, t_zero_ns=self._zero_ns, metadata=metadata or {})
+        clock = self._computer.now_ns
+        self._log = _KeepingLog(out, t_zero_ns=self._zero_ns, metadata=metadata or {}, clock=clock)
         self._recorder = Recorder(
             {name.label: name.name},
             self._log,
             lambda label, data, to: self._link.send(data, to),
-            self._now_ns,
+            self._computer.now_ns,
             t_zero_ns=self._zero_ns,
         )
         self._stopping = threading.Event()
@@ -123,11 +126,11 @@ class NodeStream:
 
     def now(self) -> float:
         """s since the log's start, on its clock."""
-        return (self._now_ns() - self._zero_ns) * 1e-9
+        return (self._computer.now_ns() - self._zero_ns) * 1e-9
 
     def table(self, angle: float, *, moving: bool) -> None:
         """A row of the log's turntable: its angle, rad, from now on."""
-        self._news.put(_TableRow(self._now_ns(), angle, moving))
+        self._computer.put(_TableRow(self._computer.now_ns(), angle, moving))
 
     def measure(self, duration: float) -> Samples:
         """What is measured in the next `duration` s; returns once all of it has come.
@@ -137,26 +140,24 @@ class NodeStream:
         """
         begin = self.now()
         parts: list[tuple[Array, Array, Array]] = []
-        heard = time.monotonic()
+        heard = self.now()
         while not parts or parts[-1][0][-1] < begin + duration:
             if self._failure is not None:
                 raise self._failure
             try:
                 node, *block = self._log.kept.get(timeout=_TICK_S)
             except queue.Empty:
-                if time.monotonic() - heard > _SILENCE_S:
+                if self.now() - heard > _SILENCE_S:
                     raise LinkError(
-                        f"{self._link.label}: no samples for {_SILENCE_S:.0f} s; is the node powered? "
+                        f"{self._label}: no samples for {_SILENCE_S:.0f} s; is the node powered? "
                         f"hubodo doctor says more"
                     ) from None
                 continue
-            heard = time.monotonic()
+            heard = self.now()
             if self.node is None:
                 self.node = node
             if node != self.node:
-                raise InputError(
-                    f"{self._link.label} carries node {node!r}, asked for {self.node!r}; see --node"
-                )
+                raise InputError(f"{self._label} carries node {node!r}, asked for {self.node!r}; see --node")
             t, gyro, accel = block
             inside = (t >= begin) & (t < begin + duration)
             if inside.any() or t[-1] >= begin + duration:
@@ -169,19 +170,17 @@ class NodeStream:
         try:
             while not self._stopping.is_set():
                 self._turn()
-            while not self._news.empty():
-                self._take(self._news.get_nowait())
+            while (item := self._computer.news(0.0)) is not None:
+                self._take(item)
             self._recorder.close()
         except Exception as error:  # noqa: BLE001 - raised where somebody waits for samples
             self._failure = error
 
     def _turn(self) -> None:
-        item = None
-        with contextlib.suppress(queue.Empty):
-            item = self._news.get(timeout=_TICK_S)
+        item = self._computer.news(_TICK_S)
         if item is not None:
             self._take(item)
-        self._recorder.tick(self._now_ns())
+        self._recorder.tick(self._computer.now_ns())
         self._log.tick()
         for notice in self._recorder.notices:
             self._say(notice)

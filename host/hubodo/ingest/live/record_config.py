@@ -18,8 +18,7 @@ class RecordConfig:
     ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second at most,
     None: one for every sample.
     clock_request_period: s between two questions for a node's clock.
-    time_scale, time_zero_ns: for emulated nodes that are slower than real time: a second of the log takes
-    time_scale seconds, from this host time (ns since 1970) on; None: from the start on.
+    time_scale: for emulated nodes that are slower than real time: a second of the log takes so many seconds.
     """
 
     ports: tuple[str, ...] = ()
@@ -35,7 +34,6 @@ class RecordConfig:
     odometry_rate_hz: float | None = None
     clock_request_period: float = 1.0
     time_scale: float = 1.0
-    time_zero_ns: int | None = None
 
 
 def load_record_config(path: Path) -> RecordConfig:

@@ -139,15 +139,14 @@ class Conversation:
         """Listens until `done` or so many seconds have gone by; whether it is done."""
         return self._wait(done, seconds)
 
-    def again(self, seconds: float) -> Hello:
-        """The Hello of the next start: the port may go and come back meanwhile. Raises LinkError."""
-        before = self.hello
+    def again(self, seconds: float, boot_id: int) -> Hello:
+        """The Hello of the start after that: the port may go and come back meanwhile. Raises LinkError."""
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             try:
                 if self._transport is None:
                     self._transport = open_transport(self._port, self._finder, self._baud)
-                if self._wait(lambda: self._other_start(before), _REOPEN_S):
+                if self._wait(lambda: self._started_since(boot_id), _REOPEN_S):
                     assert self.hello is not None
                     return self.hello
             except LinkError:
@@ -155,8 +154,8 @@ class Conversation:
                 time.sleep(_REOPEN_S)
         raise LinkError(f"{self._port.text}: no Hello {seconds:.0f} s after the restart; see `hubodo doctor`")
 
-    def _other_start(self, before: Hello | None) -> bool:
-        return self.hello is not None and (before is None or self.hello.boot_id != before.boot_id)
+    def _started_since(self, boot_id: int) -> bool:
+        return self.hello is not None and self.hello.boot_id != boot_id
 
     def _speaks(self) -> bool:
         return bool(self._heard) if self.node_id is None else self.node_id in self._heard

@@ -1,0 +1,24 @@
+"""A virtual node behind a port of a virtual computer."""
+
+from __future__ import annotations
+
+import os
+
+from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+
+
+class LedNode:
+    """A `Device`: a node that has started, with a led clock; its power-on is the computer's time of now."""
+
+    def __init__(self, node: VirtualNode, computer: VirtualComputer) -> None:
+        self.path = os.path.realpath(node.port)
+        self._node, self._zero_ns = node, computer.now_ns()
+
+    def live_until(self, t_ns: int, heard: int | None) -> None:
+        """See `Device`."""
+        self._node.live_until((t_ns - self._zero_ns) * 1e-9, heard or 0)
+
+    def sent(self) -> Sent:
+        """See `Device`. Raises HubodoError: what the board died of."""
+        return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.lived()]

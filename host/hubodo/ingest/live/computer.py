@@ -1,0 +1,84 @@
+"""The computer that records: its clock, its ports, and what they report until somebody takes it."""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from hubodo.ingest.link.link import PortLink
+from hubodo.ingest.link.ports import Lister, PortName
+
+S = 1_000_000_000
+
+
+class Link(Protocol):
+    """One port; what it does is told to the computer as `LinkNews`."""
+
+    def open_now(self) -> None:
+        """Raises LinkError with the reason, in one line."""
+        ...
+
+    def start(self) -> None:
+        """Listens from now on; what is not open yet is waited for."""
+        ...
+
+    def send(self, data: bytes, to: str = "") -> bool:
+        """Whether it went out."""
+        ...
+
+    def stop(self) -> None:
+        """Closes it."""
+        ...
+
+
+class Computer(Protocol):
+    """All that a recording needs of the world outside."""
+
+    def now_ns(self) -> int:
+        """Host time, ns since 1970; it never steps."""
+        ...
+
+    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> Link:
+        """A port that is neither open nor started yet."""
+        ...
+
+    def put(self, item: Any) -> None:
+        """Something to be told by `news`, after all that was put before; from any thread."""
+        ...
+
+    def news(self, seconds: float) -> Any:
+        """The next thing that was put, waited for up to so many seconds; None when nothing was."""
+        ...
+
+
+class ThisComputer:
+    """The one on which this runs; scale: see `steady_clock`."""
+
+    def __init__(self, scale: float = 1.0) -> None:
+        self.now_ns = steady_clock(scale)
+        self._news: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self.put = self._news.put
+
+    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> PortLink:
+        """See `Computer`."""
+        return PortLink(port, label, self._news, self.now_ns, baud=baud, lister=lister)
+
+    def news(self, seconds: float) -> Any:
+        """See `Computer`."""
+        try:
+            return self._news.get(timeout=seconds) if seconds else self._news.get_nowait()
+        except queue.Empty:
+            return None
+
+
+def steady_clock(scale: float = 1.0) -> Callable[[], int]:
+    """Host time in ns since 1970 that never steps: the wall clock now, and monotonic from here on.
+
+    With a scale, it passes that many times slower than the wall clock.
+    """
+    wall, begin = time.time_ns(), time.monotonic_ns()
+    if scale == 1.0:
+        return lambda: wall + time.monotonic_ns() - begin
+    return lambda: wall + int((time.monotonic_ns() - begin) / scale)

@@ -1,0 +1,29 @@
+"""What is done to other devices at virtual times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+
+S = 1_000_000_000
+
+
+class Script:
+    """(s from now on, what is done then): in order, when all that was sent before has been read.
+
+    It has to be there before the devices to which it does something.
+    """
+
+    path = ""
+
+    def __init__(self, computer: VirtualComputer, *steps: tuple[float, Callable[[], None]]) -> None:
+        self._steps = [(computer.now_ns() + round(t * S), act) for t, act in steps]
+        computer.plug_in(self)
+
+    def live_until(self, t_ns: int, heard: int | None) -> None:
+        while self._steps and self._steps[0][0] <= t_ns:
+            self._steps.pop(0)[1]()
+
+    def sent(self) -> Sent:
+        return []

@@ -1,0 +1,55 @@
+"""Something on a pseudo terminal that talks at even times, in virtual time, and keeps what it hears."""
+
+from __future__ import annotations
+
+import os
+import select
+import tty
+from collections.abc import Callable
+
+from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+
+S = 1_000_000_000
+
+
+class Talker:
+    """Runs inside `with`. say(s since the start) -> bytes, every `period` s; they come `late` s after that.
+
+    heard: (s since the start, bytes) of its host.
+    """
+
+    def __init__(
+        self, computer: VirtualComputer, period: float, say: Callable[[float], bytes], late: float = 0.0
+    ) -> None:
+        self._computer, self._say, self._late_ns = computer, say, round(late * S)
+        self._start_ns, self._period_ns = computer.now_ns(), round(period * S)
+        self._due_ns = self._start_ns + self._period_ns
+        self._on_port: Sent = []
+        self.heard: list[tuple[float, bytes]] = []
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.path = os.ttyname(self._slave)
+
+    def __enter__(self) -> Talker:
+        self._computer.plug_in(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._slave)
+        os.close(self._master)
+
+    def live_until(self, t_ns: int, heard: int | None) -> None:
+        left = heard or 0
+        while left:
+            select.select([self._master], [], [])
+            self.heard.append(((self._computer.now_ns() - self._start_ns) / S, os.read(self._master, left)))
+            left -= len(self.heard[-1][1])
+        while self._due_ns + self._late_ns <= t_ns:
+            said = self._say((self._due_ns - self._start_ns) / S)
+            if heard is not None and said:
+                self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, said)))
+            self._due_ns += self._period_ns
+
+    def sent(self) -> Sent:
+        sent, self._on_port = self._on_port, []
+        return sent

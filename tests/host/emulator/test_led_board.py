@@ -1,0 +1,83 @@
+"""A led board lives as far as it is let, and nothing that the machine does shows in what it sends."""
+
+import os
+import tty
+
+import pytest
+
+from hubodo.emulator.board.settings import Clock, Flash, Host
+from hubodo.emulator.interpreters.interpreter import InterpreterDied
+from hubodo.emulator.virtual_node import VirtualNode
+from hubowire import FrameDecoder, decode
+from hubowire.messages import ImuBatch, TimeReply, TimeRequest
+from virtual_runs import FIRMWARE, micropython_or_skip, request, unique_motion
+
+SECONDS = 2.0
+
+
+@pytest.fixture(autouse=True)
+def _needs_micropython():
+    micropython_or_skip()
+
+
+def led(tmp_path):
+    config = {"node_id": 1, "rate_hz": 416}
+    path = tmp_path / "tty"
+    return VirtualNode(unique_motion(5), Flash(FIRMWARE, config), clock=Clock("led"), host=Host(path=path))
+
+
+def lived(node, step, asked=b""):
+    """[(ns, bytes)] of what the node sends in steps of so many s; asked: what its host says at 1 s."""
+    host = os.open(node.port, os.O_RDWR | os.O_NOCTTY)
+    tty.setraw(host)
+    found = []
+    for number in range(round(SECONDS / step)):
+        heard = os.write(host, asked) if number == round(1.0 / step) else 0
+        node.live_until((number + 1) * step, heard)
+        for t_ns, count in node.lived():
+            data = b""
+            while len(data) < count:
+                data += os.read(host, count - len(data))
+            found.append((t_ns, data))
+    os.close(host)
+    return found
+
+
+def messages(found, kind):
+    decoder = FrameDecoder()
+    pieces = [(t_ns, frame) for t_ns, data in found for frame in decoder.feed(data)]
+    return [(t_ns, decode(f.type_id, f.payload)) for t_ns, f in pieces if f.type_id == kind.type_id]
+
+
+def test_how_far_it_is_let_at_once_does_not_matter(tmp_path):
+    runs = []
+    for step in (0.01, 0.05):
+        with led(tmp_path) as node:
+            runs.append(messages(lived(node, step), ImuBatch))
+    assert len(runs[0]) > 50
+    assert runs[0] == runs[1]
+
+
+def test_what_its_host_says_is_there_before_it_lives_on(tmp_path):
+    with led(tmp_path) as node:
+        found = lived(node, 0.01, request(1, TimeRequest(b"12345678")))
+    ((t_ns, reply),) = messages(found, TimeReply)
+    # Asleep, the firmware looks for its host's bytes every 4 ms.
+    assert 1e9 <= t_ns < 1.01e9
+    assert 1e6 <= reply.received_us <= reply.sent_us <= t_ns * 1e-3
+
+
+def test_it_never_goes_further_than_it_was_let(tmp_path):
+    with led(tmp_path) as node:
+        assert all(t_ns <= SECONDS * 1e9 for t_ns, _ in lived(node, 0.05))
+        assert node.stats["t"] <= SECONDS
+
+
+def test_what_it_dies_of_is_said_to_who_leads_it(tmp_path):
+    with led(tmp_path) as node:
+        node.live_until(0.5, 0)
+        node.lived()
+        os.kill(node.stats["interpreter_pid"], 9)
+        with pytest.raises(InterpreterDied, match="ended"):
+            node.live_until(1.0, 0)
+            node.lived()

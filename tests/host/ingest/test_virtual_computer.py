@@ -1,0 +1,87 @@
+"""A computer in virtual time: time passes while somebody waits, and a slow machine does not show."""
+
+import time
+
+import numpy as np
+
+from fakes.fake_node import FakeNode
+from fakes.script import Script
+from fakes.talker import Talker
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
+from hubodo.ingest.link.ports import list_devices, parse_port
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.mcap import read_recording
+
+S = 1_000_000_000
+
+
+def opened(computer, path, label):
+    link = computer.link(parse_port(str(path)), label, 115200, list_devices)
+    link.open_now()
+    link.start()
+    assert isinstance(computer.news(0.0), LinkUp)
+    return link
+
+
+def test_time_passes_while_somebody_waits_and_by_no_more_than_that():
+    computer = VirtualComputer()
+    begin = computer.now_ns()
+    time.sleep(0.01)
+    assert computer.news(0.0) is None and computer.now_ns() == begin
+    assert computer.news(0.25) is None and computer.now_ns() == begin + S // 4
+    computer.put("news")
+    assert computer.news(9.0) == "news" and computer.now_ns() == begin + S // 4
+
+
+def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending():
+    computer = VirtualComputer()
+    begin = computer.now_ns()
+    with (
+        Talker(computer, 0.003, lambda since: b"often") as often,
+        Talker(computer, 0.007, lambda since: b"seldom") as seldom,
+    ):
+        links = [opened(computer, talker.path, name) for talker, name in ((seldom, "s"), (often, "o"))]
+        came = []
+        while computer.now_ns() < begin + S // 20:
+            came.append(computer.news(0.1))
+        for link in links:
+            link.stop()
+    assert all(isinstance(chunk, Chunk) for chunk in came)
+    told = [(round((chunk.t_ns - begin) / 1e6), chunk.link) for chunk in came]
+    assert told[:8] == [(3, "o"), (6, "o"), (7, "s"), (9, "o"), (12, "o"), (14, "s"), (15, "o"), (18, "o")]
+    assert {chunk.data for chunk in came} == {b"often", b"seldom"}
+
+
+def test_a_cable_that_is_pulled_and_put_back_is_told_at_its_times(tmp_path):
+    computer, link = VirtualComputer(), tmp_path / "tty"
+    begin = computer.now_ns()
+    Script(computer, (0.2, lambda: node.unplug()), (0.4, lambda: node.plug()))
+    with FakeNode(link=link, computer=computer) as node:
+        opened(computer, link, "left")
+        told = []
+        while computer.now_ns() < begin + S:
+            item = computer.news(0.1)
+            told += [(type(item), (item.t_ns - begin) / S)] if isinstance(item, LinkUp | LinkLost) else []
+    (lost, pulled), (up, back) = told
+    assert (lost, up) == (LinkLost, LinkUp)
+    assert 0.2 <= pulled < 0.22 and 0.4 <= back < 0.47
+
+
+def recorded(out, passed):
+    """Times from the start on and raw rates of a node whose recorder's computer has so much else to do."""
+    computer = VirtualComputer(passed)
+    begin = computer.now_ns()
+    with FakeNode(computer=computer) as node:
+        record(RecordConfig(ports=(node.path,), duration=1.5), out, computer=computer)
+    log = read_recording(out)
+    left = log.nodes["left"]
+    return left.t + (log.t_zero_ns - begin) * 1e-9, left.gyro
+
+
+def test_a_machine_that_stops_now_and_then_records_the_same(tmp_path):
+    quick_t, quick = recorded(tmp_path / "quick.mcap", lambda t_ns: None)
+    slow_t, slow = recorded(tmp_path / "slow.mcap", lambda t_ns: time.sleep(0.005))
+    np.testing.assert_array_equal(slow, quick)
+    np.testing.assert_allclose(slow_t, quick_t, atol=1e-6)
