@@ -8,15 +8,15 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-import time
 import tty
+from collections.abc import Callable
 
 
 class FakeTable:
     """Runs inside `with`. off: degrees by which it misses. silent: never answers. jammed: does not turn.
 
-    good: moves before it is off or jammed. turn: s that each move takes. visited: degrees
-    at which it stopped, in order.
+    good: moves before it is off or jammed. turning: lasts as long as a move. visited: degrees at which it
+    stopped, in order.
     """
 
     def __init__(
@@ -26,7 +26,7 @@ class FakeTable:
         silent: bool = False,
         jammed: bool = False,
         good: int = 0,
-        turn: float = 0.0,
+        turning: Callable[[], None] = lambda: None,
     ) -> None:
         self._far, self._near = os.openpty()
         tty.setraw(self._far)
@@ -34,7 +34,8 @@ class FakeTable:
         self.path = os.ttyname(self._near)
         self.at = 0.0
         self.visited: list[float] = []
-        self._off, self._silent, self._jammed, self._good, self._turn = off, silent, jammed, good, turn
+        self._off, self._silent, self._jammed, self._good = off, silent, jammed, good
+        self._turning = turning
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
     def __enter__(self) -> FakeTable:
@@ -69,7 +70,7 @@ class FakeTable:
         faulty = len(self.visited) >= self._good
         if self._jammed and faulty:
             return "ERR jammed"
-        time.sleep(self._turn)
+        self._turning()
         self.at = wanted + (self._off if faulty else 0.0)
         self.visited.append(self.at)
         return f"OK {self.at:.4f}"

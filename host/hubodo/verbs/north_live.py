@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 SETTLE_S = 1.0
 """After a turn, before a stop counts: the transient of a table on a bench."""
+TABLE_HELLO_S = 3.0
+"""For a table to answer at all; it gets longer to turn."""
 _TABLE_BAUD, _TABLE_ANSWER_S = 115200, 120.0
 _LOOK_S = 1.0
 _FEWEST_STOPS, _FEWEST_STEPS, _STOPS_A_STEP = 4, 4, 3
@@ -175,7 +177,7 @@ def _table(port: str | None) -> Iterator[Turntable]:
         raise LinkError(f"--table {port}: {error}; check the port and who else has it open") from error
     with line:
         table = SerialTable(line)
-        line.timeout = 3.0
+        line.timeout = TABLE_HELLO_S
         table.angle()
         line.timeout = _TABLE_ANSWER_S
         yield table

@@ -1,8 +1,9 @@
-"""`hubodo north --live`: a node is recorded while a table on a serial line, or a hand, turns it."""
+"""`hubodo north --live` in virtual time: a node is recorded while a table, or a hand, turns it."""
 
 import io
 import json
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,10 @@ import pytest
 from fakes.fake_node import FakeNode
 from fakes.fake_table import FakeTable
 from hubodo.cli import main
+from hubodo.ingest.live import node_stream
+from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.mcap import read_recording
+from hubodo.verbs import north_live
 
 LATITUDE_DEG = 48.1
 # Earth's level rate there: 15.041 deg/h times the cosine.
@@ -64,15 +68,34 @@ def off_by(found, azimuth_deg):
 
 
 @pytest.fixture
-def table():
-    with FakeTable(turn=0.05) as made:
+def computer(monkeypatch):
+    made = VirtualComputer()
+    monkeypatch.setattr(node_stream, "ThisComputer", lambda: made)
+    return made
+
+
+@pytest.fixture
+def turning(computer):
+    """Lasts 50 ms of virtual time."""
+
+    def wait():
+        end_ns = computer.now_ns() + 50_000_000
+        while computer.now_ns() < end_ns:
+            time.sleep(0.001)
+
+    return wait
+
+
+@pytest.fixture
+def table(turning):
+    with FakeTable(turning=turning) as made:
         yield made
 
 
-def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, tmp_path, capsys):
+def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, computer, tmp_path, capsys):
     azimuth, out = 222.0, tmp_path / "north.mcap"
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 8, "-o", out]
-    with FineNode(rows=OnTable(table, azimuth, 1)) as node:
+    with FineNode(rows=OnTable(table, azimuth, 1), computer=computer) as node:
         found = north(node, capsys, *words)
     assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 80
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0, 180, 90, 270]
@@ -87,10 +110,10 @@ def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, tmp_pa
     assert set(log.table["moving"]) == {0.0, 1.0} and len(log.nodes["left"]) > 8 * 1.2 * 200
 
 
-def test_the_axis_is_turned_until_it_points_east_and_left_there(table, capsys):
+def test_the_axis_is_turned_until_it_points_east_and_left_there(table, computer, capsys):
     azimuth = 75.0
     words = ["--table", table.path, "--method", "east", "--stop", 1.0, "--stops", 15, "--axis", "y"]
-    with FineNode(rows=OnTable(table, azimuth, 2)) as node:
+    with FineNode(rows=OnTable(table, azimuth, 2), computer=computer) as node:
         found = north(node, capsys, *words)
     east = found["east"]
     print(found["azimuth_deg"], found["sigma_deg"], east["table_angle_deg"])
@@ -102,19 +125,20 @@ def test_the_axis_is_turned_until_it_points_east_and_left_there(table, capsys):
     assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"]
 
 
-def test_without_a_table_port_the_operator_is_told_what_to_do(table, tmp_path, capsys, monkeypatch):
+def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, turning, capsys, monkeypatch):
     class Hand(io.StringIO):
         """Reads what was asked on stderr and turns the table so."""
 
         def readline(self, *_):
             asked = capsys.readouterr().err
             told.append(asked.rpartition("turn the table")[2])
+            turning()
             table.at = float(told[-1].partition(" on its scale")[0].split()[-1].rstrip("°"))
             return "\n"
 
     told = []
     monkeypatch.setattr("sys.stdin", Hand())
-    with FineNode(rows=OnTable(table, 10.0, 3)) as node:
+    with FineNode(rows=OnTable(table, 10.0, 3), computer=computer) as node:
         found = north(node, capsys, "--method", "maytag", "--stop", 1.0, "--stops", 6, "--near-deg", 10)
     assert abs(off_by(found, 10.0)) < 4 * found["sigma_deg"]
     assert len(told) == 6 and all("press Enter" in line for line in told)
@@ -135,8 +159,8 @@ def test_without_a_table_port_the_operator_is_told_what_to_do(table, tmp_path, c
         (["--axis", "z"], "degrees from level"),
     ],
 )
-def test_what_cannot_be_done_live_is_refused_in_one_line(table, capsys, words, text):
-    with FineNode(rows=OnTable(table, 0.0, 4)) as node:
+def test_what_cannot_be_done_live_is_refused_in_one_line(table, computer, capsys, words, text):
+    with FineNode(rows=OnTable(table, 0.0, 4), computer=computer) as node:
         status, err = north(node, capsys, "--table", table.path, *words)
     assert status == 2 and text in err.splitlines()[-1]
     assert len(table.visited) <= 1
@@ -151,18 +175,24 @@ def test_a_log_and_live_exclude_each_other(tmp_path, capsys):
 @pytest.mark.parametrize(
     "fault, text", [({"jammed": True}, "ERR jammed"), ({"off": 3.0}, "stopped at 183.000")]
 )
-def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(tmp_path, capsys, fault, text):
+def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(
+    computer, turning, tmp_path, capsys, fault, text
+):
     out = tmp_path / "north.mcap"
-    with FakeTable(**fault, good=1) as table, FineNode(rows=OnTable(table, 0.0, 5)) as node:
+    with (
+        FakeTable(**fault, good=1, turning=turning) as table,
+        FineNode(rows=OnTable(table, 0.0, 5), computer=computer) as node,
+    ):
         status, err = north(node, capsys, "--table", table.path, "--stops", 4, "--stop", 1.0, "-o", out)
     assert status == 1 and text in err.splitlines()[-1]
     log = read_recording(out)
     assert len(log.nodes["left"]) > 200 and log.table["moving"].tolist() == [0.0, 1.0]
 
 
-def test_what_is_no_table_is_said_before_anything_is_recorded(tmp_path, capsys):
+def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path, capsys, monkeypatch):
     out = tmp_path / "north.mcap"
-    with FakeTable(silent=True) as table, FineNode() as node:
+    monkeypatch.setattr(north_live, "TABLE_HELLO_S", 0.2)
+    with FakeTable(silent=True) as table, FineNode(computer=computer) as node:
         status, err = north(node, capsys, "--table", table.path, "-o", out)
         assert status == 1 and "answered nothing to 'ANGLE?'" in err
         status, err = north(node, capsys, "--table", tmp_path / "none", "-o", out)
@@ -170,8 +200,8 @@ def test_what_is_no_table_is_said_before_anything_is_recorded(tmp_path, capsys):
     assert not out.exists()
 
 
-def test_a_node_that_falls_silent_is_said(table, tmp_path, capsys):
-    with FineNode(rows=OnTable(table, 0.0, 6), answers=False) as node:
+def test_a_node_that_falls_silent_is_said(table, computer, capsys):
+    with FineNode(rows=OnTable(table, 0.0, 6), answers=False, computer=computer) as node:
         node.unplug()
         node.plug()
         node._streaming = False
