@@ -15,12 +15,12 @@ from virtual_runs import matched, of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds)
 RUNS = {
-    "default": ({}, 4.0),
-    "104 fifo": ({"rate_hz": 104, "fifo": True}, 4.0),
-    "208 fifo": ({"rate_hz": 208, "fifo": True}, 4.0),
-    "416": ({"rate_hz": 416}, 4.0),
-    "833": ({"rate_hz": 833}, 3.5),
-    "1660": ({"rate_hz": 1660}, 3.5),
+    "default": ({}, 3.0),
+    "104 fifo": ({"rate_hz": 104, "fifo": True}, 3.0),
+    "208 fifo": ({"rate_hz": 208, "fifo": True}, 3.0),
+    "416": ({"rate_hz": 416}, 3.0),
+    "833": ({"rate_hz": 833}, 3.0),
+    "1660": ({"rate_hz": 1660}, 3.0),
 }
 # What a run may show at most.
 LOST = 0

@@ -14,20 +14,20 @@ class SmallInt(int):
 
     @classmethod
     def of(cls, value):
-        if not isinstance(value, int) or isinstance(value, bool):
+        if value is NotImplemented:
             return value
         if not -LIMIT <= value < LIMIT:
             raise NotSmall(f"{value} needs more than 31 bits")
-        if abs(value) > cls.widest:
-            cls.widest = abs(value)
-        return cls(value)
+        if value > cls.widest:
+            cls.widest = value
+        return int.__new__(cls, value)
 
 
 def _checked(name):
-    plain = getattr(int, name)
+    plain, of = getattr(int, name), SmallInt.of
 
     def operation(self, *others):
-        return SmallInt.of(plain(self, *others))
+        return of(plain(self, *others))
 
     return operation
 

@@ -36,7 +36,7 @@ NODES = {
     ),
     "flat battery": ({"board": BoardSettings(battery_mv=3000)}, "power", "3.00 V: low"),
     "brown-out": (
-        {"faults": [BrownOut(0.2)], "board": BoardSettings(model="pico_2")},
+        {"faults": [BrownOut(0.05)], "board": BoardSettings(model="pico_2")},
         "power",
         "last start: brown out",
     ),

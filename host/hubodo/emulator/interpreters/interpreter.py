@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import subprocess
@@ -86,7 +87,7 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
     response_read, response_write = os.pipe()
     life_read, life_write = os.pipe()
     theirs = (request_write, response_read, life_read)
-    full = dict(settings, pipes=theirs)
+    full = dict(settings, pipes=(request_write, response_read))
     if kind == "micropython":
         full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "modules")}
         command = [find_node(), str(_HERE / "wasm" / "runner.mjs"), json.dumps(full)]
@@ -102,6 +103,9 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
         pass_fds=theirs,
         start_new_session=True,
     )
+    # Once the board's process and with it this pipe is gone a signal ends the interpreter, even a busy loop.
+    fcntl.fcntl(life_read, fcntl.F_SETOWN, process.pid)
+    fcntl.fcntl(life_read, fcntl.F_SETFL, os.O_ASYNC)
     for fd in theirs:
         os.close(fd)
     return Interpreter(process, request_read, response_write, life_write, log)

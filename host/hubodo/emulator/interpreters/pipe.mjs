@@ -1,24 +1,18 @@
 // The two pipes between an interpreter in node and its board: hypercall.py says what goes through them.
 import fs from "node:fs";
-import { Worker } from "node:worker_threads";
 
 export const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4, FLAG_OPEN = 8, FLAG_PLUGGED = 16;
 
-// An orderly exit would wait for the thread of the lifeline, which waits for the board.
 export function die(error) {
   if (error !== undefined) fs.writeSync(2, `${error?.name === "PythonError" ? error.message : error?.stack ?? error}\n`);
-  process.kill(process.pid, "SIGKILL");
+  process.exit(1);
 }
 
 export class Pipe {
-  /** fds: [requests, responses, lifeline]. When the board's process is gone, not even a busy loop here outlives it. */
-  constructor([requests, responses, lifeline]) {
+  /** fds: [requests, responses]. */
+  constructor([requests, responses]) {
     this._requests = requests;
     this._responses = responses;
-    new Worker(
-      `try { require("node:fs").readSync(${lifeline}, Buffer.alloc(1)); } catch {} process.kill(process.pid, "SIGKILL");`,
-      { eval: true },
-    ).unref();
     process.on("uncaughtException", die);
     process.on("unhandledRejection", die);
     this.request = Buffer.alloc(HEADER + 65536);

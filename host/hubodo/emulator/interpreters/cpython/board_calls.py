@@ -11,7 +11,7 @@ import time as real_time
 
 CONFIG = json.loads(sys.argv[1])
 OP = CONFIG["ops"]
-REQUEST_FD, RESPONSE_FD, LIFELINE_FD = CONFIG["pipes"]
+REQUEST_FD, RESPONSE_FD = CONFIG["pipes"]
 STEPPED, PACED = CONFIG["stepped"], CONFIG["paced"]
 REQUEST = struct.Struct("<BxhHHd")
 RESPONSE = struct.Struct("<hBBId")

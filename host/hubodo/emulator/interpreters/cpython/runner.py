@@ -8,7 +8,6 @@ import importlib
 import io
 import os
 import sys
-import threading
 import time as real_time
 import traceback
 import types
@@ -20,17 +19,12 @@ for _name in ("array", "binascii", "collections", "errno", "hashlib", "math", "r
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
-from board_calls import CONFIG, LIFELINE_FD, TICKS_PERIOD, board  # noqa: E402
+from board_calls import CONFIG, TICKS_PERIOD, board  # noqa: E402
 from board_devices import I2cDevice, Poll, SerialDevice, Text, UdpDevice  # noqa: E402
 
 sys.path.remove(str(HERE))
 
 FLASH = CONFIG["flash"]
-
-
-def _end_with_the_board():
-    os.read(LIFELINE_FD, 1)
-    os._exit(1)
 
 
 def _module(name, **names):
@@ -137,7 +131,6 @@ def _soft_reset():
 
 
 def main():
-    threading.Thread(target=_end_with_the_board, daemon=True).start()
     _install()
     board.ask("PING")
     for name in CONFIG["run"]:

@@ -1,4 +1,5 @@
 // The interpreter of a virtual node: MicroPython (WebAssembly) whose world is the board behind two pipes.
+import v8 from "node:v8";
 import "./table.mjs";
 import { FLAG_INPUT, FLAG_ROOM } from "../pipe.mjs";
 import { Board } from "./board.mjs";
@@ -7,6 +8,9 @@ import { Devices } from "./devices.mjs";
 import { EINTR, withLinuxErrno } from "./errno.mjs";
 import { FLASH, layRom, mirrorFlash } from "./flash.mjs";
 import { boardModule, TICKS_MASK } from "./module.mjs";
+
+// What MicroPython's code would gain from the second compiler is less than that takes, but for rides of minutes.
+v8.setFlagsFromString("--liftoff-only");
 
 const config = JSON.parse(process.argv[2]); // what the board's processor.py tells
 const clock = new Clock(config);

@@ -1,0 +1,140 @@
+"""The whole node finds its gyro's bias in each way there is, and tells it beside raw samples."""
+
+import numpy as np
+import pytest
+
+from hubodo.calibration.apply import SampleCorrection
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
+from hubodo.emulator.motion import RecordedMotion, StillMotion
+from hubodo.flash.node_settings import merged
+from hubowire import messages as m
+from virtual_runs import matched, of, request, run
+
+
+def test_the_bias_of_a_wheel_at_rest_is_found_and_of_a_turning_one_refused():
+    rate = (0.02, -0.05, 0.1)
+    init = [(0.5, request(7, m.BiasInit(2000)))]
+    sent, _, _ = run(12, motion=StillMotion(rate=rate), script=init, config={"rate_hz": 416})
+    assert [a.request_seq for a in of(sent, m.Ack)] == [7]
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.samples == 2000
+    steps = np.round(np.degrees(rate) / 0.07)
+    np.testing.assert_allclose(np.array(last.bias_q12) / 4096, steps, atol=0.01)
+    np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=0.05)
+
+    sent, _, _ = run(12, motion=StillMotion(rate=(0, 0, 2.0)), script=init, config={"rate_hz": 416})
+    assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_TURNS)]
+    assert of(sent, m.Filter)[-1].state == m.FilterState.WAITING
+
+
+@pytest.mark.parametrize(("forgetting", "deviation"), [(1_027_604, 0.1), (964_690, 0.2)])
+def test_recursive_least_squares_is_chosen_by_configuration(forgetting, deviation):
+    """Forgetting factors 0.98 and 0.92, set while running; the node reports the rate behind the bias."""
+    script = [
+        (0.3, request(1, m.SetConfig(m.ConfigKey.FORGETTING_Q20, forgetting))),
+        (0.4, request(2, m.SetConfig(m.ConfigKey.FILTER_KIND, m.FilterKind.RLS))),
+        (0.5, request(3, m.BiasInit(2000))),
+        (0.6, request(4, m.GetHello())),
+    ]
+    motion = StillMotion(rate=(0.02, -0.05, 0.1))
+    sent, _, _ = run(7, motion=motion, script=script, config={"rate_hz": 416})
+    assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
+    assert of(sent, m.Hello)[-1].filter_kind == m.FilterKind.RLS
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.saturations == 0
+    np.testing.assert_allclose(np.array(last.rate_q8) / 256, 0, atol=deviation)
+
+
+def test_the_bias_of_the_settings_and_the_warm_up_are_told_beside_raw_samples():
+    """No initialisation: bias and warm-up come from /config.json, the samples are those of the chip."""
+    config = {"bias_udps": [210_000, 0, -140_000], "warmup_udps": [700_000, -1_400_000, 0], "warmup_s": 10}
+    sent, truth, _ = run(12, config=config)
+    found = matched(sent, truth)
+    assert np.array_equal(found[:, 0], np.arange(len(found))), "not a count is touched"
+    told = [f for f in of(sent, m.Filter) if f.state == m.FilterState.TRACKING]
+    assert {f.samples for f in told} == {0} and {f.bias_sigma_q12 for f in told} == {(0, 0, 0)}
+    age = np.array([f.t_us for f in told]) * 1e-6
+    bias = np.array([f.bias_q12 for f in told]) / 4096
+    grown = -np.expm1(-age / 10)[:, None]
+    expected = np.array([3.0, 0.0, -2.0]) + grown * np.array([10.0, -20.0, 0.0])
+    # The Kalman filter moves the bias by k2 / k1 = 1e-6 of a rate of up to 7000 steps; a batch takes 40 ms.
+    np.testing.assert_allclose(bias, expected, atol=0.15)
+
+
+def test_one_calibration_serves_node_and_host_and_is_applied_once():
+    """A gyro that warms up at rest: the node sends it raw and names its bias; the host takes it off."""
+    c1, constant, bias = np.array([0.02, 0.0, -0.01]), 10.0, np.array([0.004, -np.radians(0.14), 0.0])
+    t = np.arange(0, 14, 0.005)
+    gyro = bias - c1 * np.expm1(-t / constant)[:, None]
+    accel = np.tile([0.0, 0.0, 9.80665], (len(t), 1))
+    effects = {
+        "gyro_bias": dict(zip("xyz", bias, strict=True)),
+        "gyro_warmup": {**dict(zip("xyz", c1, strict=True)), "time_constant": constant},
+    }
+    calibration = NodeCalibration(
+        {
+            name: CalibratedEffect({key: Quantity(float(value), 0.0) for key, value in values.items()})
+            for name, values in effects.items()
+        }
+    )
+    sent, _, _ = run(
+        13,
+        motion=RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0),
+        config=merged({"gain_bias_q30": 0}, calibration),
+    )
+    batches = of(sent, m.ImuBatch)[10:]
+    age = np.concatenate([b.t_us + b.period_ns / 1000 * np.arange(len(b.samples)) for b in batches]) * 1e-6
+    raw = np.concatenate([b.samples for b in batches])
+    shown = raw[:, :3] * np.radians(0.07)
+    true, _ = SampleCorrection.from_calibration(calibration).apply(shown, raw[:, 3:] * 1.0, age=age)
+    assert np.abs(shown[-100:].mean(axis=0) - gyro[-200]).max() < 1e-3, "sent as the chip gave it"
+    # Steps of 1.2e-3 rad/s, a bias that moves by ten of them: rounding stays, the warm-up does not.
+    assert np.abs(true).max() < 0.52 * np.radians(0.07) and np.abs(true.mean(axis=0)).max() < 1e-4
+    told = [f for f in of(sent, m.Filter) if f.state == m.FilterState.TRACKING][5:]
+    exact = bias - c1 * np.expm1(-np.array([f.t_us for f in told]) * 1e-6 / constant)[:, None]
+    found = np.array([f.bias_q12 for f in told]) / 4096 * np.radians(0.07)
+    assert np.abs(found - exact).max() < 0.1 * np.radians(0.07)
+
+
+def test_the_bias_is_found_while_the_wheel_turns():
+    """Gravity turns with 4 rad/s; 1 deg/s of bias along the axle. A wheel at rest is refused."""
+    t = np.arange(0, 31, 0.001)
+    accel = np.stack([9.80665 * np.cos(4 * t), -9.80665 * np.sin(4 * t), 0 * t], axis=1)
+    gyro = np.tile([0.0, 0.0, 4.0 + np.radians(1.0)], (len(t), 1))
+    config = {"bias_kind": m.BiasKind.GRAVITY, "bias_sigma_udps": 2_000_000, "phase_mrad": 5}
+    init = [(1.0, request(7, m.BiasInit(5000)))]
+    sent, _, _ = run(
+        27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, script=init
+    )
+    assert [a.request_seq for a in of(sent, m.Ack)] == [7]
+    last = of(sent, m.Filter)[-1]
+    assert last.state == m.FilterState.TRACKING and last.samples == 5000
+    sigma = np.array(last.bias_sigma_q12) / 4096
+    assert last.bias_q12[2] / 4096 == pytest.approx(1 / 0.07, abs=4 * sigma[2]) and sigma[2] < 1
+    assert sigma[0] > 25, "across the axle nothing is seen"
+
+    sent, _, _ = run(27, motion=StillMotion(), config=config, script=init)
+    assert [(n.request_seq, n.reason) for n in of(sent, m.Nack)] == [(7, m.Reason.WHEEL_RESTS)]
+
+
+@pytest.mark.parametrize("kind", [m.BiasKind.REST, m.BiasKind.TABLE])
+def test_the_kind_of_initialisation_is_chosen_while_running(kind):
+    """At rest, and on a table that turns with 45 deg/s, whose rate is set as well."""
+    rest = np.array([0.02, -0.05, 0.1])
+    rate = rest + (np.array([0.0, 0.0, np.radians(45.0)]) if kind == m.BiasKind.TABLE else 0.0)
+    script = [
+        (0.3, request(1, m.SetConfig(m.ConfigKey.BIAS_KIND, kind))),
+        (0.4, request(2, m.SetConfig(m.ConfigKey.TABLE_RATE_UDPS, 45_000_000))),
+        (0.5, request(3, m.BiasInit(2000))),
+    ]
+    sent, _, _ = run(7, motion=StillMotion(rate=rate), script=script, config={"rate_hz": 416})
+    assert {ack.request_seq for ack in of(sent, m.Ack)} == {1, 2, 3}
+    last = of(sent, m.Filter)[-1]
+    steps, sigma = np.degrees(rest) / 0.07, np.array(last.bias_sigma_q12) / 4096
+    found = np.array(last.bias_q12) / 4096
+    print(f"{kind.name}: {found} of {steps} steps, sigma {sigma}")
+    assert last.state == m.FilterState.TRACKING and last.samples == 2000
+    if kind == m.BiasKind.REST:
+        np.testing.assert_allclose(found, steps, atol=0.6)
+    else:
+        assert abs(found[2] - steps[2]) < 3 * sigma[2] and sigma[2] < sigma[0] / 4
