@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
@@ -18,6 +19,13 @@ from hubodo.arrays import Array
 
 _DEGREE = 5
 _ORDER = 3
+# Angular frequencies per step in (0, pi), and there: the power of the samples of a B-spline, aliases folded
+# in, and that of its differences, which are penalised.
+_OMEGA = (np.arange(512) + 0.5) * np.pi / 512
+_SAMPLED = (
+    sum(np.sinc((_OMEGA + 2 * np.pi * f) / (2 * np.pi)) ** (_DEGREE + 1) for f in (-2, -1, 0, 1, 2)) ** 2
+)
+_ROUGHNESS = (2.0 - 2.0 * np.cos(_OMEGA)) ** _ORDER
 
 
 @dataclass(frozen=True)
@@ -46,9 +54,12 @@ class Smooth:
     def integral(self, t: Array) -> Array:
         """From `start` to t, (N,) s; outside, the end values go on."""
         inside = np.clip(t, self.start, self.end)
-        whole = self.spline.antiderivative()
-        made = np.asarray(whole(inside)) - float(whole(self.start))
-        return made + np.asarray(self.spline(inside)) * (t - inside)
+        made = np.asarray(self._whole(inside)) - float(self._whole(self.start))
+        return made if (inside == t).all() else made + np.asarray(self.spline(inside)) * (t - inside)
+
+    @cached_property
+    def _whole(self) -> BSpline:
+        return self.spline.antiderivative()
 
 
 def constant(value: float, start: float, end: float) -> Smooth:
@@ -92,15 +103,15 @@ def smooth(t: Array, value: Array) -> Smooth:
 
     def score(log_weight: float) -> float:
         residual = value - design @ fitted(log_weight)
-        freedom = _response(log_weight)[0].mean()
+        freedom = _response(log_weight).mean()
         return float(len(t) * np.log((residual @ residual / len(t) + 1e-18 * power) / (1.0 - freedom) ** 2))
 
     best = _lowest(score)
     weights = fitted(best)
     residual = value - design @ weights
-    passed, omega = _response(best)
+    passed = _response(best)
     noise = float(np.sqrt(residual @ residual / len(t) / max(1.0 - passed.mean(), 1e-3)))
-    share, slope_share = float(np.mean(passed**2)), float(np.mean((passed * omega) ** 2))
+    share, slope_share = float(np.mean(passed**2)), float(np.mean((passed * _OMEGA) ** 2))
     return Smooth(
         BSpline(knots, weights, _DEGREE),
         float(t[0]),
@@ -122,17 +133,9 @@ def _penalty(size: int) -> Array:
     return banded
 
 
-def _response(log_weight: float) -> tuple[Array, Array]:
-    """Gain of the smoother at angular frequencies per step in (0, pi): (M,) and (M,)."""
-    omega = (np.arange(512) + 0.5) * np.pi / 512
-    # Energy of the B-spline of degree 5 at each frequency, aliases folded in.
-    energy = np.zeros_like(omega)
-    for fold in (-2, -1, 0, 1, 2):
-        shifted = omega + 2.0 * np.pi * fold
-        energy += np.sinc(shifted / (2.0 * np.pi)) ** (2 * (_DEGREE + 1))
-    sampled = sum(np.sinc((omega + 2 * np.pi * f) / (2 * np.pi)) ** (_DEGREE + 1) for f in (-2, -1, 0, 1, 2))
-    roughness = np.exp(log_weight) * (2.0 - 2.0 * np.cos(omega)) ** _ORDER
-    return sampled**2 / (sampled**2 + roughness), omega
+def _response(log_weight: float) -> Array:
+    """(M,) gain of the smoother at the angular frequencies _OMEGA."""
+    return np.asarray(_SAMPLED / (_SAMPLED + np.exp(log_weight) * _ROUGHNESS))
 
 
 def _lowest(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:

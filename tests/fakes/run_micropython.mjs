@@ -4,20 +4,25 @@
 // What it leaves in /result is printed.
 import fs from "node:fs";
 import path from "node:path";
+import "../../host/hubodo/emulator/interpreters/wasm/table.mjs";
 import { loadMicroPython } from "@micropython/micropython-webassembly-pyscript/micropython.mjs";
 
 const job = JSON.parse(fs.readFileSync(process.argv[2], "utf8"));
-const out = fs.openSync(job.out, "w");
+const printed = [];
 const mp = await loadMicroPython({
   heapsize: job.heap ?? 256 * 1024,
   linebuffer: false,
   stdin: () => null,
-  stdout: (bytes) => fs.writeSync(out, bytes),
+  stdout: (bytes) => printed.push(...bytes),
 });
 for (const [there, here] of job.files) {
   const folder = path.posix.dirname(there);
   if (folder !== "/" && !mp.FS.analyzePath(folder).exists) mp.FS.mkdir(folder);
   mp.FS.writeFile(there, fs.readFileSync(here));
 }
-for (const source of job.run) mp.runPython(source);
+try {
+  for (const source of job.run) mp.runPython(source);
+} finally {
+  fs.writeFileSync(job.out, Buffer.from(printed));
+}
 process.stdout.write(mp.FS.readFile("/result", { encoding: "utf8" }));

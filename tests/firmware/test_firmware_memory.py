@@ -1,8 +1,6 @@
 """In real MicroPython: the node allocates nothing while it samples, and fits its heap."""
 
-import os
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import real_micropython
@@ -143,33 +141,21 @@ def samples_of(case):
     return SAMPLES_WITH_RLS if "rls" in case else SAMPLES
 
 
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """{case: future of (result, stream)}, as many at a time as there are processors, the longest first."""
-    real_micropython.node_or_skip()
-    folders = {case: tmp_path_factory.mktemp("node") for case in CASES}
-
-    def one(case):
-        imu, rate, period, spin, settings, modules = CASES[case]
-        imports = [
-            f"import {name}\nwatch()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))
-        ]
-        bus = BUS.format(imu=imu, period=period, spin=spin)
-        board = BOARD.format(rate=rate, settings=repr(settings))
-        node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]
-        locked = LOCKED.format(samples=samples_of(case))
-        return real_micropython.run(folders[case], bus, START, *imports, board, *node, locked)
-
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        yield {case: pool.submit(one, case) for case in sorted(CASES, key=lambda case: CASES[case][1])}
+def run(folder, case):
+    """(result, stream)."""
+    imu, rate, period, spin, settings, modules = CASES[case]
+    imports = [f"import {name}\nwatch()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))]
+    bus = BUS.format(imu=imu, period=period, spin=spin)
+    board = BOARD.format(rate=rate, settings=repr(settings))
+    node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]
+    locked = LOCKED.format(samples=samples_of(case))
+    return real_micropython.run(folder, bus, START, *imports, board, *node, locked)
 
 
-# The longest case takes a minute on a machine that has nothing else to do.
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("case", CASES)
-def test_samples_go_from_chip_to_link_without_an_allocation(runs, case):
+def test_samples_go_from_chip_to_link_without_an_allocation(tmp_path, case):
     _, _, _, spin, settings, _ = CASES[case]
-    result, stream = runs[case].result()
+    result, stream = run(tmp_path, case)
     assert result["failure"] is None, stream[-3000:]
     assert result["allocated"] == 0
     assert result["dropped"] == result["missed"] == 0

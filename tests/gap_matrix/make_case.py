@@ -17,6 +17,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
+import numpy as np
+
 from gap_matrix import cases, drives, effects, recording
 from gap_matrix.dose import STRENGTHS, Meter
 
@@ -34,13 +36,16 @@ def make(
     known: Sequence[str] = (),
     vibration: float | None = None,
     speed_noise: float = 0.0005,
+    rate_hz: float | None = None,
 ) -> list[effects.Effect]:
     """Writes a case and gives what is hidden in it.
 
     names: none, one or more, each with its own dose. strength: of STRENGTHS, or nats. factor: times the
-    typical size instead. ValueError as `Meter.dose`.
+    typical size instead. rate_hz: of both nodes, else drawn. ValueError as `Meter.dose`.
     """
     setup = cases.setup(seed, kind, duration, known, vibration, speed_noise)
+    if rate_hz is not None:
+        setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(seed))
     drawn = [cases.hidden_effect(setup, name, scope) for name in names]
     target = STRENGTHS[strength] if isinstance(strength, str) else strength
     meter = Meter(setup) if drawn else None

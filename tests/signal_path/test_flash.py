@@ -1,4 +1,4 @@
-"""`hubodo flash` for real: mpremote speaks to the REPL of a virtual board through its pseudo terminal."""
+"""`hubodo flash` for real: it speaks to the prompt of a virtual board through its pseudo terminal."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import termios
 
 import pytest
 
+import hubodo.flash.board
 from hubodo.cli import main
 from hubodo.emulator.board.settings import Flash
 from hubodo.emulator.motion import StillMotion
@@ -120,34 +121,28 @@ def test_a_port_that_is_not_there_is_one_clear_line(tmp_path, capfd):
     assert "ttyNONE: cannot be opened" in err
 
 
-def test_a_port_where_nobody_answers_is_one_clear_line(capfd, monkeypatch):
-    import hubodo.flash.board as module
-
-    monkeypatch.setattr(module, "_COMMAND_TIMEOUT", 4.0)
-    monkeypatch.setattr(module, "_COMES_BACK", 0.5)
+@pytest.fixture
+def silent_port(monkeypatch):
+    """(path, descriptor) of a terminal at whose other end nobody is; it is given up soon."""
+    monkeypatch.setattr(hubodo.flash.board, "_SAYS_GOODBYE", 0.2)
+    monkeypatch.setattr(hubodo.flash.board, "_COMES_BACK", 0.5)
     master, slave = os.openpty()
-    try:
-        code, _, err = flash(capfd, os.ttyname(slave))
-    finally:
-        os.close(master)
-        os.close(slave)
+    yield os.ttyname(slave), slave
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_port_where_nobody_answers_is_one_clear_line(silent_port, capfd):
+    code, _, err = flash(capfd, silent_port[0])
     assert code == 1
     assert err.count("\n") == 1
-    assert "mpremote" in err
+    assert "no prompt; is MicroPython on the board?" in err
 
 
-def test_the_port_is_opened_at_the_speed_of_a_console(monkeypatch):
+def test_the_port_is_opened_at_the_speed_of_a_console(silent_port, capfd):
     """An ESP32's USB is a UART behind another chip: at another speed nothing of it can be read."""
-    import hubodo.flash.board as module
-
-    monkeypatch.setattr(module, "_COMES_BACK", 0.0)
-    master, slave = os.openpty()
-    try:
-        module.FlashBoard(os.ttyname(slave)).interrupt()
-        assert termios.tcgetattr(slave)[4:6] == [termios.B115200] * 2
-    finally:
-        os.close(master)
-        os.close(slave)
+    flash(capfd, silent_port[0])
+    assert termios.tcgetattr(silent_port[1])[4:6] == [termios.B115200] * 2
 
 
 def test_an_unknown_node_name_is_refused_before_the_port_is_touched(tmp_path, capfd):

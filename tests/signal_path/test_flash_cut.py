@@ -3,13 +3,11 @@
 import ast
 import base64
 import json
-import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -137,30 +135,42 @@ def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     assert comes_up_as(half) == ["new"]
 
 
+# A host that is killed when it has sent the first piece of its tenth file.
+DYING = """
+import os, signal, sys
+from pathlib import Path
+import hubodo.flash.board as board, hubodo.verbs.flash as verb
+from hubodo.cli import main
+
+files, pieces = [], board._pieces
+
+def dying(content):
+    files.append(content)
+    for k, piece in enumerate(pieces(content)):
+        if len(files) == 10 and k == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield piece
+
+board._pieces = dying
+verb.firmware_folder = lambda: Path(sys.argv[2])
+main(["flash", sys.argv[1]])
+"""
+
+
 def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp_path, monkeypatch, capfd):
+    """The board waits for the rest of a file then, and is flashed again without another start."""
     _, new, image = firmwares
     lay(image, tmp_path / "flash", "/fw_a")
-    code = (
-        "import sys; from pathlib import Path; import hubodo.verbs.flash as verb\n"
-        "from hubodo.cli import main\n"
-        f"verb.firmware_folder = lambda: Path({str(new)!r})\nsys.exit(main(['flash', sys.argv[1]]))"
-    )
     with VirtualNode(StillMotion(), Flash(folder=tmp_path / "flash")) as node:
-        host = subprocess.Popen([sys.executable, "-c", code, str(node.port)], start_new_session=True)
-        end = time.monotonic() + 60
-        while len(list((tmp_path / "flash").glob("fw_b/*.mpy"))) < 8 and time.monotonic() < end:
-            time.sleep(0.02)
-        os.killpg(host.pid, signal.SIGKILL)
-        host.wait()
-        node.power_off()
+        host = subprocess.run([sys.executable, "-c", DYING, str(node.port), str(new)], check=False)
+        assert host.returncode == -signal.SIGKILL
         shutil.copytree(tmp_path / "flash", tmp_path / "cut")
-    copied = len(list((tmp_path / "cut").glob("fw_b/*.mpy")))
-    assert 8 <= copied < len(image) - 5
-    assert comes_up_as(tmp_path / "cut") == ["old"]
-    with VirtualNode(StillMotion(), Flash(folder=tmp_path / "cut")) as node:
         found = flash(node.port, new, monkeypatch, capfd)
-    assert len(found["copied"]) <= len(image) - copied + 1, "what was there already is not sent again"
-    assert comes_up_as(tmp_path / "cut") == ["new"]
+    copied = len(list((tmp_path / "cut").glob("fw_b/**/*.mpy")))
+    assert copied == 9
+    assert comes_up_as(tmp_path / "cut") == ["old"]
+    assert len(found["copied"]) == len(image) - copied, "what was there already is not sent again"
+    assert comes_up_as(tmp_path / "flash") == ["new"]
 
 
 def test_a_slot_that_does_not_load_gives_way_to_the_other(firmwares, tmp_path):

@@ -96,7 +96,8 @@ class WarmupModel:
     def bias(self, t: Array, temperature: Array | None = None) -> Array:
         """(N,) rad/s at t (N,) s since power-on. Raises ValueError when a needed temperature is not given."""
         made = self.c2 + self.c1 * warmed(t, self.time_constant)
-        made += self.c1_second * warmed(t, self.time_constant_second)
+        if self.c1_second:
+            made += self.c1_second * warmed(t, self.time_constant_second)
         if self.temperature_coefficient:
             if temperature is None:
                 raise ValueError("this warm-up model needs the temperature")

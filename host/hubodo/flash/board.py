@@ -1,36 +1,34 @@
-"""A board on a serial port as seen by mpremote: look, copy what differs, compare hashes, reset."""
+"""A board on a serial port, at its prompt: look, copy what differs, compare hashes, reset."""
+
+from __future__ import annotations
 
 import ast
 import contextlib
 import json
-import subprocess
-import sys
-import tempfile
 import termios
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 
 import serial
 
-from hubodo.errors import HubodoError
 from hubodo.flash.image import ARCHITECTURES, digests
+from hubodo.flash.prompt import WANTED, FlashError, RawPrompt
 from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, plan, slot_named
 from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
-_COMMAND_TIMEOUT = 60.0
-_FILE_TIMEOUT = 5.0
-"""Beyond that, for each file of a conversation."""
 _HASH_CHARACTERS = 64
-_COMES_BACK = 6.0
+_COMES_BACK = 15.0
+_SAYS_GOODBYE = 2.0
+_ANSWERS = 1.0
+_TAKES_S = 10.0
 CONSOLE_BAUD = 115200
 """Of MicroPython's console where a chip of the board makes USB of a UART; USB itself does not care."""
 _PROMPT = b">>> "
 _RAW_PROMPT = b"\r\n>"
-# Ends a line that was begun, then ctrl-B: a REPL that took the 0x01 of a frame for ctrl-A is in raw mode.
-_ASK_PROMPT = b"\r\x02"
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
 _LOOK = (
@@ -103,10 +101,20 @@ for n in {folders}:
     except OSError:
         pass
 """
-
-
-class FlashError(HubodoError):
-    """The board did not answer, or does not hold what was sent."""
+_PIECE = 256
+"""Bytes of a file that a board takes at once, as hexadecimal digits: none of these is ctrl-C."""
+_TAKE = """
+import sys
+def take(n,z):
+    with open(n,'wb') as f:
+        while z:
+            k=min(z,{piece})
+            sys.stdout.write({wanted})
+            f.write(bytes.fromhex(sys.stdin.read(2*k)))
+            z-=k
+"""
+# The pause is for the host to close the port.
+_RESET = "import machine,time;time.sleep_ms(100);machine.reset()"
 
 
 @dataclass(frozen=True)
@@ -121,13 +129,68 @@ class BoardIdentity:
 
 
 class FlashBoard:
-    """Talks to MicroPython's REPL through mpremote, and to a running node through its own protocol.
+    """Talks to MicroPython's prompt, and to a running node through its own protocol.
 
-    port: a serial device. Errors are FlashError with the port and what to try.
+    port: a serial device, held from `interrupt` until the end of the `with` block or `reset`. Errors are
+    FlashError with the port and what to try.
     """
 
     def __init__(self, port: str) -> None:
         self.port = port
+        self._prompt: RawPrompt | None = None
+
+    def __enter__(self) -> FlashBoard:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._prompt is not None:
+            with contextlib.suppress(*_LINK_GONE):
+                self._prompt.leave()
+            self._close()
+
+    def _close(self) -> None:
+        if self._prompt is not None:
+            with contextlib.suppress(*_LINK_GONE):
+                self._prompt.close()
+        self._prompt = None
+
+    def interrupt(self) -> None:
+        """Brings a streaming node, or whatever else runs, to its prompt.
+
+        A node with a watchdog gets there by a restart, and its USB port goes away and comes back.
+        """
+        request = encode_frame(Frame(Reboot.type_id, 0, 0, encode(Reboot(RebootMode.REPL))))
+        try:
+            link = self._open()
+        except (serial.SerialException, OSError) as error:
+            reason = "is busy: stop what reads it" if "lock" in str(error) else "cannot be opened"
+            raise FlashError(f"{self.port}: {reason} ({error})") from None
+        with contextlib.suppress(*_LINK_GONE), link:
+            link.write(b"\0" + request)
+            self._wait_prompt(link)
+        end = time.monotonic() + _COMES_BACK
+        while time.monotonic() < end:
+            with contextlib.suppress(*_LINK_GONE):
+                self._prompt = RawPrompt(self._open())
+                if self._prompt.enter(_ANSWERS):
+                    return
+            self._close()
+            time.sleep(0.2)
+        raise FlashError(
+            f"{self.port}: no answer and no prompt; is MicroPython on the board? mpremote connect {self.port}"
+        )
+
+    def _open(self) -> serial.Serial:
+        return serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, write_timeout=_TAKES_S, exclusive=True)
+
+    @staticmethod
+    def _wait_prompt(link: serial.Serial) -> None:
+        end = time.monotonic() + _SAYS_GOODBYE
+        seen = b""
+        while time.monotonic() < end and not seen.endswith((_PROMPT, _RAW_PROMPT)):
+            seen = (seen + link.read(link.in_waiting or 1))[-64:]
 
     def look(self) -> BoardIdentity:
         """What MicroPython says of itself and of the board."""
@@ -136,47 +199,17 @@ class FlashBoard:
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
         return BoardIdentity(platform, machine, architecture, version, text)
 
-    def run(self, code: str) -> str:
-        """What a piece of Python prints on the board."""
-        return self._run("exec", code)
+    def run(self, code: str, pieces: Iterable[bytes] = ()) -> str:
+        """What a piece of Python prints on the board; see `RawPrompt.run`."""
+        assert self._prompt is not None, "interrupted before"
+        try:
+            return self._prompt.run(code, pieces)
+        except _LINK_GONE as error:
+            raise FlashError(f"{self.port}: went away ({error}); look at plug and cable, try again") from None
 
     def unique_id(self) -> str:
         """The board's own number, as its `Hello` tells it, in hex."""
         return self.run(_SERIAL).strip().splitlines()[-1]
-
-    def interrupt(self) -> None:
-        """Brings a streaming node to its REPL; harmless to a board that runs something else.
-
-        A node with a watchdog gets there by a restart, and its USB port goes away and comes back.
-        """
-        request = encode_frame(Frame(Reboot.type_id, 0, 0, encode(Reboot(RebootMode.REPL))))
-        try:
-            link = serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True)
-        except (serial.SerialException, OSError) as error:
-            reason = "is busy: stop what reads it" if "lock" in str(error) else "cannot be opened"
-            raise FlashError(f"{self.port}: {reason} ({error})") from None
-        with contextlib.suppress(*_LINK_GONE), link:
-            link.write(b"\0" + request)
-            self._wait_for((_PROMPT, _RAW_PROMPT), link, 2.0)
-        end = time.monotonic() + _COMES_BACK
-        while time.monotonic() < end:
-            with (
-                contextlib.suppress(*_LINK_GONE),
-                serial.Serial(self.port, CONSOLE_BAUD, timeout=0.1, exclusive=True) as link,
-            ):
-                link.write(_ASK_PROMPT)
-                if self._wait_for((_PROMPT,), link, 1.0):
-                    return
-            time.sleep(0.2)
-        # No prompt: mpremote's own ways of getting one come next, and their error says more.
-
-    @staticmethod
-    def _wait_for(prompts: tuple[bytes, ...], link: serial.Serial, timeout: float) -> bool:
-        end = time.monotonic() + timeout
-        seen = b""
-        while time.monotonic() < end and not seen.endswith(prompts):
-            seen = (seen + link.read(4096))[-64:]
-        return seen.endswith(prompts)
 
     def survey(self, names: Iterable[str]) -> tuple[dict[str, str], str | None]:
         """SHA-256 of every file where files of these names may be, by path; and the slot that runs."""
@@ -211,8 +244,7 @@ class FlashBoard:
             made = [todo.slot, *(todo.slot + folder for folder in folders)]
             self.run(_PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
         if todo.send:
-            progress(f"{len(todo.send)} of {len(image)} files")
-            self._copy(todo.send)
+            self._copy(todo.send, progress)
             held, _ = self.survey(image)
             wrong = [path for path, digest in sorted(todo.expect.items()) if held.get(path) != digest]
             if wrong:
@@ -221,19 +253,18 @@ class FlashBoard:
             self.run(_SWAP.format(swap=todo.swap, new=NEW, forget=todo.forget, folders=folders))
         return sorted(_name(path, todo.slot) for path in todo.send)
 
-    def _copy(self, files: dict[str, bytes]) -> None:
-        """All files in one conversation: each start of mpremote costs a second or more."""
-        words: list[str] = []
-        with tempfile.TemporaryDirectory() as scratch:
-            for number, (name, content) in enumerate(files.items()):
-                local = Path(scratch) / str(number)
-                local.write_bytes(content)
-                words += ["+", "fs", "cp", str(local), f":{name}"]
-            self._run(*words[1:], longer=_FILE_TIMEOUT * len(files))
+    def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:
+        self.run(_TAKE.format(piece=_PIECE, wanted=repr(WANTED.decode())))
+        for number, (path, content) in enumerate(files.items(), 1):
+            progress(f"{number} of {len(files)} files: {path}")
+            self.run(f"take({path!r},{len(content)})", _pieces(content))
 
     def reset(self) -> None:
         """Restarts the board; the link may vanish and come back."""
-        self._run("reset")
+        assert self._prompt is not None, "interrupted before"
+        with contextlib.suppress(*_LINK_GONE):
+            self._prompt.begin(_RESET)
+        self._close()
 
     def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
         """Node id and `Hello` of the firmware that runs now.
@@ -262,18 +293,11 @@ class FlashBoard:
             f"{self.port}: copied, but no Hello within {timeout:.0f} s: see mpremote connect {self.port}"
         )
 
-    def _run(self, *command: str, longer: float = 0.0) -> str:
-        """What mpremote prints; longer: s that it may take beyond _COMMAND_TIMEOUT."""
-        patience = _COMMAND_TIMEOUT + longer
-        words = [sys.executable, "-m", "mpremote", "connect", self.port, "resume", *command]
-        try:
-            done = subprocess.run(words, capture_output=True, text=True, timeout=patience, check=False)
-        except subprocess.TimeoutExpired:
-            raise FlashError(f"{self.port}: no answer to mpremote within {patience:.0f} s") from None
-        if done.returncode != 0:
-            said = (done.stderr or done.stdout).strip().splitlines()[-1:] or ["no answer"]
-            raise FlashError(f"{self.port}: mpremote {command[0]}: {said[0]}; is MicroPython on the board?")
-        return done.stdout
+
+def _pieces(content: bytes) -> Iterator[bytes]:
+    """What _TAKE asks for."""
+    for at in range(0, len(content), _PIECE):
+        yield content[at : at + _PIECE].hex().encode()
 
 
 def _folders(names: Iterable[str]) -> list[str]:

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from hubodo.errors import LinkError
-from hubodo.flash.board import BoardIdentity, FlashBoard, FlashError
+from hubodo.flash.board import BoardIdentity, FlashBoard
 from hubodo.flash.check_result import CHECKS, CheckResult, ok, unknown, wrong
 from hubodo.flash.image import build, digests, firmware_folder
 from hubodo.flash.listen import Heard, listen
+from hubodo.flash.prompt import FlashError
 from hubodo.flash.slots import CONFIG, SLOTS, main_for, plan
 from hubodo.flash.symptoms import judge, speech
 from hubodo.flash.wires import board_pins, judge_wires, look
@@ -18,7 +19,7 @@ from hubowire.messages import Board
 
 AT_LEAST = (1, 24)
 """MicroPython that the firmware needs."""
-_COMES_BACK_S, _SETTLES_S = 10.0, 2.0
+_COMES_BACK_S, _SETTLES_S = 10.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def examine(
     """
     note("listening")
     try:
-        heard = listen(port, baud, seconds)
+        heard = listen(port, baud, seconds, briefly=repl)
     except LinkError as error:
         what, _, remedy = str(error).removeprefix(f"{port}: ").partition("; ")
         return _complete(port, [wrong("port", what, remedy)])
@@ -53,7 +54,8 @@ def examine(
         return _complete(port, results + judge(heard, baud))
     note("looking from within")
     try:
-        within, has_firmware = _look_within(FlashBoard(port))
+        with FlashBoard(port) as board:
+            within, has_firmware = _look_within(board)
     except FlashError as error:
         remedy = (
             "unplug the board, plug it in again; a node that sends by UART or Wi-Fi has its prompt on USB"
@@ -117,13 +119,16 @@ def _files(board: FlashBoard, look: BoardIdentity) -> tuple[CheckResult, bool]:
 
 
 def _listen_to_started(port: str, baud: int, seconds: float) -> Heard:
-    """A board that has just been started: its port goes away and comes back, and its times settle first."""
+    """A board that has just been started: its port goes away and comes back, and its times settle first.
+
+    One that is at its prompt again runs no firmware.
+    """
     heard, end = Heard(), time.monotonic() + _COMES_BACK_S
     while time.monotonic() < end:
         try:
             settled = heard.frames > 0
             heard = listen(port, baud, seconds if settled else _SETTLES_S)
-            if settled:
+            if settled or heard.prompt:
                 break
         except LinkError:
             time.sleep(0.2)

@@ -43,16 +43,16 @@ class Heard:
     tail: bytes = b""
 
 
-def listen(port: str, baud: int, seconds: float) -> Heard:
+def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> Heard:
     """Listens, asks a node that speaks who it is and what its clock shows, and a silent port for a prompt.
 
-    Raises LinkError when the port is missing, busy or not allowed.
+    briefly: until a node is heard. Raises LinkError when the port is missing, busy or not allowed.
     """
     heard = Heard()
     link = SerialTransport(port, baud)
     try:
         with contextlib.suppress(LinkDown):
-            _Listener(link, heard).run(seconds)
+            _Listener(link, heard).run(seconds, briefly)
             return heard
         heard.gone = f"{port} went away while it was read"
         return heard
@@ -66,7 +66,7 @@ class _Listener:
         self._frames, self._node = FrameDecoder(), NodeDecoder("node")
         self._seq, self._sent_ns = 0, dict[bytes, int]()
 
-    def run(self, seconds: float) -> None:
+    def run(self, seconds: float, briefly: bool) -> None:
         heard = self._heard
         begin = time.monotonic_ns()
         asked_ns = clock_ns = begin
@@ -86,7 +86,7 @@ class _Listener:
                 token = self._seq.to_bytes(8, "little").replace(b"\x03", b"\x83")
                 self._sent_ns[token] = time.monotonic_ns()
                 self._ask(TimeRequest(token))
-            if heard.prompt and not heard.frames:
+            if (briefly and heard.frames) or (heard.prompt and not heard.frames):
                 break
         for item in self._node.close():
             self._keep(item)

@@ -15,8 +15,6 @@ from hubodo.vehicle import Side
 _PORTION_NS = 1_000_000_000
 """ns of each wheel that are handled in turn."""
 
-_Row = list[float]
-
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
@@ -211,11 +209,13 @@ class DifferentialOdometry:
     def _make(self, t_ns: int, speed: float, yaw_rate: float, vl: float, vr: float) -> OdometryState:
         noise, b = self._config.noise, self._config.track_width
         each = noise.radius_each**2
-        variances = (noise.radius**2, each, each, noise.track**2, *(s * s for s in self._bias_sigmas))
+        both, track = noise.radius**2, noise.track**2
+        left, right = (s * s for s in self._bias_sigmas)
 
         def total(i: int, k: int) -> float:
-            rows: tuple[_Row, _Row] = (self._j[i], self._j[k])
-            return self._p[i][k] + sum(u * v * w for u, v, w in zip(*rows, variances, strict=True))
+            u, v = self._j[i], self._j[k]
+            wheels = u[0] * v[0] * both + u[1] * v[1] * each + u[2] * v[2] * each + u[3] * v[3] * track
+            return self._p[i][k] + (wheels + u[4] * v[4] * left + u[5] * v[5] * right)
 
         xx, xy, xh, yy, yh, hh = (total(i, k) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
         cross = 0.5 * (vr - vl) / b

@@ -100,19 +100,19 @@ class WarmHeading:
         self._walk(dt)
         x, p = self._x, self._p
         carried = p @ h
-        rest = np.asarray(rate, np.float64) - course - np.tensordot(h, x, 1)
+        rest = np.asarray(rate, np.float64) - course - h @ x
         white = self._noise.angle_random_walk**2 / dt + sigma**2
         if at_rest:
             variance = float(h @ carried) + white
             gain = carried / variance
             x += gain.reshape(-1, *([1] * rest.ndim)) * rest
-            p -= np.outer(gain, carried)
+            p -= gain[:, None] * carried
         else:
             x[_HEADING] += rest * dt
             p[_HEADING] -= dt * carried
             p[:, _HEADING] -= dt * (p @ h)
             p[_HEADING, _HEADING] += white * dt**2
-        self._bias = course + np.tensordot(h, x, 1)
+        self._bias = course + h @ x
         self._sigma_bias = math.sqrt(max(float(h @ p @ h), 0.0))
 
     def state(self) -> HeadingState:
@@ -126,8 +126,8 @@ class WarmHeading:
         if self._noise.bias_instability:
             keep = np.exp(-self._decay * dt)
             self._x *= keep.reshape(-1, *([1] * (self._x.ndim - 1)))
-            self._p *= np.outer(keep, keep)
-            self._p[np.diag_indices_from(self._p)] += self._steady * (1.0 - keep**2)
+            self._p *= keep[:, None] * keep
+            self._p.flat[:: len(keep) + 1] += self._steady * (1.0 - keep**2)
 
     def _course(self, age: float, temperature: float | None) -> tuple[float, FloatArray]:
         """The warm-up's bias, rad/s, and what each state adds to it."""

@@ -43,6 +43,23 @@ class Reading:
     body: Body
 
 
+@dataclass(frozen=True, slots=True)
+class _Moved:
+    """How a node moves, before what its sensor makes of that: from (body, geometry, start, phase).
+
+    rate rad/s, its derivative `slope` rad/s² and specific force m/s², (3, N) each in node axes.
+    """
+
+    body: Body
+    geometry: Geometry
+    start: NodeStart
+    phase: Array | float
+    rolling: Rolling | None
+    rate: Array
+    slope: Array
+    force: Array
+
+
 @dataclass
 class NodeForward:
     """Evaluates one node at its own time stamps, again and again.
@@ -60,6 +77,7 @@ class NodeForward:
     power_on: float = 0.0
     carried: Carried | None = None
     _bodies: dict[int, Body] = field(default_factory=dict, repr=False)
+    _last: _Moved | None = field(default=None, repr=False)
 
     def mean(
         self,
@@ -119,18 +137,9 @@ class NodeForward:
         body = self._body(effects, late)
         if correction is not None:
             body = correction.apply(body)
-        geometry = self.geometry(effects)
-        rolling = None
-        if self.carried is not None:
-            rate, slope, force = self.carried(body.t)
-        elif geometry.side is None:
-            rate, slope, force = _on_body(body, geometry, start, self.inputs.earth)
-        else:
-            rolling = roll(body, geometry, start.angle, phase)
-            rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
-        if any(geometry.lever_arm):
-            force = force + _off_axle(rate, slope, geometry.lever_arm)
-        chain = Chain(body.t - self.power_on, body.temperature, rate, slope, force, rate, force)
+        moved = self._moved(body, self.geometry(effects), start, phase)
+        rolling, rate, force = moved.rolling, moved.rate, moved.force
+        chain = Chain(body.t - self.power_on, body.temperature, rate, moved.slope, force, rate, force)
         chain.acceleration, chain.yaw_rate = body.acceleration, body.yaw_rate
         if rolling is not None:
             chain.angle, chain.spin = rolling.angle, rolling.spin
@@ -144,6 +153,28 @@ class NodeForward:
         for effect in effects:
             effect.offset(chain)
         return chain, rolling, body
+
+    def _moved(self, body: Body, geometry: Geometry, start: NodeStart, phase: Array | float) -> _Moved:
+        """How the node moves; the same again is not computed again, as most effects change nothing of it."""
+        last = self._last
+        if (
+            last
+            and (last.body is body and last.phase is phase)
+            and (last.geometry, last.start) == (geometry, start)
+        ):
+            return last
+        rolling = None
+        if self.carried is not None:
+            rate, slope, force = self.carried(body.t)
+        elif geometry.side is None:
+            rate, slope, force = _on_body(body, geometry, start, self.inputs.earth)
+        else:
+            rolling = roll(body, geometry, start.angle, phase)
+            rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
+        if any(geometry.lever_arm):
+            force = force + _off_axle(rate, slope, geometry.lever_arm)
+        self._last = _Moved(body, geometry, start, phase, rolling, rate, slope, force)
+        return self._last
 
     def _body(self, effects: list[Effect], late: Array | float) -> Body:
         """The vehicle at the true times of the samples; times that come again are not computed again."""

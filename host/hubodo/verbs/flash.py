@@ -96,8 +96,7 @@ def run(args: argparse.Namespace) -> Flashed:
     calibration = read_calibration(args.calibration) if args.calibration is not None else None
     started = time.monotonic()
     note = Console(stderr=True)
-    board = FlashBoard(args.port)
-    with note.status(f"{args.port}: looking") as status:
+    with note.status(f"{args.port}: looking") as status, FlashBoard(args.port) as board:
         board.interrupt()
         look = board.look()
         config = board.config() | settings if settings or calibration else {}

@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -42,45 +41,12 @@ def node(tmp_path: Path, main: str | None = None, host: Host = HOST, seed: int =
     return VirtualNode(StillMotion(), Flash(folder), host=host, seed=seed, own_process=False)
 
 
-@pytest.fixture
-def prompt(tmp_path: Path) -> Iterator[tuple[VirtualNode, Terminal]]:
-    with node(tmp_path) as board, Terminal(board.port) as host:
-        host.until(b">>> ")
-        yield board, host
-
-
 def test_every_byte_passes_both_ways_unchanged_once_ctrl_c_is_off(tmp_path: Path) -> None:
     with node(tmp_path, ECHO) as board, Terminal(board.port) as host:
         host.until(b"ready")
         payload = bytes(b for b in range(256) if b != 0x21)
         host.write(payload)
         assert host.until(payload[-4:]) == payload
-
-
-def test_ctrl_c_breaks_a_program_that_sleeps_and_one_that_waits_for_input(
-    prompt: tuple[VirtualNode, Terminal],
-) -> None:
-    _, host = prompt
-    for line in (
-        b"import time; print(6 * 7); time.sleep(60)\r",
-        b"import sys; print(6 * 7); sys.stdin.read(1)\r",
-    ):
-        host.write(line)
-        host.until(b"\n42")
-        time.sleep(0.3)
-        host.write(b"\x03")
-        host.until(b"KeyboardInterrupt")
-        host.until(b">>> ")
-
-
-def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_prompt_comes(
-    tmp_path: Path,
-) -> None:
-    with node(tmp_path, "print('on')\nwhile True: pass") as board, Terminal(board.port) as host:
-        host.until(b"on")
-        host.write(b"\x03")
-        host.until(b"KeyboardInterrupt")
-        host.until(b">>> ")
 
 
 def test_ctrl_d_is_a_soft_reset_that_runs_main_again_and_forgets_names(tmp_path: Path) -> None:

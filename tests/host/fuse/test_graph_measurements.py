@@ -154,7 +154,7 @@ def test_a_kind_of_factor_that_nobody_knew_is_solved_reviewed_and_judged_by_gtsa
 
 def test_a_kind_of_factor_that_nobody_knew_counts_live():
     rng = np.random.default_rng([52, 46])
-    drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0))
+    drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), fix_hz=2.0)
     ends = []
     for known in (False, True):
         live, place = LiveGraph(), 0

@@ -193,15 +193,14 @@ def test_the_covariance_covers_many_noisy_drives():
         gyro=0.02, road=0.0, lateral=0.0, speed_walk=0.0, radius=0.005, radius_each=0.002, track=0.01
     )
     cfg = config(noise=noise, left_bias=(0.0, 0.002), right_bias=(0.0, 0.002))
-    truth = drive(cfg, *pair(12, lambda t: 1.0, lambda t: 0.3 * math.sin(0.4 * t)))[-1]
+    silent = pair(12, lambda t: 1.0, lambda t: 0.3 * math.sin(0.4 * t))
+    truth = drive(cfg, *silent)[-1]
     total, seed = 0.0, 4
     rng = np.random.default_rng(seed)
     for _ in range(100):
         both, track = rng.normal(0, 0.005), 1 + rng.normal(0, 0.01)
         made = []
-        for side, samples in zip(
-            ("left", "right"), pair(12, lambda t: 1.0, lambda t: 0.3 * math.sin(0.4 * t)), strict=True
-        ):
+        for side, samples in zip(("left", "right"), silent, strict=True):
             scale = 1 + both + rng.normal(0, 0.002)
             gyro = samples.gyro * scale + rng.normal(0, 0.002)
             gyro[:, 2] += rng.normal(0, 0.02, len(gyro))

@@ -11,6 +11,7 @@ from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.state import InitialState, initial_state
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.two_wheels import robust_variances
 from hubodo.fuse.wheel.update import Updated, WheelUpdate
 
@@ -44,9 +45,9 @@ def _begun(*names: str) -> tuple[WheelUpdate, InitialState]:
     return WheelUpdate(config, begin.columns), begin
 
 
-def _work_in(update: WheelUpdate, begin: InitialState, *windows: Window, resting: bool = False) -> Updated:
+def _work_in(update: WheelUpdate, begin: InitialState, *windows: Window) -> Updated:
     pairs = tuple(zip(begin.wheels, windows, strict=True))
-    return update.work_in(list(begin.x), begin.p.copy(), pairs, resting)
+    return update.work_in(list(begin.x), begin.p.copy(), pairs, Stillness.MOVING)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,9 @@ SEED = 3
 def camber(tmp_path_factory):
     """(folder, what is hidden): the right wheel leans by some millirad."""
     folder = tmp_path_factory.mktemp("camber")
-    return folder, make(folder, SEED, ["wheel_camber"], "strong", scope="right", duration=60.0)[0]
+    return folder, make(folder, SEED, ["wheel_camber"], "strong", scope="right", duration=60.0, rate_hz=50.0)[
+        0
+    ]
 
 
 @pytest.fixture(scope="session")
@@ -26,5 +28,5 @@ def named(camber, tmp_path_factory):
 def nothing(tmp_path_factory):
     """A folder in which nothing is hidden."""
     folder = tmp_path_factory.mktemp("nothing")
-    make(folder, SEED, [], duration=60.0, vibration=0.0)
+    make(folder, SEED, [], duration=60.0, rate_hz=50.0, vibration=0.0)
     return folder

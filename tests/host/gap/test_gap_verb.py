@@ -39,7 +39,7 @@ def test_nothing_is_found_where_nothing_is_hidden(nothing, tmp_path):
 
 
 def test_a_rejected_name_is_not_given_and_its_absence_explained(tmp_path):
-    make(tmp_path / "log", SEED, ["tyre_growth"], "strong", scope="right", duration=60.0)
+    make(tmp_path / "log", SEED, ["tyre_growth"], "strong", scope="right", duration=60.0, rate_hz=50.0)
     words = ("--reject", "tyre_growth", "--explain", "tyre_growth", "--explain", "gyro_lag", "--json")
     made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log", *words)
     assert made.code == 0, made.err

@@ -13,7 +13,7 @@ from hubodo.emulator.board.link import RX_FIFO, TX_FIFO, HostLink
 class ByteStream:
     """A byte stream of the processor: bytes in, bytes not yet out."""
 
-    received: deque[int] = field(default_factory=deque)
+    received: bytearray = field(default_factory=bytearray)
     to_send: bytearray = field(default_factory=bytearray)
     link: HostLink | None = None
     byte_ns: float = 0.0

@@ -160,13 +160,12 @@ class Streams:
         if not data:
             return
         self._counts["bytes_in"] += len(data)
-        for byte in data:
-            if byte == self._interrupt_char and self._link_port == 0:
-                self._interrupted()
-            elif len(port.received) < port.receive_buffer:
-                port.received.append(byte)
-            else:
-                self._counts["bytes_in_dropped"] += 1
+        if self._link_port == 0 and self._interrupt_char >= 0 and self._interrupt_char in data:
+            self._interrupted()
+            data = data[data.rindex(self._interrupt_char) + 1 :]
+        room = port.receive_buffer - len(port.received)
+        port.received += data[:room]
+        self._counts["bytes_in_dropped"] += max(0, len(data) - room)
 
     def send_waiting(self) -> None:
         """Sends as much of what waits for the host as goes."""
@@ -194,11 +193,16 @@ class Streams:
 
     def heed(self, interrupt_char: int) -> None:
         """The interpreter says which byte interrupts it (-1: none)."""
-        if interrupt_char != self._interrupt_char:
-            self._interrupt_char = interrupt_char
-            if interrupt_char in self._ports[0].received:
-                # It came after the code that wants it had begun, before this call could say so.
-                self._interrupted()
+        before, received = self._interrupt_char, self._ports[0].received
+        if interrupt_char == before:
+            return
+        self._interrupt_char = interrupt_char
+        # What came after the code that wants it so had begun, before this call could say so.
+        if interrupt_char >= 0 and interrupt_char in received:
+            self._interrupted()
+        elif interrupt_char < 0 and self.interrupt_came:
+            self.interrupt_came = False
+            received[:0] = bytes([before])
 
     def _interrupted(self) -> None:
         """The interrupt character came in: what waits before it is forgotten, as the ports do."""
@@ -272,8 +276,9 @@ class Streams:
         def finished(late: bool) -> Reply | None:
             if not (port.received or late or self.interrupt_came or wait_ms == 0):
                 return None
-            n = min(most, len(port.received))
-            return Reply(self._clock.now(), n, bytes(port.received.popleft() for _ in range(n)))
+            data = bytes(port.received[:most])
+            del port.received[:most]
+            return Reply(self._clock.now(), len(data), data)
 
         return Deferred(FOREVER if wait_ms < 0 else wait_ms * 1e6, finished)
 

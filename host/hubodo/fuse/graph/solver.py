@@ -163,9 +163,9 @@ def _add(made: _Normal, state: NDArray[np.intp], rows: Array) -> None:
 def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:
     """The poses of factors and the ones after them.
 
-    As slices, which numpy adds to in less time, where every pose of a stretch has a factor.
+    As slices, which numpy adds to in less time, where every pose of a stretch has a factor: states increase.
     """
-    if len(state) and np.array_equal(state, np.arange(state[0], state[0] + len(state))):
+    if len(state) and state[-1] - state[0] == len(state) - 1:
         first, end = int(state[0]), int(state[0]) + len(state)
         return slice(first, end), slice(first + 1, end + 1)
     return state, state + 1

@@ -164,6 +164,12 @@ OF_WHEEL = (
 OF_POSITIONS = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
 """What there is besides where positions are told."""
 
+SEEN_MOVING = (
+    *(GYRO_SCALE_Z, GYRO_SCALE_ACROSS, MISALIGNMENT_X, MISALIGNMENT_Y),
+    *(LEVER_ARM_X, LEVER_ARM_Y, WHEEL_RADIUS, TRACK_WIDTH, TIME_OFFSET),
+)
+"""What only a vehicle that moves can show: these multiply rates, which at rest are the noise of the gyros."""
+
 SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 """What one wheel cannot show."""
 

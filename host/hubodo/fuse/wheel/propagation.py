@@ -105,8 +105,9 @@ class WheelMotion:
         diagonal = p.ravel()[:: len(x) + 1]
         diagonal += self._walk
         for wheel, window in pairs:
+            angle = wheel.at[WHEEL_ANGLE]
+            p[angle, angle] += max(0.0, wheel.rest.noise * t * t - self._walk[angle])
             if window.missing > 0.0:
-                angle = wheel.at[WHEEL_ANGLE]
                 p[angle, angle] += (window.missing * t) ** 2
 
     def transition(self) -> Array:

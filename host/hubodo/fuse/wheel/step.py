@@ -140,6 +140,8 @@ class WheelStep:
 
     def begin(self, windows: Sequence[Sequence[Window]]) -> None:
         """Look at the first windows as a whole for the wheel angles; `step` follows with each of them."""
+        for index, wheel in enumerate(self.wheels):
+            wheel.rest.begin([row[index] for row in windows])
         for row in windows:
             for wheel, window in zip(self.wheels, row, strict=True):
                 wheel.listen(window)
@@ -167,7 +169,7 @@ class WheelStep:
             self._stand(stillness)
         self._predict_excess(pairs)
         prior = (list(self.x), self.p.copy()) if self.keep else None
-        found = self._update.work_in(self.x, self.p, pairs, stillness is Stillness.RESTING)
+        found = self._update.work_in(self.x, self.p, pairs, stillness)
         self.x, self.p = found.x, found.p
         for wheel, window in pairs:
             if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
 
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 
 _SPAN = 10
 """Windows that are looked at, one second: longer than a wheel pauses when its direction is changed."""
+
+_ROCKING_SPAN = 20
+"""Two seconds: hands that rock a wheel go to and fro meanwhile."""
 
 
 class Stillness(IntEnum):
@@ -24,30 +31,52 @@ class Stillness(IntEnum):
 class RestLimits:
     """Where stillness ends; all estimated: between what idle hands and engines do and the slowest drive.
 
-    rate_spread: rad/s of the gyro within a window, its own noise included. turning: m/s² by which the mean
-    specific force may change over a second. rate: rad/s by which the mean rates may differ from their
-    biases, beside three sigma of these. Those of rocking are `rocking_spread`, `rocking_turning`,
-    `rocking_rate`."""
+    rate: rad/s by which mean rates over a second may differ from their biases, beside three sigma of these
+    and of the mean. turning: m/s² by which the mean specific force may change from half a second to the next.
+    spread: rad/s of the gyro within a window, its own noise and a shaking engine included. Those of rocking
+    are `rocking_rate`, over two seconds, `rocking_turning` and `rocking_spread`; no window may turn by more
+    than `rocking_peak`, rad/s, beside three sigma of the biases.
+    """
 
-    rate_spread: float = 0.02
+    rate: float = 0.005
     turning: float = 0.06
-    rate: float = 0.01
-    rocking_spread: float = 0.25
+    spread: float = 0.1
+    rocking_rate: float = 0.02
     rocking_turning: float = 0.8
-    rocking_rate: float = 0.12
+    rocking_spread: float = 0.25
+    rocking_peak: float = 0.12
+
+
+class _Quiet(NamedTuple):
+    """A window in which little moved: mean rates less biases, rad/s, mean force, m/s², gyro's variance."""
+
+    spin: float
+    across: complex
+    force: complex
+    variance: float
 
 
 @dataclass
 class RestDetector:
-    """A second without vibration, without turning of gravity and with no rate beyond what bias explains.
+    """A second without turning of gravity and with no mean rate beyond what bias and noise explain.
 
     A steadily rolling wheel turns gravity; a wheel on the spot of which the vehicle pivots does not, but it
-    shows a rate across the axle: that is told from a bias as far as the bias is known.
+    shows a rate across the axle: that is told from a bias as far as the bias is known. An engine that shakes
+    the vehicle, or a gyro that is noisy, moves no mean. noise: (rad/s)², variance of a window's mean rate, of
+    one axis, as the last rest
+    showed it.
     """
 
     limits: RestLimits = field(default_factory=RestLimits)
-    _quiet: deque[complex] = field(default_factory=lambda: deque(maxlen=_SPAN))
-    _near: deque[complex] = field(default_factory=lambda: deque(maxlen=_SPAN))
+    noise: float = 0.0
+    _past: deque[_Quiet] = field(default_factory=lambda: deque(maxlen=_ROCKING_SPAN))
+    _noises: deque[float] = field(default_factory=lambda: deque(maxlen=_SPAN))
+
+    def begin(self, windows: Sequence[Window]) -> None:
+        """A first look at the noise, where the first windows look like a rest."""
+        quiet = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.spread**2]
+        if len(quiet) == len(windows) > 1:
+            self.noise = _noise([(w.spin / WINDOW, w.raw_across / WINDOW) for w in quiet])
 
     def stillness(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> Stillness:
         """How still the wheel has been up to the end of this window.
@@ -55,31 +84,58 @@ class RestDetector:
         spin_bias: rad/s of gz; across_bias: of gx + i gy; sigma: 1 sigma of the least known of them.
         """
         limits, margin = self.limits, 3.0 * sigma
-        if window.missing > 0.0:
-            self._quiet.clear()
-            self._near.clear()
-            return Stillness.MOVING
-        rate = abs(window.spin / WINDOW - spin_bias)
-        if rate >= limits.rocking_rate + margin:
+        spin = window.spin / WINDOW - spin_bias
+        if window.missing > 0.0 or abs(spin) >= limits.rocking_peak + margin:
             # Most windows of a drive: nothing further needs a look.
-            self._quiet.clear()
-            self._near.clear()
+            self._past.clear()
             return Stillness.MOVING
-        rate = max(rate, abs(window.raw_across / WINDOW - across_bias))
-        force = window.raw_force / WINDOW
-        still = window.gyro_variance < limits.rate_spread**2 and rate < limits.rate + margin
-        near = window.gyro_variance < limits.rocking_spread**2 and rate < limits.rocking_rate + margin
-        if _held(self._quiet, still, force, limits.turning):
-            self._near.append(force)
+        across = window.raw_across / WINDOW - across_bias
+        if abs(across) >= limits.rocking_peak + margin or window.gyro_variance >= limits.rocking_spread**2:
+            self._past.clear()
+            return Stillness.MOVING
+        self._past.append(_Quiet(spin, across, window.raw_force / WINDOW, window.gyro_variance))
+        if len(self._past) < _SPAN:
+            return Stillness.MOVING
+        last = list(self._past)[-_SPAN:]
+        spread = sum(quiet.variance for quiet in last) / _SPAN
+        turned = abs(_mean_force(last[: _SPAN // 2]) - _mean_force(last[_SPAN // 2 :]))
+        held, noise = _holds(last, limits.rate + margin)
+        if held and turned < limits.turning and spread < limits.spread**2:
+            self._noises.append(noise)
+            # Of a second ago: the newest may hold the beginning of a drive.
+            self.noise = self._noises[0]
             return Stillness.RESTING
-        return (
-            Stillness.ROCKING if _held(self._near, near, force, limits.rocking_turning) else Stillness.MOVING
+        self._noises.clear()
+        rocking = (
+            len(self._past) == _ROCKING_SPAN and _holds(list(self._past), limits.rocking_rate + margin)[0]
         )
+        first = self._past[0].force
+        if rocking and all(abs(quiet.force - first) < limits.rocking_turning for quiet in self._past):
+            return Stillness.ROCKING
+        return Stillness.MOVING
 
 
-def _held(past: deque[complex], passes: bool, force: complex, turning: float) -> bool:
-    if not passes:
-        past.clear()
-        return False
-    past.append(force)
-    return len(past) == past.maxlen and all(abs(force - old) < turning for old in past)
+def _holds(past: Sequence[_Quiet], limit: float) -> tuple[bool, float]:
+    """Whether the mean rates are zero but for `limit`, rad/s, and three sigma of what is random in them.
+
+    So is the newest of them. What is random shows from one window to the next: a wheel that starts to turn
+    does not pass for noise. Besides, the variance of what is random, (rad/s)².
+    """
+    count, newest = len(past), past[-1]
+    spin = sum(quiet.spin for quiet in past) / count
+    across = sum(quiet.across for quiet in past) / count
+    noise = _noise([(quiet.spin, quiet.across) for quiet in past])
+    held = max(abs(spin), abs(across)) < limit + 3.0 * math.sqrt(noise / count)
+    held &= max(abs(newest.spin), abs(newest.across)) < 2.0 * limit + 4.0 * math.sqrt(noise)
+    return held, noise
+
+
+def _noise(rates: Sequence[tuple[float, complex]]) -> float:
+    """(rad/s)², variance of one axis from successive differences (von Neumann 1941), which no trend is in."""
+    pairs = itertools.pairwise(rates)
+    squares = sum((spin - before) ** 2 + abs(across - was) ** 2 for (before, was), (spin, across) in pairs)
+    return squares / (6.0 * (len(rates) - 1))
+
+
+def _mean_force(past: list[_Quiet]) -> complex:
+    return sum(quiet.force for quiet in past) / len(past)

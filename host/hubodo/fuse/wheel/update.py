@@ -13,11 +13,12 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import Columns
+from hubodo.fuse.wheel.entries import SEEN_MOVING, Columns
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, WindowNoise, rolling, yaw
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.rows import Rows
 from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.stillness import Stillness
 
 Pairs = Sequence[tuple[Wheel, Window]]
 """Each wheel with its window, in the order of the nodes."""
@@ -27,6 +28,9 @@ _GAP = 1e4
 
 _STANDS_OUT = two_wheels.GATE**2
 """Squared innovations below which no row can be beyond the gate."""
+
+_SIGNAL = 5.0**2
+"""Square of the sigmas of noise by which a wheel must turn to show what multiplies its rate. Estimated."""
 
 _UNHEARD = 0.5
 """Share of a window without samples from which on it says nothing at all."""
@@ -56,12 +60,23 @@ class WheelUpdate:
         self._measures = [measurement.measure for measurement in self._rows.measurements]
         self._yaw = self._rows.measurements.index(yaw)
         wheels = range(len(columns.wheels))
+        self._seen_moving = [
+            np.ix_(
+                [self._rows.of(measurement, wheel) for measurement in self._rows.measurements],
+                columns.of(wheel, SEEN_MOVING),
+            )
+            for wheel in wheels
+        ]
         self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
-    def work_in(self, x: list[float], p: Array, pairs: Pairs, resting: bool) -> Updated:
-        """x: (n,), p: (n, n), C-contiguous; may be overwritten. resting: the vehicle stands still."""
-        values, rates, yaws, out = self._gather(x, pairs, resting)
+    def work_in(self, x: list[float], p: Array, pairs: Pairs, stillness: Stillness) -> Updated:
+        """x: (n,), p: (n, n), C-contiguous; may be overwritten."""
+        values, rates, yaws, out = self._gather(x, pairs, stillness is Stillness.RESTING)
         h, z, r = self._rows.fill(values)
+        for index, (wheel, _) in enumerate(pairs):
+            if stillness is not Stillness.MOVING or rates[index] ** 2 < _SIGNAL * wheel.rest.noise:
+                # Noise times noise is no signal: minutes of it would make up what is to be learnt.
+                h[self._seen_moving[index]] = 0.0
         if out:
             pick = np.delete(np.arange(len(z)), out)
             if not len(pick):
@@ -102,7 +117,7 @@ class WheelUpdate:
         noise, measures, take = self._noise, self._measures, values.extend
         for index, (wheel, window) in enumerate(pairs):
             view = wheel.view
-            view.look(x, window, resting)
+            view.look(x, window, resting, wheel.rest.noise)
             residuals: list[float] = []
             variances: list[float] = []
             for measure in measures:

@@ -35,7 +35,7 @@ class NodeData:
     limits: tuple[float, float]
     forward: NodeForward
 
-    @property
+    @cached_property
     def clipped(self) -> NDArray[np.bool_]:
         """(6, N): readings at the limit of their sensor."""
         limits = np.repeat(self.limits, 3)[:, None]

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,52 +86,59 @@ class _Block:
         self.feels = np.array(share.feels, np.intp)
         self.count = len(share.columns) + 1
         self.at = np.array([*share.at, size])
-        self._pairs = np.ix_(self.at, self.at)
-        self._cross = np.ix_(self.feels, self.at)
-        self._own = np.ix_(self.feels, self.feels)
-        self.strips = np.ix_(self.feels[self.free], self.at[:-1])
 
     def enter(self, windows: range, gram: Array, raw: Array) -> None:
         """Go to these windows and add what stands in them, walks not yet taken out."""
         share, edges = self.share, self.share.edges
         inside = slice(edges[windows.start], edges[windows.stop])
         weight = share.weight[:, inside]
-        rows = np.empty((weight.shape[1], 6, self.count + len(self.feels)), np.float32)
-        rows[:, :, : self.count - 1] = (share.columns[:, :, inside] * weight.astype(np.float32)).T
-        rows[:, :, self.count - 1] = self.residual[:, inside].T
-        rows[:, :, self.count :] = (share.answers[:, :, inside] * weight).T
-        self.rows = rows.reshape(-1, rows.shape[2])
-        self.ends = 6 * (edges - inside.start)
-        whole = self.rows[:, : self.count - 1]
+        made = np.empty((weight.shape[1], 6, self.count + len(self.feels)), np.float32)
+        made[:, :, : self.count - 1] = (share.columns[:, :, inside] * weight.astype(np.float32)).T
+        made[:, :, self.count - 1] = self.residual[:, inside].T
+        made[:, :, self.count :] = (share.answers[:, :, inside] * weight).T
+        rows = made.reshape(-1, made.shape[2])
+        whole = rows[:, : self.count - 1]
         raw[self.at[:-1]] += _ROUNDED * np.einsum("nk,nk->k", whole, whole)
-        self.moves = {window: self._strip(window) for window in windows}
-        squares = (self.rows[:, : self.count].T @ self.rows[:, : self.count]).astype(np.float64)
-        gram[self._pairs] += squares
+        ends = 6 * (edges[windows.start : windows.stop + 1] - inside.start)
+        self.windows = [rows[start:end] for start, end in pairwise(ends)]
+        self.moves = np.array([self._strip(window) for window in self.windows])
+        if not windows.start:
+            # Where a walk begins is free.
+            self.moves[0] = 0.0
+        squares = (rows[:, : self.count].T @ rows[:, : self.count]).astype(np.float64)
+        gram[np.ix_(self.at, self.at)] += squares
         raw[self.at] += np.diag(squares)
 
-    def _strip(self, window: int) -> Array:
+    def _strip(self, rows: NDArray[np.float32]) -> Array:
         """Take out of the columns of a window what a walk without bounds does for them.
 
         Gives how much further that is than before, (free, P). What a column turned a wheel by since the log
         began may be many turns: beside that, what tells it from the walk would drown in rounding.
         """
-        rows = self.rows[self.ends[window] : self.ends[window + 1]]
-        moves = np.zeros_like(self.stripped)
+        before, columns = self.stripped.copy(), rows[:, : self.count - 1]
         for k, free in enumerate(self.free):
-            answer, columns = rows[:, self.count + free], rows[:, : self.count - 1]
+            answer = rows[:, self.count + free]
             power = float(answer @ answer)
-            if power > 0.0:
+            if power > 0.0 and columns.size:
                 there = (answer @ columns).astype(float) / power
-                columns -= np.outer(answer, there.astype(np.float32))
-                moves[k], self.stripped[k] = there - self.stripped[k], there
-        return moves
+                columns -= answer[:, None] * there.astype(np.float32)
+                self.stripped[k] = there
+        return self.stripped - before
 
-    def add_answers(self, window: int, cross: Array, own: Array) -> None:
-        """Add the products of the answers to the walks, in one window, with the columns and each other."""
-        rows = self.rows[self.ends[window] : self.ends[window + 1]]
-        products = rows[:, self.count :].T @ rows
-        cross[self._cross] += products[:, : self.count]
-        own[self._own] += products[:, self.count :]
+    def moved(self, shift: Array, raw: Array) -> None:
+        """Add how far the columns moved with their free walks, window by window; shift: (K, C, P+1)."""
+        shift[:, self.feels[self.free][:, None], self.at[:-1]] += self.moves
+        raw[self.at[:-1]] += (self.moves**2 / self.growth).sum(axis=(0, 1))
+
+    def add_answers(self, cross: Array, own: Array) -> None:
+        """Add the products of the answers to the walks with the columns and each other, window by window.
+
+        cross: (K, C, P+1). own: (K, C, C).
+        """
+        products = np.array([rows[:, self.count :].T @ rows for rows in self.windows])
+        feels = self.feels[:, None]
+        cross[:, feels, self.at] += products[:, :, : self.count]
+        own[:, feels, self.feels] += products[:, :, self.count :]
 
 
 @dataclass(frozen=True)
@@ -157,6 +165,7 @@ def innovations(
     growth = np.diag([0.0 if walk.white else walk.intensity * window for walk in walks])
     moves = np.diff(paths, axis=1, prepend=0.0)
     moves[:, 0] = np.where(start >= _UNKNOWN, 0.0, paths[:, 0])
+    lasting, anew, one = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0)), np.eye(count)
     known = np.zeros((count, size + 1))
     variance: Array = np.diag(start)
     grams, logs, raw = np.zeros((-(-windows // block), size + 1, size + 1)), 0.0, np.zeros(size + 1)
@@ -165,36 +174,34 @@ def innovations(
         inside = range(at * block, min((at + 1) * block, windows))
         for node in nodes:
             node.enter(inside, gram, raw)
-        left, right = [], []
-        for k in inside if count else ():
-            m, g = np.zeros((count, size + 1)), np.zeros((count, count))
-            for node in nodes:
-                node.add_answers(k, m, g)
-            # The residual was taken about the path: where that moves, the walk has to be paid for it.
-            known[:, -1] -= moves[:, k]
+        if not count:
+            continue
+        shift, cross = np.zeros((2, len(inside), count, size + 1))
+        own = np.zeros((len(inside), count, count))
+        for node in nodes:
+            node.moved(shift, raw)
+            node.add_answers(cross, own)
+        # The residual was taken about the path: where that moves, the walk has to be paid for it.
+        shift[:, :, -1] += moves[:, inside].T
+        left, right, spreads = [], [], []
+        for k, m, g, by in zip(inside, cross, own, shift, strict=True):
+            known = (known - by) * ~white[:, None]
             if k:
-                variance = variance + growth
-                for node in nodes:
-                    known[node.strips] -= node.moves[k]
-                    raw[node.at[:-1]] += (node.moves[k] ** 2 / node.growth).sum(axis=0)
-            known[white] = 0.0
-            variance[white] = 0.0
-            variance[:, white] = 0.0
-            variance[white, white] = start[white]
+                variance = (variance + growth) * lasting + anew
             u = m - g @ known
-            spread = np.eye(count) + variance @ g
+            spread = one + variance @ g
             gain = np.asarray(np.linalg.solve(spread, variance), float)
-            logs += float(np.linalg.slogdet(spread)[1])
             after = known + gain @ u
             left += [known, u]
             right += [m, after]
+            spreads.append(spread)
             if smooth:
-                steps.append(_Step(known[:, -1].copy(), variance, after[:, -1].copy(), gain))
-            known, variance = after.copy(), gain
-        if count:
-            # known' m + m' known - known' g known + u' gain u, with u = m - g known.
-            taken = np.concatenate(left).T @ np.concatenate(right)
-            gram -= 0.5 * (taken + taken.T)
+                steps.append(_Step(known[:, -1], variance, after[:, -1], gain))
+            known, variance = after, gain
+        logs += float(np.linalg.slogdet(np.array(spreads))[1].sum())
+        # known' m + m' known - known' g known + u' gain u, with u = m - g known.
+        taken = np.concatenate(left).T @ np.concatenate(right)
+        gram -= 0.5 * (taken + taken.T)
     return Innovations(grams, logs, raw, _smoothed(steps, white, count))
 
 

@@ -45,17 +45,17 @@ def walked(seen: Array, variance: Array, steps: Array, intensity: float, start: 
 
 def scores(seen: Array, variance: Array, steps: Array, intensities: Array, starts: Array) -> Array:
     """(G,) the score of `walked` for each intensity, with its start."""
-    x, v, total = np.zeros_like(intensities), starts.astype(float), np.zeros_like(intensities)
+    x, v = np.zeros_like(intensities), starts.astype(float)
     growth = np.concatenate([[0.0], steps])[:, None] * intensities
-    for z, r, more in zip(seen.tolist(), variance.tolist(), growth, strict=True):
+    off, spread = np.empty_like(growth), np.empty_like(growth)
+    for k, (z, r, more) in enumerate(zip(seen.tolist(), variance.tolist(), growth, strict=True)):
         v = v + more
-        s = v + r
-        off = z - x
-        total -= 0.5 * (off * off / s + np.log(s))
+        s = spread[k] = v + r
+        ahead = off[k] = z - x
         share = v / s
-        x = x + share * off
+        x = x + share * ahead
         v = share * r
-    return total
+    return np.asarray(-0.5 * (off**2 / spread + np.log(spread)).sum(axis=0))
 
 
 def smoothed(walk: Walked, steps: Array, intensity: float) -> Array:

@@ -108,6 +108,7 @@ def _table(residual: Residual) -> tuple[list[Array], int]:
         edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
         filled, _ = np.histogram(np.minimum(np.abs(z), 399.0), edges)
         middle = 0.5 * (edges[1:] + edges[:-1])
+        filled, middle = filled[filled > 0], middle[filled > 0]
         # The noise alone, as it is: its own scale is free.
         own = np.linspace(0.9, 1.3, 21)[:, None]
         alone = float(np.max(np.sum(filled * (-0.5 * (middle / own) ** 2 - np.log(own)), axis=1)))

@@ -33,15 +33,14 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
         return -0.5 * k
     slope = information @ value
     whole = 0.5 * float(value @ slope)
-    terms = []
+    terms: list[float] = []
     for size in range(1, k + 1):
         share = -log(k) - log(comb(k, size))
-        for members in combinations(range(k), size):
-            kept = list(members)
-            inner = information[np.ix_(kept, kept)]
-            there = np.linalg.solve(inner + np.eye(size) * 1e-9, slope[kept])
-            lost = max(whole - 0.5 * float(slope[kept] @ there), 0.0)
-            occam = 0.5 * float(np.linalg.slogdet(np.eye(size) + WIDE**2 * inner)[1])
-            far = log(1.0 + float(np.sum((there / WIDE) ** 2)))
-            terms.append(gain - lost - occam - 0.5 * (size + 1) * far + share)
+        members = np.array(list(combinations(range(k), size)))
+        inner, along = information[members[:, :, None], members[:, None, :]], slope[members][:, :, None]
+        there = np.linalg.solve(inner + np.eye(size) * 1e-9, along)
+        lost = np.maximum(whole - 0.5 * (along.transpose(0, 2, 1) @ there)[:, 0, 0], 0.0)
+        occam = 0.5 * np.linalg.slogdet(np.eye(size) + WIDE**2 * inner)[1]
+        far = np.log(1.0 + np.sum((there[:, :, 0] / WIDE) ** 2, axis=1))
+        terms += (gain - lost - occam - 0.5 * (size + 1) * far + share).tolist()
     return float(logsumexp(terms))

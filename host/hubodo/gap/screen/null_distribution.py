@@ -85,9 +85,11 @@ def null_distribution(
         return NullDistribution(np.empty(0))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (draws, len(scores)))
     drawn = signs @ scores
-    best = np.zeros(draws)
+    # Of tests with as many coordinates, the one with the most gain is the most surprising.
+    gains: dict[int, Array] = {}
     for test in tests:
         along = drawn[:, : len(test.basis)] @ test.basis
-        gains = 0.5 * np.einsum("ri,ij,rj->r", along, test.covariance, along)
-        best = np.maximum(best, surprise(gains, test.freedom))
-    return NullDistribution(np.sort(best))
+        own = 0.5 * np.einsum("ri,ij,rj->r", along, test.covariance, along)
+        gains[test.freedom] = np.maximum(gains.get(test.freedom, 0.0), own)
+    best = np.max([surprise(gain, freedom) for freedom, gain in gains.items()], axis=0)
+    return NullDistribution(np.sort(np.maximum(best, 0.0)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,8 +57,9 @@ def point_covariance(tensor: FloatArray, theta: FloatArray) -> FloatArray:
     return made
 
 
+@lru_cache(maxsize=1 << 12)
 def _pair(a: int, b: int, samples: int, dt: float) -> FloatArray:
-    """(5, 5) of the tensor for factors a <= b."""
+    """(5, 5) of the tensor for factors a <= b; kept, as the channels of a record and both fits ask for it."""
     n_a, n_b = samples - 2 * a + 1, samples - 2 * b + 1
     lags = _lags(a, b, n_a, n_b)
     # Each lag stands for the stretch halfway to its neighbours.

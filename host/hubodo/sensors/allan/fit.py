@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -103,20 +104,12 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
     tensor *= np.sqrt(np.outer(lost, lost))[:, :, None, None]
     matrix = design(tau)
     duration = points.samples * points.dt
-    trials = [
-        _Trial.fit(matrix[start:], avar[start:], tensor[start:, start:], factors[start:], slope, duration)
-        for start in range(min(_MOST_LEFT_OUT, max(0, len(tau) - _FEWEST)) + 1)
-    ]
-    tolerable = max(_GOOD_MISFIT, _BETTER * min(trial.gls.relative_misfit for trial in trials))
-    start, trial = 0, trials[0]
-    if trial.gls.relative_misfit > tolerable:
-        # Only where the points left out are to blame themselves, by seven sigma each.
-        blamed = [
-            (k, other)
-            for k, other in enumerate(trials)
-            if other.gls.relative_misfit <= tolerable and trials[0].chi2 - other.chi2 > 50.0 * k
-        ]
-        start, trial = blamed[0] if blamed else (start, trial)
+
+    def fitted(start: int) -> _Trial:
+        part = slice(start, None)
+        return _Trial.fit(matrix[part], avar[part], tensor[part, part], factors[part], slope, duration)
+
+    start, trial = _believed(fitted, min(_MOST_LEFT_OUT, max(0, len(tau) - _FEWEST)))
     active = trial.active
     fit = trial.gls
     excess = fit.weigh(fit.theta).excess()
@@ -175,6 +168,21 @@ class _Trial:
         chi2 = gls.weigh(gls.theta).chi2(gls.theta)
         gls.relative_misfit = gls.misfit()
         return cls(gls.solve(active), active, chi2)
+
+
+def _believed(fitted: Callable[[int], _Trial], most: int) -> tuple[int, _Trial]:
+    """From which point on, `most` at the latest, the fit is believed, and that fit."""
+    whole = fitted(0)
+    if whole.gls.relative_misfit <= _GOOD_MISFIT:
+        return 0, whole
+    later = [fitted(start) for start in range(1, most + 1)]
+    tolerable = max(_GOOD_MISFIT, _BETTER * min(trial.gls.relative_misfit for trial in (whole, *later)))
+    if whole.gls.relative_misfit > tolerable:
+        for start, trial in enumerate(later, 1):
+            # Only where the points left out are to blame themselves, by seven sigma each.
+            if trial.gls.relative_misfit <= tolerable and whole.chi2 - trial.chi2 > 50.0 * start:
+                return start, trial
+    return 0, whole
 
 
 def slope_sigma(theta: FloatArray, duration: float) -> float:

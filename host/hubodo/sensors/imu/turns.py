@@ -118,7 +118,7 @@ def carried(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Ar
     dt = turns.dt[..., None]
     # Second term: coning of a rate that changes evenly within the step, w0 x w1 dt²/12.
     angle = rate * dt + _cross(rate, turns.change @ inverse.T) * dt**2 / 12
-    return _rotate_back(_product(_quaternion(angle)), turns.start)
+    return _rotate_back(_product(_quaternion(angle)).T, turns.start)
 
 
 def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
@@ -240,23 +240,30 @@ def _cross(a: Array, b: Array) -> Array:
 
 
 def _quaternion(angle: Array) -> Array:
-    """(..., 4) unit quaternions, scalar first, of rotation vectors (..., 3)."""
-    size = np.linalg.norm(angle, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(size / 2), np.sinc(size / (2 * np.pi)) / 2 * angle], axis=-1)
+    """(4, ...) unit quaternions, scalar first, of rotation vectors (..., 3)."""
+    x, y, z = np.moveaxis(angle, -1, 0)
+    size = np.sqrt(x * x + y * y + z * z)
+    share = np.sinc(size / (2 * np.pi)) / 2
+    return np.stack([np.cos(size / 2), share * x, share * y, share * z])
 
 
 def _product(q: Array) -> Array:
-    """(T, 4) ordered product of (T, L, 4), pair by pair, so that the depth is log2 L."""
-    while q.shape[1] > 1:
-        if q.shape[1] % 2:
-            one = np.zeros((len(q), 1, 4))
-            one[..., 0] = 1
-            q = np.concatenate([q, one], axis=1)
-        a, b = q[:, ::2], q[:, 1::2]
-        scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
-        vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + _cross(a[..., 1:], b[..., 1:])
-        q = np.concatenate([scalar, vector], axis=-1)
-    return q[:, 0]
+    """(4, T) ordered product of (4, T, L), pair by pair, so that the depth is log2 L."""
+    while q.shape[2] > 1:
+        if q.shape[2] % 2:
+            one = np.zeros((4, q.shape[1], 1))
+            one[0] = 1
+            q = np.concatenate([q, one], axis=2)
+        (w, x, y, z), (v, i, j, k) = q[..., ::2], q[..., 1::2]
+        q = np.stack(
+            [
+                w * v - (x * i + y * j + z * k),
+                w * i + v * x + (y * k - z * j),
+                w * j + v * y + (z * i - x * k),
+                w * k + v * z + (x * j - y * i),
+            ]
+        )
+    return q[..., 0]
 
 
 def _rotate_back(q: Array, vector: Array) -> Array:

@@ -36,6 +36,7 @@ class poll:
 
     def _left(self, timeout):
         if timeout and self._input_alone:
-            _wait_input(timeout)
+            while _wait_input(timeout):
+                pass
             return 0
         return timeout

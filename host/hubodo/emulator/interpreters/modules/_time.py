@@ -9,8 +9,19 @@ import _board
 
 ticks_us = _board.ticks_us
 ticks_ms = _board.ticks_ms
-sleep_us = _board.sleep_us
-sleep_ms = _board.sleep_ms
+_sleep_us = _board.sleep_us
+_sleep_ms = _board.sleep_ms
+
+
+# A loop is where ctrl-C is met, so that it ends the sleep.
+def sleep_us(us):
+    while _sleep_us(us):
+        pass
+
+
+def sleep_ms(ms):
+    while _sleep_ms(ms):
+        pass
 
 
 def sleep(seconds):

@@ -1,7 +1,7 @@
 // The board as the interpreter asks it: one call at a time, at the clock's time; ctrl-C comes with the answers.
 import { FLAG_INPUT, FLAG_INTERRUPT, HEADER, Pipe } from "../pipe.mjs";
 
-const CTRL_C = 3, NAP_NS = 10e6, MOST_BYTES = 32768;
+const CTRL_C = 3, NAP_NS = 10e6, MOST_BYTES = 32768, INPUT_BYTES = 256, NOTHING = Buffer.alloc(0);
 
 export class Board {
   /** config: see runner.mjs; `interpreter`, MicroPython, is given once it is loaded. */
@@ -12,6 +12,8 @@ export class Board {
     this._config = config;
     this.booting = true;
     this._interrupted = false;
+    this._told = false;
+    this._input = NOTHING;
     this._contact = -1e18;
     this._pipe = new Pipe(config.pipes);
     // Payload of the next call, from HEADER on.
@@ -37,7 +39,7 @@ export class Board {
     this._pipe.settle();
     if (this.flags & FLAG_INTERRUPT) {
       if (this.booting) this._interrupted = true;
-      else this.interpreter._module._mp_sched_keyboard_interrupt();
+      else this._interrupt();
     }
     this.clock.waitUntil(this._pipe.time);
     this.clock.spend(this._config.call_cost_ns);
@@ -48,34 +50,52 @@ export class Board {
   /** The user's code begins: ctrl-C that came before is for it. */
   beginUser() {
     this.booting = false;
-    if (this._interrupted) this.interpreter._module._mp_sched_keyboard_interrupt();
+    if (this._interrupted) this._interrupt();
+  }
+
+  _interrupt() {
+    this.interpreter._module._mp_sched_keyboard_interrupt();
+    this._told = true;
+    this._input = NOTHING;
+  }
+
+  /** Whether ctrl-C came since the last look: MicroPython meets it at its next jump, so nothing may wait before that. */
+  takeInterrupt() {
+    const told = this._told;
+    this._told = false;
+    return told;
   }
 
   /** Flags no older than one USB frame. */
   freshFlags() {
     if (this.clock.now() - this._contact > this._config.refresh_ns) this.ask(this.op.PING);
     else this.clock.spend(this._config.tick_cost_ns);
-    return this.flags;
+    return this._input.length ? this.flags | FLAG_INPUT : this.flags;
   }
 
-  /** Asleep, the board is asked now and then whether ctrl-C, the watchdog or a scripted reset came. */
+  /**
+   * Asleep, the board is asked now and then whether ctrl-C, the watchdog or a scripted reset came.
+   * True: ctrl-C did, to be asked for again unless MicroPython ends in it; so too `waitInput`.
+   */
   sleep(ns) {
     const { clock } = this;
-    for (const end = clock.now() + ns; ; ) {
+    for (const end = clock.now() + ns; !this._told; ) {
       clock.waitUntil(Math.min(end, clock.now() + NAP_NS));
       if (clock.now() - this._contact >= NAP_NS) this.ask(this.op.PING);
-      if (clock.now() >= end || this.flags & FLAG_INTERRUPT) return;
+      if (clock.now() >= end) break;
     }
+    return this.takeInterrupt();
   }
 
   /** Until a byte waits on standard input, at most `ms`, or for ever when it is negative. */
   waitInput(ms) {
     const { clock } = this, { refresh_ns: refresh } = this._config;
-    for (const end = ms < 0 ? Infinity : clock.now() + (ms * 1e6) / clock.rate; ; ) {
+    for (const end = ms < 0 ? Infinity : clock.now() + (ms * 1e6) / clock.rate; !this._told; ) {
       if (clock.now() - this._contact > refresh) this.ask(this.op.PING);
-      if (this.flags & (FLAG_INPUT | FLAG_INTERRUPT) || clock.now() >= end) return;
+      if (this._input.length || this.flags & FLAG_INPUT || clock.now() >= end) break;
       clock.waitUntil(Math.min(end, clock.now() + refresh));
     }
+    return this.takeInterrupt();
   }
 
   put(port, bytes, from, length) {
@@ -91,6 +111,15 @@ export class Board {
   putText(text) {
     const bytes = Buffer.from(text, "utf8");
     this.put(0, bytes, 0, bytes.length);
+  }
+
+  /** At most `most` bytes of standard input that came within `timeoutMs`; firmware wants single ones, all that wait are fetched. */
+  input(most, timeoutMs) {
+    if (this._input.length) this.clock.spend(this._config.tick_cost_ns);
+    else this._input = Buffer.from(this.get(0, INPUT_BYTES, timeoutMs));
+    const taken = this._input.subarray(0, most);
+    this._input = this._input.subarray(taken.length);
+    return taken;
   }
 
   /** Bytes that came on a port within `timeoutMs`: they are the payload. */

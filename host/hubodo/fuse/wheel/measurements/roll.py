@@ -38,9 +38,9 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     Variance: white noise of the gyros; while driving, what vibration adds to them and the vehicle's own
     rolling about its forward axis.
     """
-    variance = noise.gyro
+    variance = max(noise.gyro, w.gyro_noise)
     if not w.resting:
-        variance = noise.gyro + noise.flex * w.window.axial_variance + noise.roll
+        variance += noise.flex * w.window.axial_variance + noise.roll
     yaw = w.across.real
     # A faster wheel is further by half a window in its middle.
     by_rate = yaw * (0.5 * WINDOW)

@@ -47,7 +47,7 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     late = geometry.clocked * geometry.radius * w.change
     return (
         (size * rate - x[at[SPEED]] + r * contact) * WINDOW + x[at[TIME_OFFSET]] * late,
-        _RESTING if w.resting else noise.road * abs(rate) + _FLOOR,
+        size * size * w.gyro_noise + (_RESTING if w.resting else noise.road * abs(rate) + _FLOOR),
         {
             SPEED: WINDOW,
             YAW_RATE: -(size * w.rate_by_yaw_rate + contact) * WINDOW,

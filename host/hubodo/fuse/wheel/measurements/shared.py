@@ -92,7 +92,8 @@ _SEEN = (
 class WheelWindow:
     """One window of one wheel under the present states; `look` fills it anew for each window.
 
-    window: the integrals; resting: whether the vehicle stands still. x: states of the filter; at: the column
+    window: the integrals; resting: whether the vehicle stands still; gyro_noise: (rad)², what the
+    last rest showed to be random in an angle of a window. x: states of the filter; at: the column
     of each entry of this wheel and the vehicle. yaw_rate: rad/s. sin, cos: of the camber. about_axle: rad/s
     that the gyro about the axle feels; rate: rad/s at which the wheel rolls, and its derivatives by scale
     and bias of that gyro, camber and yaw rate (by EXCESS it is 1). Turned by e^(i theta_m): turn itself;
@@ -102,7 +103,16 @@ class WheelWindow:
 
     __slots__ = (
         *("_pick", "about_axle", "across", "at", "carrier", "change", "cos", "force", "geometry", "lever"),
-        *("rate", "rate_by_bias", "rate_by_camber", "rate_by_scale", "rate_by_yaw_rate", "resting", "sin"),
+        *(
+            "rate",
+            "rate_by_bias",
+            "rate_by_camber",
+            "rate_by_scale",
+            "rate_by_yaw_rate",
+            "gyro_noise",
+            "resting",
+            "sin",
+        ),
         *("swing", "turn", "window", "x", "yaw_rate"),
     )
 
@@ -110,8 +120,9 @@ class WheelWindow:
         self.geometry, self.at = geometry, at
         self._pick = itemgetter(*(at[entry] for entry in _SEEN))
 
-    def look(self, x: list[float], window: Window, resting: bool) -> None:
-        """Everything above for the states x and a window."""
+    def look(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
+        """Everything above for the states x and a window. gyro_noise: (rad/s)², see RestDetector."""
+        self.gyro_noise = gyro_noise * (WINDOW * WINDOW)
         r, angle, k, b, excess, camber, *errors = self._pick(x)
         bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
         self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r

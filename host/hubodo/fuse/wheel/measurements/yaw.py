@@ -41,7 +41,9 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     x, at, r = w.x, w.at, w.yaw_rate
     scale, level, roll = 1.0 + x[at[GYRO_SCALE_ACROSS]], w.cos * r, w.across.imag
     residual = w.across.real - (scale * w.cos * r + x[at[YAW_RATE_FROM_GRAVITY]]) * WINDOW
-    variance = noise.gyro if w.resting else noise.gyro + noise.flex * w.window.axial_variance
+    variance = max(noise.gyro, w.gyro_noise)
+    if not w.resting:
+        variance += noise.flex * w.window.axial_variance
     # A faster wheel is further by half a window in its middle.
     by_rate = -roll * (0.5 * WINDOW)
     return (

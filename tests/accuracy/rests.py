@@ -1,0 +1,54 @@
+"""Standing still: what a rest costs, however long, with a noisy gyro or an engine that idles.
+
+python tests/accuracy/rests.py [--drives 4] [--seed 40] [--rests 5 60 600 1800]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from generators.rests import drive_with_rest  # noqa: E402
+from hubodo.fuse.wheel.track import run  # noqa: E402
+from wheel_runs import config, end_error, nees, tables  # noqa: E402
+
+KINDS = {"0.002 rad/s of noise": (0.002, 0.0), "0.02 rad/s": (0.02, 0.0), "idling, 0.03 rad/s": (0.002, 0.03)}
+LENGTH = 150.0
+
+
+def main() -> int:
+    """A line for each kind, place and length of the rest."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--drives", type=int, default=4)
+    parser.add_argument("--seed", type=int, default=40)
+    parser.add_argument("--rests", type=float, nargs="+", default=[5.0, 60.0, 600.0, 1800.0])
+    args = parser.parse_args()
+    print(
+        f"loops of {LENGTH:g} m, two nodes, seeds {args.seed} to {args.seed + args.drives - 1}; at the end:"
+    )
+    for kind, (noise, idling) in KINDS.items():
+        for where in ("start", "middle"):
+            for rest in args.rests:
+                found = []
+                for seed in range(args.seed, args.seed + args.drives):
+                    drive = drive_with_rest(seed, LENGTH, rest, where, noise, idling)
+                    made = run(config(drive), tables(drive))
+                    found.append((100.0 * end_error(drive, made) / drive.length, nees(drive, made)))
+                errors, honest = np.array(found).T
+                print(
+                    f"  {kind:22} {where:7} {rest:6.0f} s: median {np.median(errors):5.2f} %, largest "
+                    f"{errors.max():5.2f} %, NEES {honest.mean():5.2f} of 3",
+                    flush=True,
+                )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""Ctrl-C on the virtual board: it ends what runs, whenever it comes, and never strikes later."""
+
+from __future__ import annotations
+
+import select
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from board_programs import Terminal, firmware
+
+from hubodo.emulator.board.clock import BoardClock
+from hubodo.emulator.board.hypercall import FLAG_INTERRUPT
+from hubodo.emulator.board.link import LineNoise, MemoryLink
+from hubodo.emulator.board.models import MODELS
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.board.streams import CTRL_C, Streams
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from virtual_runs import stepped
+
+
+def node(tmp_path: Path, main: str | None = None) -> VirtualNode:
+    folder = firmware(tmp_path / "fw", **({"main": main} if main is not None else {}))
+    return VirtualNode(StillMotion(), Flash(folder), host=Host(wait=True), own_process=False)
+
+
+def test_ctrl_c_breaks_a_program_that_sleeps_and_one_that_waits_for_input(tmp_path: Path) -> None:
+    with node(tmp_path) as board, Terminal(board.port) as host:
+        host.until(b">>> ")
+        for line in (
+            b"import time; print(6 * 7); time.sleep(60)\r",
+            b"import sys; print(6 * 7); sys.stdin.read(1)\r",
+        ):
+            host.write(line)
+            host.until(b"\n42")
+            host.write(b"\x03")
+            host.until(b"KeyboardInterrupt")
+            host.until(b">>> ")
+
+
+WAITS = {
+    "sleep": "time.sleep(60)",
+    "input": "sys.stdin.read(1)",
+    "poll": "p = select.poll(); p.register(sys.stdin, select.POLLIN); p.poll()",
+}
+
+
+@pytest.mark.parametrize("waits", WAITS)
+def test_ctrl_c_that_is_met_in_the_output_of_a_line_ends_the_wait_behind_it(
+    tmp_path: Path, waits: str
+) -> None:
+    """The board is asked for nothing but these outputs: with one of them comes that ctrl-C came."""
+    lines = ["import time, sys, select", *["time.sleep_us(9000)", "sys.stdout.write('.')"] * 40, WAITS[waits]]
+    flash = Flash(firmware(tmp_path / "fw", main="\n".join(lines)))
+    with stepped(3.0, StillMotion(), flash, script=[(0.2, b"\x03")]) as board:
+        assert board.wait(60)
+        said = board.output
+    assert 0 < said.count(b".", 0, said.index(b"KeyboardInterrupt")) < 40
+    assert b">>> " in said
+
+
+def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_prompt_comes(
+    tmp_path: Path,
+) -> None:
+    with node(tmp_path, "print('on')\nwhile True: pass") as board, Terminal(board.port) as host:
+        host.until(b"on")
+        host.write(b"\x03")
+        host.until(b"KeyboardInterrupt")
+        host.until(b">>> ")
+
+
+def streams(script: list[tuple[float, bytes]]) -> Streams:
+    """Of a board that was never switched on: what `script` says comes with `take_input`."""
+    settings, poll = BoardSettings(), select.poll()
+    clock = BoardClock(Clock("stepped"))
+    link = MemoryLink(script)
+    return Streams(settings, MODELS["pico"], link, LineNoise(), clock, poll, Counter(), lambda handle: False)
+
+
+def test_ctrl_c_is_what_the_program_that_runs_takes_it_for_when_the_board_learns_of_it_later() -> None:
+    """A program changes what interrupts it without a word to the board; its next call tells."""
+    heard = streams([(0.0, b"a\x03b")])
+    heard.heed(CTRL_C)
+    heard.take_input()
+    heard.heed(-1)
+    assert not heard.flags() & FLAG_INTERRUPT
+    read = heard._read(0, b"\x10\0\0\0\0\0\0\0", 0.0).finished(False)
+    assert read is not None and read.payload == b"\x03b"
+
+    heard = streams([(0.0, b"a\x03b")])
+    heard.heed(-1)
+    heard.take_input()
+    heard.heed(CTRL_C)
+    assert heard.flags() & FLAG_INTERRUPT
+    assert not heard.flags() & FLAG_INTERRUPT, "once"

@@ -1,0 +1,53 @@
+"""`hubodo doctor` on an emulated board: what it says; a board whose flash is as `hubodo flash` leaves it."""
+
+import contextlib
+import json
+import shutil
+import time
+
+from hubodo.cli import main
+from hubodo.emulator.board.settings import Flash
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.flash.check_result import CHECKS
+from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.slots import MAIN, main_for
+from virtual_runs import micropython_or_skip
+
+
+def doctor(capfd, port, *words):
+    """Exit code, {check: (verdict, seen, remedy)}."""
+    micropython_or_skip()
+    code = main(["doctor", str(port), "--json", "--seconds", "3", *words])
+    out, err = capfd.readouterr()
+    assert out, err
+    result = json.loads(out.splitlines()[-1])
+    assert [row["check"] for row in result["checks"]] == list(CHECKS)
+    assert result["ok"] == (code == 0)
+    return code, {row["check"]: (row["verdict"], row["seen"], row["remedy"]) for row in result["checks"]}
+
+
+def wrongs(found):
+    return [check for check, (verdict, _, _) in found.items() if verdict == "wrong"]
+
+
+def lay_flashed(root):
+    """A file system as `hubodo flash` leaves it."""
+    for name, content in build(firmware_folder(), None).items():
+        path = root / ("" if name == MAIN else "fw_a") / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(main_for(content, "/fw_a") if name == MAIN else content)
+    return root
+
+
+@contextlib.contextmanager
+def board(flashed, tmp_path, motion=None, **settings):
+    """A virtual board that has said its first word."""
+    if flashed is not None:
+        shutil.copytree(flashed, tmp_path / "flash", dirs_exist_ok=True)
+    with VirtualNode(motion or StillMotion(), Flash(folder=tmp_path / "flash"), **settings) as node:
+        end = time.monotonic() + 30
+        while not node.stats["counts"].get("bytes_out"):
+            assert time.monotonic() < end, "silent"
+            time.sleep(0.02)
+        yield node

@@ -1,0 +1,80 @@
+"""`hubodo doctor` on nodes that run: what is wrong with each is named, and nothing else."""
+
+import re
+import shutil
+
+import pytest
+from doctored import board, doctor, lay_flashed, wrongs
+
+from hubodo.emulator.board.settings import BoardSettings, Clock, SensorBoard
+from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples
+from hubodo.emulator.chips.imu import Specimen
+from hubodo.emulator.motion import StillMotion
+from virtual_runs import FIRMWARE, unique_motion
+
+
+@pytest.fixture(scope="module")
+def flashed(tmp_path_factory):
+    return lay_flashed(tmp_path_factory.mktemp("flashed"))
+
+
+NODES = {
+    "missing chip": (
+        {"faults": [BusNack(0.0, count=10**9)]},
+        "sensor",
+        "no IMU answers; only LIS3MDL at 0x1E is on the bus",
+    ),
+    "nothing on the bus": (
+        {"sensors": SensorBoard(wiring="no_pull_ups")},
+        "sensor",
+        "no IMU answers; nothing is on the bus",
+    ),
+    "another chip": (
+        {"sensors": SensorBoard(specimen=Specimen(who_am_i=0x6C))},
+        "sensor",
+        "0x6B answers 0x6C: LSM6DSO or LSM6DSOX",
+    ),
+    "flat battery": ({"board": BoardSettings(battery_mv=3000)}, "power", "3.00 V: low"),
+    "brown-out": (
+        {"faults": [BrownOut(0.2)], "board": BoardSettings(model="pico_2")},
+        "power",
+        "last start: brown out",
+    ),
+    "lost samples": (
+        {"faults": [MissedSamples(t, 9) for t in (1.5, 2.0, 2.5, 3.0)]},
+        "samples",
+        r"Hz of 416 Hz, \d+ samples, \d\d lost",
+    ),
+    "half of gravity": ({"motion": StillMotion(force=(0, 0, 4.9))}, "rest", r"gravity 4\.9"),
+    "gyro that turns at rest": ({"motion": StillMotion(rate=(0, 0, 0.9))}, "rest", r"\+51\.\d+ deg/s"),
+    # A real clock would not do: at 9000 ppm the tests' machine must not be slow between question and answer.
+    "clock without a crystal": ({"clock": Clock("paced", ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
+}
+
+
+@pytest.mark.parametrize("case", NODES)
+def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, case):
+    settings, check, words = NODES[case]
+    with board(flashed, tmp_path, **settings) as node:
+        code, found = doctor(capfd, node.port)
+    assert code == 1 and wrongs(found)[0] == check, list(found.values())
+    assert re.search(words, found[check][1]), found[check]
+    assert found[check][2], "and what to do"
+
+
+def test_a_node_that_is_moved_is_not_judged_by_gravity(flashed, tmp_path, capfd):
+    with board(flashed, tmp_path, motion=unique_motion(20)) as node:
+        code, found = doctor(capfd, node.port)
+    assert found["rest"][:2] == ("unknown", "it was moved") and code == 0, list(found.values())
+
+
+def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):
+    shutil.copytree(FIRMWARE, tmp_path / "flash")
+    wire = tmp_path / "flash" / "wire.py"
+    wire.write_text(
+        re.sub(r"FINGERPRINT = const\(0x\w+\)", "FINGERPRINT = const(0x12345678)", wire.read_text())
+    )
+    with board(None, tmp_path) as node:
+        code, found = doctor(capfd, node.port)
+    assert code == 1 and wrongs(found) == ["hello"]
+    assert "speaks 12345678" in found["hello"][1] and "hubodo flash" in found["hello"][2]
