@@ -181,12 +181,12 @@ class FakeNode:
     def live_until(self, t_ns: int, heard: int | None) -> None:
         self._listened_to = heard is not None
         self._unheard += heard or 0
-        while self._unheard > 0:
-            select.select([self._master], [], [])
-            self._listen()
         while self._virtual_ns < t_ns:
             self._virtual_ns = min(self._virtual_ns + TURN_NS, t_ns)
             self._turn()
+            while self._unheard > 0:
+                select.select([self._master], [], [])
+                self._listen()
 
     def sent(self) -> Sent:
         sent, self._on_port = self._on_port, []

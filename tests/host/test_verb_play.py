@@ -3,11 +3,8 @@
 import itertools
 import json
 import os
-import subprocess
-import sys
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,20 +12,14 @@ import pytest
 from fakes.fake_node import FakeNode
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.pty_player import PtyPlayer
 from hubodo.ingest.replay.replay import made_frames, raw_links, recorded_frames
 from hubodo.log.convert import write_recording
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.recording import Recording, Table
 from hubowire.messages import Ack, Nack, TimeReply
-
-ROOT = Path(__file__).resolve().parents[2]
-
-
-def cli(*args):
-    env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
-    command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, env=env, timeout=30, check=False)
+from in_process import hubodo
 
 
 def replay(frames, out, *, speed=1.0, seconds, link=None):
@@ -52,9 +43,9 @@ def replay(frames, out, *, speed=1.0, seconds, link=None):
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
     """A short recording of one fake node with damage on its line."""
-    out = tmp_path_factory.mktemp("ride") / "ride.mcap"
-    with FakeNode(node_id=1, damage=0.0005, seed=3) as node:
-        record(RecordConfig(ports=(f"left={node.path}",), duration=2.0), out)
+    out, computer = tmp_path_factory.mktemp("ride") / "ride.mcap", VirtualComputer()
+    with FakeNode(node_id=1, damage=0.0005, seed=3, computer=computer) as node:
+        record(RecordConfig(ports=(f"left={node.path}",), duration=2.0), out, computer=computer)
     return out
 
 
@@ -133,9 +124,9 @@ def test_a_part_is_played_from_start_up_to_end(ride):
 
 
 def test_the_view_without_waiting_ends_with_a_result(ride):
-    done = cli("play", ride, "--speed", "0", "--json")
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["frames"] is None
+    done = hubodo("play", ride, "--speed", "0", "--json")
+    assert done.code == 0, done.err
+    assert json.loads(done.out)["frames"] is None
 
 
 def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
@@ -157,15 +148,15 @@ def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
     ],
 )
 def test_impossible_wishes_are_refused_in_one_line(ride, args, says):
-    done = cli("play", ride, *args)
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
+    done = hubodo("play", ride, *args)
+    assert done.code == 2
+    assert says in done.err
+    assert len(done.err.strip().splitlines()) == 1
 
 
 def test_what_is_no_log_is_refused(tmp_path):
     path = tmp_path / "x.mcap"
     path.write_bytes(b"not a log")
-    done = cli("play", path)
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
+    done = hubodo("play", path)
+    assert done.code == 2
+    assert len(done.err.strip().splitlines()) == 1

@@ -47,6 +47,7 @@ from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest
 from in_process import hubodo
+from waiting import until
 
 ROOT = Path(__file__).resolve().parents[2]
 DPS_LSB = np.radians(0.07)
@@ -58,14 +59,6 @@ def started(*args):
     env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
     command = [sys.executable, "-m", "hubodo.cli", *map(str, args)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env)
-
-
-def until(condition):
-    """Waits on what happens, however long a busy machine takes."""
-    end = time.monotonic() + 100
-    while not condition():
-        assert time.monotonic() < end, "it did not happen"
-        time.sleep(0.01)
 
 
 def raw_frames(path, link="*"):

@@ -1,6 +1,7 @@
-"""A node recorded by the real daemon for a few seconds, and what has to be true of it."""
+"""A node recorded by the real daemon for some seconds of its own, and what has to be true of it."""
 
 import json
+import signal
 import subprocess
 import sys
 
@@ -13,15 +14,21 @@ from virtual_runs import matched
 SECONDS = 4
 
 
-def recorder(port, log, *more, seconds=SECONDS):
-    """A daemon that listens to `port` for so long; `more` words for it."""
-    words = ("record", str(port), "-o", str(log), "--duration", str(seconds), "--json", *more)
+def recorder(port, log, *more):
+    """A daemon that listens to `port`; `more` words for it."""
+    words = ("record", str(port), "-o", str(log), "--json", *more)
     return subprocess.Popen(
         [sys.executable, "-m", "hubodo.cli", *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def stopped(daemon):
+    """(standard output, standard error) of a daemon that is told to stop."""
+    daemon.send_signal(signal.SIGINT)
+    return daemon.communicate(timeout=100)
 
 
 def logged(log):

@@ -2,13 +2,14 @@
 
 import socket
 
-from recorded import judge, logged, recorder
+from recorded import SECONDS, judge, logged, recorder, stopped
 
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.mcap import open_log
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, micropython_or_skip, of, unique_motion
+from waiting import until
 
 
 def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
@@ -18,7 +19,9 @@ def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
     host = Host("uart", path=port, wait=True)
     node = VirtualNode(unique_motion(30), Flash(FIRMWARE, config), clock=Clock("paced"), host=host)
     with node:
-        done = recorder(port, log).communicate(timeout=60)
+        daemon = recorder(port, log)
+        until(lambda: node.stats["t"] > SECONDS or daemon.poll() is not None)
+        done = stopped(daemon)
         truth = node.chip.truth()
         assert node.stats["calls"]["UART_INIT"] == 1
     judge(done, log, truth)
@@ -32,10 +35,12 @@ def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tm
     log = tmp_path / "udp.mcap"
     config = {"link": "udp", "rate_hz": 416, "ssid": "net", "host": "127.0.0.1", "port": number}
     daemon = recorder(f"udp://127.0.0.1:{number}", log)
+    until(lambda: log.exists() or daemon.poll() is not None)
     with VirtualNode(
         unique_motion(30), Flash(FIRMWARE, config), clock=Clock("paced"), host=Host("udp")
     ) as node:
-        done = daemon.communicate(timeout=60)
+        until(lambda: node.stats["t"] > SECONDS or daemon.poll() is not None)
+        done = stopped(daemon)
         truth, stats = node.chip.truth(), node.stats
     judge(done, log, truth)
     with open_log(log) as records:

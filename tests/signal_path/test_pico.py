@@ -38,7 +38,9 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
         host=Host(path=port, wait=True),
     )
     with node:
-        done = recorder(port, log, "--time-scale", str(PACE), seconds=SECONDS).communicate(timeout=120)
+        done = recorder(port, log, "--time-scale", str(PACE), "--duration", str(SECONDS)).communicate(
+            timeout=120
+        )
         truth = node.chip.truth()
     judge(done, log, truth, SECONDS)
     (table,) = read_recording(log).nodes.values()

@@ -19,6 +19,7 @@ from hubowire import decode
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, ImuBatch
 from virtual_runs import micropython_or_skip
+from waiting import until
 
 GYRO_STEP, ACCEL_STEP = np.radians(0.070), 0.488e-3 * 9.80665
 
@@ -46,14 +47,6 @@ def boots(node):
         for _, frame in heard(node)
         if frame.type_id == Hello.type_id
     }
-
-
-def until(condition, seconds=40.0):
-    """Waits on what happened, not on time: how fast the board runs depends on who else uses the machine."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "the board did not get that far"
-        time.sleep(0.1)
 
 
 @pytest.mark.timeout(400)  # 12 s on an idle machine

@@ -50,7 +50,6 @@ class VirtualComputer:
         self._devices: list[Device] = []
         self._links: list[VirtualLink] = []
         self._news: deque[Any] = deque()
-        self.put = self._news.append
 
     def plug_in(self, device: Device) -> None:
         """From now on it lives, before those that come later."""
@@ -59,6 +58,10 @@ class VirtualComputer:
     def now_ns(self) -> int:
         """See `Computer`."""
         return self._now_ns
+
+    def put(self, item: Any) -> None:
+        """See `Computer`."""
+        self._news.append(item)
 
     def link(self, port: PortName, label: str, baud: int, lister: Lister) -> VirtualLink:
         """See `Computer`."""
@@ -81,7 +84,8 @@ class VirtualComputer:
         sent = [(links.get(device.path), device.sent()) for device in self._devices]
         self._now_ns = t_ns
         came = [chunk for link, counts in sent if link is not None for chunk in link.read(counts)]
-        self._news.extend(sorted(came, key=lambda chunk: chunk.t_ns))
+        for chunk in sorted(came, key=lambda chunk: chunk.t_ns):
+            self.put(chunk)
         for link in self._links:
             link.look()
         self._passed(t_ns)

@@ -96,9 +96,12 @@ class ClockSync:
 
     def __init__(self) -> None:
         self._resets = 0
+        self.changes = 0
+        """Grows whenever the estimate changes."""
         self._clear()
 
     def _clear(self) -> None:
+        self.changes += 1
         self._source = "none"
         self._exchanges = 0
         self._base_ns = 0
@@ -120,6 +123,11 @@ class ClockSync:
     def source(self) -> str:
         """What the estimate rests on: "none", "one way" or "two way"."""
         return self._source
+
+    @property
+    def exchanges(self) -> int:
+        """How many answers it rests on."""
+        return self._exchanges
 
     @property
     def resets(self) -> int:
@@ -196,6 +204,7 @@ class ClockSync:
         return self._drift**2 * 1e18 > _SIGNIFICANT**2 * self._p11
 
     def _start(self, measured: int, device_ns: int, variance: float, bound: float, source: str) -> None:
+        self.changes += 1
         self._source = source
         self._exchanges = 1 if source == "two way" else 0
         self._base_ns, self._at_ns, self._offset = measured, device_ns, 0.0
@@ -223,6 +232,7 @@ class ClockSync:
                 self._start(measured, device_ns, variance, bound, source)
             return False
         self._misses = 0
+        self.changes += 1
         s = p00 + variance
         k0, k1 = p00 / s, p01 / s
         self._at_ns = device_ns
@@ -231,22 +241,3 @@ class ClockSync:
         self._p00, self._p01, self._p11 = (1 - k0) * p00, (1 - k0) * p01, p11 - k1 * p01
         self._bound = (1 - k0) * self._bound + k0 * bound
         return True
-
-
-class StrictlyIncreasing:
-    """Keeps the times of one stream apart where the clock estimate steps back; at least 1 ns each."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-
-    def apply(self, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Times (N,) ns, moved forward where they do not exceed the one before."""
-        if len(t_ns) == 0:
-            return t_ns
-        steps = np.arange(len(t_ns), dtype=np.int64)
-        level = t_ns - steps
-        if self._last is not None:
-            level[0] = max(int(level[0]), self._last + 1)
-        out: NDArray[np.int64] = np.maximum.accumulate(level) + steps
-        self._last = int(out[-1])
-        return out

@@ -9,8 +9,9 @@ from typing import assert_never
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_columns
-from hubodo.ingest.node.clock import ClockSync, StrictlyIncreasing
+from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.decoder import Output
+from hubodo.ingest.node.exchanges import Exchanges
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
@@ -28,17 +29,17 @@ from hubodo.ingest.node.samples import (
     Refused,
     TimeReplySeen,
 )
+from hubodo.ingest.node.steady_times import SteadyTimes
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, Message
 from hubowire.messages import GetHello, Health, Hello, ResetCause, Start, TimeRequest
 
 S = 1_000_000_000
-_BURST, _BURST_NS = 8, S // 50
-_CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answer of the clock
+_CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answers of the clock
+_CLOCK_ANSWERS = 6  # the first alone may have come late, by as much as a busy host was held up
 _HELLO_EVERY_NS = S // 2
 _START_AFTER_NS = 2 * S
-_OUTSTANDING = 32
 
 Send = Callable[[bytes], bool]
 Timed = ImuBlock | MagSample | FilterSeen  # what goes into the log at the time of its measurement
@@ -47,8 +48,8 @@ Timed = ImuBlock | MagSample | FilterSeen  # what goes into the log at the time 
 class NodeSession:
     """Turns a node's frames into log records, and keeps its clock.
 
-    Samples are held back for up to half a second after a start until the node has answered a clock
-    request, so that the first of them do not carry times that must be taken back.
+    Samples are held back for up to half a second after a start until the node has answered some clock
+    requests, so that the first of them do not carry times that must be taken back.
     """
 
     def __init__(
@@ -81,17 +82,13 @@ class NodeSession:
         self._send = send
         self._sink = sink
         self._now_ns = now_ns
-        self._clock_period_ns = int(clock_period * S)
-        self._times = StrictlyIncreasing()
-        self._mag_times = StrictlyIncreasing()
-        self._filter_times = StrictlyIncreasing()
+        self._times = SteadyTimes(self.clock)
+        self._mag_times = SteadyTimes(self.clock)
+        self._filter_times = SteadyTimes(self.clock)
         self._held: list[Timed] = []
         self._held_since = 0
-        self._asked: dict[bytes, int] = {}
         self._questions = Questions(node_id)
-        self._token = node_id << 24  # tokens differ between nodes that hear each other's questions
-        self._burst_left = 0
-        self._next_request = 0
+        self._exchanges = Exchanges(node_id, int(clock_period * S))
         self._next_hello = 0
         self._start_at: int | None = None
         self._muted = False
@@ -102,7 +99,7 @@ class NodeSession:
         self.last_frame_ns = t_ns
         if self._muted:
             self._muted = False
-            self._burst_left, self._next_request = _BURST, 0
+            self._exchanges.burst()
             if not self.decoder.wants_hello:
                 self._ask(GetHello())  # it may be another start, or another board
         yield from self._take(self.decoder.frame(frame, t_ns, link))
@@ -117,15 +114,12 @@ class NodeSession:
 
     def asked(self, token: bytes, t_ns: int) -> None:
         """A question of the clock exchange was sent at t_ns."""
-        while len(self._asked) >= _OUTSTANDING:
-            self._asked.pop(next(iter(self._asked)))
-        self._asked[token] = t_ns
+        self._exchanges.asked(token, t_ns)
 
     def tick(self, now_ns: int) -> Iterator[Published]:
         """Asks what is due, and lets go of samples that waited long enough for the clock."""
         yield from self._take(self.decoder.tick(now_ns))
-        if self._held and now_ns - self._held_since > _CLOCK_WAIT_NS:
-            yield from self._release()
+        yield from self._release_late(now_ns)
         if self.decoder.refusal is not None or self._muted:
             return
         if self.decoder.wants_hello:
@@ -136,16 +130,12 @@ class NodeSession:
         if self._start_at is not None and now_ns >= self._start_at:
             self._start_at = None
             self._ask(Start())  # somebody has told it to stop
-        if now_ns >= self._next_request:
-            self._burst_left -= self._burst_left > 0
-            self._next_request = now_ns + (_BURST_NS if self._burst_left else self._clock_period_ns)
-            self.ask_time()
+        if self._exchanges.due(now_ns):
+            self._ask_time()
 
-    def ask_time(self) -> None:
+    def _ask_time(self) -> None:
         """One question of the clock exchange; its token names the time at which it was sent."""
-        self._token += 1
-        token = bytes(0x20 + (self._token >> shift & 0x0F) for shift in range(0, 32, 4))
-        now_ns = self._now_ns()
+        token, now_ns = self._exchanges.token(), self._now_ns()
         self.asked(token, now_ns)
         self._sink.asked(self.link, now_ns, token)
         self._ask(TimeRequest(token))
@@ -191,9 +181,9 @@ class NodeSession:
                     if output.restarted:
                         yield from self._release()
                         self.clock.reset()
-                        self._asked.clear()
+                        self._exchanges.forget()
                         self._held_since = 0
-                    self._burst_left, self._next_request = _BURST, 0
+                    self._exchanges.burst()
                     self._start_at = output.received_ns + _START_AFTER_NS
                     self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
                 case ImuBlock():
@@ -222,11 +212,11 @@ class NodeSession:
 
     def _run(self, run: ImuRun) -> Iterator[Published]:
         """The blocks of a run, in one go where their clock is known and nothing waits."""
-        if self.clock.source != "two way" or self._held or self._boot is not None:
+        if not self._clock_known or self._held or self._boot is not None:
             for block in run.blocks():
                 yield from self._block(block)
             return
-        t_ns = self._times.apply(self.clock.host_ns(run.device_ns))
+        t_ns = self._times.apply(run.device_ns)
         log_ns = self._order.stamps(run.received_ns)
         counts = np.diff(run.first, append=len(t_ns))
         self._sink.imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
@@ -246,21 +236,31 @@ class NodeSession:
 
     def _answered(self, reply: TimeReplySeen) -> Iterator[Published]:
         """Takes one exchange into the clock; an answer to nobody's question is left alone."""
-        sent_ns = self._asked.pop(reply.token, None)
+        sent_ns = self._exchanges.answered(reply.token)
         if sent_ns is None:
             return
+        yield from self._release_late(reply.arrived_ns)
         resets = self.clock.resets
         self.clock.exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
         if self.clock.resets != resets:
             text = f"{self.name}: the node's clock stepped; offset estimated anew"
             self._sink.event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
-        if self.clock.source == "two way" and self._held:
+        if self._clock_known and self._held:
+            yield from self._release()
+
+    @property
+    def _clock_known(self) -> bool:
+        return self.clock.exchanges >= _CLOCK_ANSWERS
+
+    def _late(self, now_ns: int) -> bool:
+        return bool(self._held_since) and now_ns - self._held_since > _CLOCK_WAIT_NS
+
+    def _release_late(self, now_ns: int) -> Iterator[Published]:
+        if self._held and self._late(now_ns):
             yield from self._release()
 
     def _hold(self, item: Timed) -> Iterator[Published]:
-        if self.clock.source == "two way" or (
-            self._held_since and item.received_ns - self._held_since > _CLOCK_WAIT_NS
-        ):
+        if self._clock_known or self._late(item.received_ns):
             yield from self._release()
             yield from self._publish(item)
             return
@@ -275,14 +275,14 @@ class NodeSession:
 
     def _publish(self, item: Timed) -> Iterator[Published]:
         if isinstance(item, MagSample):
-            t_ns = self._mag_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
+            t_ns = self._mag_times.apply(np.array([item.device_ns], np.int64))
             self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
             return
         if isinstance(item, FilterSeen):
-            t_ns = self._filter_times.apply(self.clock.host_ns(np.array([item.device_ns], np.int64)))
+            t_ns = self._filter_times.apply(np.array([item.device_ns], np.int64))
             self._sink.bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
             return
-        t_ns = self._times.apply(self.clock.host_ns(item.device_ns))
+        t_ns = self._times.apply(item.device_ns)
         if self._boot is not None:
             self._started(self._boot, int(t_ns[0]))
             self._boot = None

@@ -1,0 +1,61 @@
+"""A host that is held up reads late: what it reads then carries the node's own times all the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.mcap import read_recording
+
+S = 1_000_000_000
+RATE_HZ = 208.0
+
+
+class StarvedComputer(VirtualComputer):
+    """Nothing runs on it in some stretches (from s, to s): what comes then is read at their ends."""
+
+    def __init__(self, stretches):
+        super().__init__()
+        zero_ns = self.now_ns()
+        self._stretches = [(zero_ns + round(a * S), zero_ns + round(b * S)) for a, b in stretches]
+
+    def put(self, item):
+        super().put(replace(item, t_ns=self._awake(item.t_ns)))
+
+    def _step(self, t_ns):
+        super()._step(self._awake(t_ns))
+
+    def _awake(self, t_ns):
+        return next((end for begin, end in self._stretches if begin < t_ns < end), t_ns)
+
+
+def often(seed):
+    """Half of the time in stretches of up to 0.1 s."""
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.uniform(0.0, 0.1, 400))
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+# The first question for the clock is asked 30 ms after the start.
+@pytest.mark.parametrize(
+    "stretches",
+    [[(0.0302, 1.5)], [(0.0302, 0.35), (0.3702, 0.6)], [(3.0, 5.0)], often(1), often(2)],
+    ids=["at the first question", "twice at the start", "on the way", "often", "often, again"],
+)
+def test_intervals_stay_those_of_the_node_to_100_ppm(tmp_path, stretches):
+    out, computer = tmp_path / "ride.mcap", StarvedComputer(stretches)
+    begin = computer.now_ns()
+    with FakeNode(computer=computer) as node:
+        record(RecordConfig(ports=(node.path,), duration=12.0), out, computer=computer)
+    log = read_recording(out)
+    t = log.nodes["left"].t + (log.t_zero_ns - begin) * 1e-9
+    true = np.arange(len(t)) / RATE_HZ
+    print(f"times off by {np.abs(t - true).max():.6f} s at most")
+    # A stamp of the node is a whole number of us.
+    assert np.abs(np.diff(t) - 1 / RATE_HZ).max() < 1e-4 / RATE_HZ + 2e-6
+    assert np.abs((t[208:] - t[:-208]) - 1.0).max() < 1e-4 + 2e-6
+    assert np.abs(t - true).max() < 1e-3

@@ -1,0 +1,87 @@
+"""Times of a stream keep the node's own intervals while its clock becomes better known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hubodo.ingest.node.steady_times import SteadyTimes
+
+S = 1_000_000_000
+PERIOD_NS = 2_403_846
+T0 = 1_700_000_000 * S
+
+
+@dataclass
+class ToldClock:
+    """A clock whose estimate a test sets."""
+
+    offset: int = T0
+    changes: int = 0
+    resets: int = 0
+
+    def host_ns(self, device_ns):
+        return device_ns + self.offset
+
+    def correct(self, by, *, reset=False):
+        self.offset += by
+        self.changes += 1
+        self.resets += reset
+
+
+def samples(first, count):
+    return np.arange(first, first + count, dtype=np.int64) * PERIOD_NS
+
+
+def test_a_correction_is_made_at_100_ppm_and_then_is_made():
+    for by in (-900_000, 900_000):
+        clock = ToldClock()
+        times = SteadyTimes(clock)
+        before = times.apply(samples(0, 10))
+        clock.correct(by)
+        after = times.apply(samples(10, 5000))
+        np.testing.assert_array_equal(before, samples(0, 10) + T0)
+        intervals = np.diff(np.concatenate([before, after])) / PERIOD_NS
+        assert 0.9e-4 < np.abs(intervals - 1).max() <= 1.01e-4
+        # 0.9 ms at 100 ppm: nine seconds.
+        made = after - samples(10, 5000) - T0 == by
+        assert abs(np.argmax(made) * PERIOD_NS / S - 9.0) < 0.01 and made[np.argmax(made) :].all()
+
+
+def test_a_correction_that_two_nodes_cannot_wait_for_is_made_at_once():
+    clock = ToldClock()
+    times = SteadyTimes(clock)
+    times.apply(samples(0, 10))
+    clock.correct(5_000_000)
+    np.testing.assert_array_equal(times.apply(samples(10, 10)), samples(10, 10) + T0 + 5_000_000)
+
+
+def test_a_restart_takes_nothing_over():
+    clock = ToldClock()
+    times = SteadyTimes(clock)
+    last = times.apply(samples(0, 1000))[-1]
+    # From 0 again, 1 ms after what the clock before would have said.
+    clock.correct(1000 * PERIOD_NS + 1_000_000, reset=True)
+    again = times.apply(samples(0, 10))
+    np.testing.assert_array_equal(again, last + PERIOD_NS + 1_000_000 + samples(0, 10))
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 30), st.integers(-8_000_000, 8_000_000)), max_size=12),
+    st.integers(1, 7),
+)
+def test_portions_do_not_matter_and_no_time_comes_twice(parts, size):
+    whole_clock, part_clock = ToldClock(), ToldClock()
+    whole, part, number, seen = SteadyTimes(whole_clock), SteadyTimes(part_clock), 0, []
+    for count, by in parts:
+        expected = whole.apply(samples(number, count)).tolist()
+        made = []
+        for begin in range(number, number + count, size):
+            made += part.apply(samples(begin, min(size, number + count - begin))).tolist()
+        assert made == expected
+        seen += made
+        number += count
+        whole_clock.correct(by)
+        part_clock.correct(by)
+    assert seen == sorted(set(seen))
