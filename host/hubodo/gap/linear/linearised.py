@@ -70,14 +70,15 @@ def solved(inner: Array, raw: Array) -> Array:
     coordinates that say most go first (Cholesky with pivots), and what the others then do not see is frozen.
     """
     left, seen = inner.copy(), list[int]()
+    rounding = _ROUNDING * np.maximum(raw, 1e-12)
     for _ in range(len(raw)):
-        worth = np.diag(left) * (np.diag(left) > _ROUNDING * np.maximum(raw, 1e-12))
+        worth = left.diagonal() * (left.diagonal() > rounding)
         worth[seen] = 0.0
         first = int(np.argmax(worth))
         if worth[first] <= 0.0:
             break
         seen.append(first)
-        left -= np.outer(left[first], left[first]) / left[first, first]
+        left -= left[first][:, None] * left[first] / left[first, first]
     covariance = np.zeros_like(inner)
     covariance[np.ix_(seen, seen)] = np.linalg.inv(inner[np.ix_(seen, seen)])
     return covariance

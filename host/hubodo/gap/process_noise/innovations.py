@@ -22,6 +22,8 @@ _CLIP, _USUAL = 6.0, 8.0
 _UNKNOWN = 1e2
 # What is left where a free walk does all that a column does is rounding: this share of its squares counts on.
 _ROUNDED = 1e-6
+# Numbers of one node that are looked at together: what is made of them stays in the processor's cache.
+_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -87,25 +89,29 @@ class _Block:
         self.count = len(share.columns) + 1
         self.at = np.array([*share.at, size])
 
-    def enter(self, windows: range, gram: Array, raw: Array) -> None:
-        """Go to these windows and add what stands in them, walks not yet taken out."""
-        share, edges = self.share, self.share.edges
-        inside = slice(edges[windows.start], edges[windows.stop])
+    def enter(self, windows: range, raw: Array) -> None:
+        """Go to these windows; raw: gets what stands in them, walks not yet taken out."""
+        share, edges = self.share, self.share.edges[windows.start : windows.stop + 1]
+        inside = slice(edges[0], edges[-1])
         weight = share.weight[:, inside]
         made = np.empty((weight.shape[1], 6, self.count + len(self.feels)), np.float32)
         made[:, :, : self.count - 1] = (share.columns[:, :, inside] * weight.astype(np.float32)).T
         made[:, :, self.count - 1] = self.residual[:, inside].T
         made[:, :, self.count :] = (share.answers[:, :, inside] * weight).T
-        rows = made.reshape(-1, made.shape[2])
-        whole = rows[:, : self.count - 1]
+        self.rows = made.reshape(-1, made.shape[2])
+        whole = self.rows[:, : self.count - 1]
         raw[self.at[:-1]] += _ROUNDED * np.einsum("nk,nk->k", whole, whole)
-        ends = 6 * (edges[windows.start : windows.stop + 1] - inside.start)
-        self.windows = [rows[start:end] for start, end in pairwise(ends)]
+        self.ends = 6 * (edges - inside.start)
+        self.windows = [self.rows[start:end] for start, end in pairwise(self.ends)]
         self.moves = np.array([self._strip(window) for window in self.windows])
         if not windows.start:
             # Where a walk begins is free.
             self.moves[0] = 0.0
-        squares = (rows[:, : self.count].T @ rows[:, : self.count]).astype(np.float64)
+
+    def add_squares(self, windows: range, gram: Array, raw: Array) -> None:
+        """Add what stands in some of the windows that were entered, counted from the first of those."""
+        rows = self.rows[self.ends[windows.start] : self.ends[windows.stop], : self.count]
+        squares = (rows.T @ rows).astype(np.float64)
         gram[np.ix_(self.at, self.at)] += squares
         raw[self.at] += np.diag(squares)
 
@@ -166,16 +172,17 @@ def innovations(
     moves = np.diff(paths, axis=1, prepend=0.0)
     moves[:, 0] = np.where(start >= _UNKNOWN, 0.0, paths[:, 0])
     lasting, anew, one = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0)), np.eye(count)
+    carried = np.where(white, 0.0, 1.0)[:, None]
     known = np.zeros((count, size + 1))
     variance: Array = np.diag(start)
     grams, logs, raw = np.zeros((-(-windows // block), size + 1, size + 1)), 0.0, np.zeros(size + 1)
     steps: list[_Step] = []
-    for at, gram in enumerate(grams):
-        inside = range(at * block, min((at + 1) * block, windows))
+    numbers = max(node.count * share.weight.size for share, node in zip(shares, nodes, strict=True))
+    portion = block * max(1, _AT_ONCE * windows // (numbers * block))
+    for first in range(0, windows, portion):
+        inside = range(first, min(first + portion, windows))
         for node in nodes:
-            node.enter(inside, gram, raw)
-        if not count:
-            continue
+            node.enter(inside, raw)
         shift, cross = np.zeros((2, len(inside), count, size + 1))
         own = np.zeros((len(inside), count, count))
         for node in nodes:
@@ -185,23 +192,27 @@ def innovations(
         shift[:, :, -1] += moves[:, inside].T
         left, right, spreads = [], [], []
         for k, m, g, by in zip(inside, cross, own, shift, strict=True):
-            known = (known - by) * ~white[:, None]
+            known = (known - by) * carried
             if k:
                 variance = (variance + growth) * lasting + anew
             u = m - g @ known
             spread = one + variance @ g
             gain = np.asarray(np.linalg.solve(spread, variance), float)
             after = known + gain @ u
-            left += [known, u]
-            right += [m, after]
+            left.append([known, u])
+            right.append([m, after])
             spreads.append(spread)
             if smooth:
                 steps.append(_Step(known[:, -1], variance, after[:, -1], gain))
             known, variance = after, gain
         logs += float(np.linalg.slogdet(np.array(spreads))[1].sum())
-        # known' m + m' known - known' g known + u' gain u, with u = m - g known.
-        taken = np.concatenate(left).T @ np.concatenate(right)
-        gram -= 0.5 * (taken + taken.T)
+        for at in range(0, len(inside), block):
+            part, gram = slice(at, at + block), grams[(first + at) // block]
+            for node in nodes:
+                node.add_squares(range(at, min(at + block, len(inside))), gram, raw)
+            # known' m + m' known - known' g known + u' gain u, with u = m - g known.
+            taken = np.reshape(left[part], (-1, size + 1)).T @ np.reshape(right[part], (-1, size + 1))
+            gram -= 0.5 * (taken + taken.T)
     return Innovations(grams, logs, raw, _smoothed(steps, white, count))
 
 
