@@ -164,11 +164,14 @@ OF_WHEEL = (
 OF_POSITIONS = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
 """What there is besides where positions are told."""
 
-SEEN_MOVING = (
-    *(GYRO_SCALE_Z, GYRO_SCALE_ACROSS, MISALIGNMENT_X, MISALIGNMENT_Y),
-    *(LEVER_ARM_X, LEVER_ARM_Y, WHEEL_RADIUS, TRACK_WIDTH, TIME_OFFSET),
+SEEN_ROLLING = (
+    *(GYRO_SCALE_Z, MISALIGNMENT_X, MISALIGNMENT_Y),
+    *(LEVER_ARM_X, LEVER_ARM_Y, WHEEL_RADIUS, TIME_OFFSET),
 )
-"""What only a vehicle that moves can show: these multiply rates, which at rest are the noise of the gyros."""
+"""What only a wheel that turns can show: these multiply its rate, which at rest is the noise of the gyro."""
+
+SEEN_TURNING = (GYRO_SCALE_ACROSS, TRACK_WIDTH)
+"""What only a vehicle that turns can show: the same of the yaw rate."""
 
 SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 """What one wheel cannot show."""

@@ -27,7 +27,7 @@ class Rows:
         places: list[int] = []
         jacobian = self.count * self.size
         for wheel in range(self._wheels):
-            rows = [self.of(measurement, wheel) for measurement in self.measurements]
+            rows = self.of_wheel(wheel)
             for row, measurement in zip(rows, self.measurements, strict=True):
                 places += [row * self.size + column for column in columns.of(wheel, measurement.STATES)]
             places += [jacobian + row for row in rows]
@@ -44,6 +44,10 @@ class Rows:
         """The row of a measurement of a wheel: those between wheels come behind those of each wheel."""
         place, each = self.measurements.index(measurement), len(self._of_each)
         return each * wheel + place if place < each else place * self._wheels + wheel
+
+    def of_wheel(self, wheel: int) -> list[int]:
+        """All rows of a wheel."""
+        return [self.of(measurement, wheel) for measurement in self.measurements]
 
     def fill(self, values: list[float]) -> tuple[Array, Array, Array]:
         """Jacobian (rows, states), residuals (rows,) and variances (rows,) of a window of each wheel.

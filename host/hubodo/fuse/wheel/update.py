@@ -13,7 +13,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import SEEN_MOVING, Columns
+from hubodo.fuse.wheel.entries import SEEN_ROLLING, SEEN_TURNING, Columns
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, WindowNoise, rolling, yaw
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.rows import Rows
@@ -60,23 +60,23 @@ class WheelUpdate:
         self._measures = [measurement.measure for measurement in self._rows.measurements]
         self._yaw = self._rows.measurements.index(yaw)
         wheels = range(len(columns.wheels))
-        self._seen_moving = [
-            np.ix_(
-                [self._rows.of(measurement, wheel) for measurement in self._rows.measurements],
-                columns.of(wheel, SEEN_MOVING),
-            )
-            for wheel in wheels
-        ]
+        self._seen_rolling, self._seen_turning = (
+            [np.ix_(self._rows.of_wheel(wheel), columns.of(wheel, entries)) for wheel in wheels]
+            for entries in (SEEN_ROLLING, SEEN_TURNING)
+        )
         self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
     def work_in(self, x: list[float], p: Array, pairs: Pairs, stillness: Stillness) -> Updated:
         """x: (n,), p: (n, n), C-contiguous; may be overwritten."""
         values, rates, yaws, out = self._gather(x, pairs, stillness is Stillness.RESTING)
         h, z, r = self._rows.fill(values)
+        # Noise times noise is no signal: minutes of it would make up what is to be learnt.
+        still = stillness is not Stillness.MOVING
         for index, (wheel, _) in enumerate(pairs):
-            if stillness is not Stillness.MOVING or rates[index] ** 2 < _SIGNAL * wheel.rest.noise:
-                # Noise times noise is no signal: minutes of it would make up what is to be learnt.
-                h[self._seen_moving[index]] = 0.0
+            if still or rates[index] ** 2 < _SIGNAL * wheel.rest.noise:
+                h[self._seen_rolling[index]] = 0.0
+            if still:
+                h[self._seen_turning[index]] = 0.0
         if out:
             pick = np.delete(np.arange(len(z)), out)
             if not len(pick):
