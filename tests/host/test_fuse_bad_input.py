@@ -3,6 +3,7 @@
 import csv
 import json
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -44,12 +45,12 @@ class Found:
 class Folder:
     """Runs `fuse` on a recording."""
 
-    path: object
-    capsys: object
+    path: Path
+    capsys: pytest.CaptureFixture | None = None
 
     def fuse(self, recording: Recording, *words: str) -> Found:
-        assert self.code(recording, *words) == 0, self.capsys.readouterr().err
-        result = json.loads(self.capsys.readouterr().out)
+        assert self.code(recording, *words) == 0
+        result = json.loads((self.path / "out" / "fuse.json").read_text())
         with (self.path / "out" / "track.csv").open() as file:
             head, *rows = csv.reader(file)
         track = dict(zip(head, np.array(rows, float).T, strict=True))
@@ -74,6 +75,17 @@ class Folder:
 @pytest.fixture
 def folder(tmp_path, capsys):
     return Folder(tmp_path, capsys)
+
+
+@pytest.fixture(scope="module")
+def whole(sound, tmp_path_factory):
+    """What is made of a log in which nothing is wrong."""
+    return Folder(tmp_path_factory.mktemp("sound")).fuse(sound)
+
+
+@pytest.fixture(scope="module")
+def whole_with_fixes(with_fixes, tmp_path_factory):
+    return Folder(tmp_path_factory.mktemp("fixes")).fuse(with_fixes)
 
 
 def driven(parts=(REST, *MOVING, END), **options):
@@ -115,17 +127,16 @@ def changed(table, **columns):
     return Table({**table.columns, **columns})
 
 
-def test_a_sound_log_says_nothing(folder, sound, with_fixes):
-    for recording in (sound, with_fixes):
-        found = folder.fuse(recording)
+def test_a_sound_log_says_nothing(whole, whole_with_fixes):
+    for found in (whole, whole_with_fixes):
         assert found.json["warnings"] == []
         assert found.covered
 
 
-def test_without_a_rest_at_the_start_the_heading_is_less_sure_and_that_is_said(folder, sound):
-    rested, found = folder.fuse(sound), folder.fuse(recorded(driven([*MOVING, END])))
+def test_without_a_rest_at_the_start_the_heading_is_less_sure_and_that_is_said(folder, whole):
+    found = folder.fuse(recorded(driven([*MOVING, END])))
     assert "no rest at the start" in found.warnings
-    assert found.track["sigma_heading"][-1] > 1.05 * rested.track["sigma_heading"][-1]
+    assert found.track["sigma_heading"][-1] > 1.05 * whole.track["sigma_heading"][-1]
     assert found.covered
     # The heading at the start is that of the truth where the first window begins, not at the first sample.
     assert found.json["truth"]["heading_rms"] < 0.01
@@ -142,21 +153,21 @@ def test_a_wheel_that_never_turns_is_named(folder, parts):
 
 
 @pytest.mark.parametrize("begin", [0.0, 20.0])
-def test_a_node_that_freezes_is_found_and_the_other_carries_on(folder, sound, begin):
+def test_a_node_that_freezes_is_found_and_the_other_carries_on(folder, sound, begin, whole):
     left = sound.nodes["left"]
     at = np.maximum(np.searchsorted(left.t, begin), 1) - 1
     frozen = {name: np.where(left.t > begin, v[at], v) for name, v in left.columns.items() if name != "t"}
     found = folder.fuse(replace(sound, nodes={**sound.nodes, "left": changed(left, **frozen)}))
     assert "it froze" in found.warnings
-    assert found.sigma > folder.fuse(sound).sigma
+    assert found.sigma > whole.sigma
     assert found.covered
 
 
 @pytest.mark.parametrize("node", ["left", "right"])
-def test_a_node_mounted_the_wrong_way_round_is_found_named_and_costs_sigma(folder, sound, node):
+def test_a_node_mounted_the_wrong_way_round_is_found_named_and_costs_sigma(folder, node, whole):
     found = folder.fuse(recorded(driven(facing={node: "right"})))
     assert f"the node on the {node} wheel is mounted the other way round" in found.warnings
-    assert found.sigma > 3.0 * folder.fuse(sound).sigma
+    assert found.sigma > 3.0 * whole.sigma
     assert found.covered
 
 
@@ -180,10 +191,10 @@ def test_one_node_alone_the_wrong_way_round_does_not_know_ahead_from_behind(fold
     assert found.covered
 
 
-def test_a_missing_node_is_said_and_costs_sigma(folder, sound):
+def test_a_missing_node_is_said_and_costs_sigma(folder, sound, whole):
     found = folder.fuse(replace(sound, nodes={"left": sound.nodes["left"]}))
     assert "right: not in the log" in found.warnings
-    assert found.sigma > folder.fuse(sound).sigma
+    assert found.sigma > whole.sigma
     assert found.covered
     assert "track_width" not in found.json["vehicle"]
 
@@ -197,21 +208,21 @@ def stepped(table, at, by):
 
 
 @pytest.mark.parametrize("by", [-5.0, -0.3, 0.3, 5.0])
-def test_the_clock_of_one_node_that_jumps_is_said_and_the_other_carries_on(folder, sound, by):
+def test_the_clock_of_one_node_that_jumps_is_said_and_the_other_carries_on(folder, sound, by, whole):
     left = stepped(sound.nodes["left"], 20.0, by)
     found = folder.fuse(replace(sound, nodes={**sound.nodes, "left": left}))
     assert "left: " in found.warnings
     assert "clock jumped" in found.warnings or "clock went back" in found.warnings
-    assert found.sigma > folder.fuse(sound).sigma
+    assert found.sigma > whole.sigma
     assert found.covered
 
 
 @pytest.mark.parametrize("by", [-5.0, -0.3, 0.3, 5.0])
-def test_clocks_that_jump_together_leave_a_hole_that_the_sigma_tells(folder, sound, by):
+def test_clocks_that_jump_together_leave_a_hole_that_the_sigma_tells(folder, sound, by, whole):
     nodes = {name: stepped(table, 20.0, by) for name, table in sound.nodes.items()}
     # The truth stays on the clock of before, so it is right up to the jump alone.
     before = {name: v[sound.truth.t < min(20.0, 20.0 + by)] for name, v in sound.truth.columns.items()}
-    found, whole = folder.fuse(replace(sound, nodes=nodes, truth=Table(before))), folder.fuse(sound)
+    found = folder.fuse(replace(sound, nodes=nodes, truth=Table(before)))
     assert "clock jumped" in found.warnings or "not heard" in found.warnings
     assert found.sigma > 10.0 * whole.sigma
     assert found.track["sigma_heading"][-1] > 10.0 * whole.track["sigma_heading"][-1]
@@ -226,24 +237,26 @@ def test_a_clock_that_jumps_by_more_than_an_hour_costs_what_comes_after(folder, 
 
 
 @pytest.mark.parametrize(("begin", "end"), [(20.0, 28.0), (20.0, 99.0), (20.0, 20.2)])
-def test_fixes_that_jump_by_100_m_are_left_out_said_and_missed(folder, with_fixes, begin, end):
+def test_fixes_that_jump_by_100_m_are_left_out_said_and_missed(
+    folder, with_fixes, begin, end, whole_with_fixes
+):
     fixes = with_fixes.gnss
     away = np.where((fixes.t > begin) & (fixes.t <= end), 100.0, 0.0)
     latitude, _ = geodetic(0.0, away, fixes["latitude_deg"], fixes["longitude_deg"])
     moved = changed(fixes, latitude_deg=latitude)
     found = folder.fuse(replace(with_fixes, gnss=moved))
     assert "jumped, by 1" in found.warnings
-    assert found.sigma > folder.fuse(with_fixes).sigma
+    assert found.sigma > whole_with_fixes.sigma
     assert found.covered
 
 
 @pytest.mark.parametrize("latitude", [91.0, -1234.0])
-def test_a_latitude_that_is_none_costs_its_fix_and_is_said(folder, with_fixes, latitude):
+def test_a_latitude_that_is_none_costs_its_fix_and_is_said(folder, with_fixes, latitude, whole_with_fixes):
     fixes = with_fixes.gnss
     half = np.where(np.arange(len(fixes)) < len(fixes) // 2, latitude, fixes["latitude_deg"])
     found = folder.fuse(replace(with_fixes, gnss=changed(fixes, latitude_deg=half)))
     assert "are no place on Earth" in found.warnings
-    assert found.sigma > folder.fuse(with_fixes).sigma
+    assert found.sigma > whole_with_fixes.sigma
     assert found.covered
 
 
@@ -253,11 +266,11 @@ def test_fixes_none_of_which_is_on_earth_are_one_clear_line(folder, with_fixes):
     assert "no place on Earth" in folder.refused(recording)
 
 
-def test_one_fix_places_the_track_and_no_more(folder, sound, with_fixes):
+def test_one_fix_places_the_track_and_no_more(folder, with_fixes, whole):
     one = Table({name: v[100:101] for name, v in with_fixes.gnss.columns.items()})
     found = folder.fuse(replace(with_fixes, gnss=one))
     assert "one fix only" in found.warnings
-    assert found.sigma > folder.fuse(sound).sigma
+    assert found.sigma > whole.sigma
     assert found.covered
 
 
@@ -266,9 +279,9 @@ def test_fixes_of_another_time_are_one_clear_line(folder, with_fixes):
     assert "outside the odometry" in folder.refused(replace(with_fixes, gnss=late))
 
 
-def test_a_receiver_whose_clock_jumps_is_said_and_costs_sigma(folder, with_fixes):
+def test_a_receiver_whose_clock_jumps_is_said_and_costs_sigma(folder, with_fixes, whole_with_fixes):
     fixes = with_fixes.gnss
     found = folder.fuse(replace(with_fixes, gnss=changed(fixes, t=fixes.t + 3.0 * (fixes.t > 20.0))))
     assert "sigmas were widened" in found.warnings
-    assert found.sigma > 1.3 * folder.fuse(with_fixes).sigma
+    assert found.sigma > 1.3 * whole_with_fixes.sigma
     assert found.covered

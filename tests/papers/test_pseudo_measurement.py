@@ -1,6 +1,7 @@
 """Bias from the magnitude of the rate: derivative, moments, filterpy's filter, consistency, wrong starts."""
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -80,6 +81,7 @@ def motion(kind, count=3000):
     return rate
 
 
+@cache
 def ensemble(kind, spread, as_printed=False, seed=20):
     """Errors (M, 3) and covariances (M, 3, 3) at the end, biases drawn from the filter's own prior."""
     rate, errors, covariances = motion(kind), [], []

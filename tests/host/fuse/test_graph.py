@@ -62,7 +62,7 @@ def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says(
     poses, constants = [], []
     for seed in range(60):
         errors, undone = of_the_prior(np.random.default_rng([seed, 45]))
-        drive = make(seed, length=100.0, errors=errors, rate_hz=10.0)
+        drive = make(seed, length=100.0, errors=errors, rate_hz=10.0, fix_hz=2.0)
         result = fuse_graph(path_of(drive), fixes_of(drive))
         error = errors_of(drive, result)
         k = len(result.solution.poses) // 3 + seed

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 import wanted
 from hubodo.errors import InputError
+from hubodo.log import csv_table
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.mcap import read_recording
@@ -215,15 +216,18 @@ def test_repair_gives_up_one_wild_time_stamp_rather_than_all_rows_after_it(tmp_p
     assert recording.nodes["left"].t.tolist() == [i / 100 for i in range(10) if i != 7]
 
 
-def test_repair_finds_faults_anywhere_in_a_file_of_many_blocks(tmp_path: Path) -> None:
-    lines = ["t,gx,gy,gz,ax,ay,az"] + [f"{i},0.123456789,2,3,4,5,6" for i in range(400_000)]
-    lines[300_001] = "300000,?,2,3,4,5,6"
-    lines[399_000] = "3,1,2,3,4,5,6"
+def test_repair_finds_faults_anywhere_in_a_file_of_many_blocks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(csv_table, "_BLOCK", 1 << 16)
+    lines = ["t,gx,gy,gz,ax,ay,az"] + [f"{i},0.123456789,2,3,4,5,6" for i in range(40_000)]
+    lines[30_001] = "30000,?,2,3,4,5,6"
+    lines[39_000] = "3,1,2,3,4,5,6"
     folder = folder_with(tmp_path, left="\n".join(lines))
-    with pytest.raises(InputError, match=r"left\.csv: row 300002: not a number: gx is '\?'"):
+    with pytest.raises(InputError, match=r"left\.csv: row 30002: not a number: gx is '\?'"):
         read_folder(folder)
     repaired = read_folder(folder, repair=True)
-    assert len(repaired.nodes["left"]) == 399_998
+    assert len(repaired.nodes["left"]) == 39_998
     assert repaired.events[0].data["dropped"] == {"not a number": 1, "time does not increase": 1}
 
 
