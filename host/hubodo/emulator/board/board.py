@@ -250,7 +250,8 @@ class VirtualBoard:
         count, t = self._schedule.stall(answer.t)
         if count:
             self.counts["stalls"] += count
-        self.processor.answer(answer.status, self.streams.flags(), answer.payload, t)
+        quiet = min(self._schedule.quiet, self.streams.quiet) if self._clock.stepped else 0.0
+        self.processor.answer(answer.status, self.streams.flags(), answer.payload, t, quiet)
 
     def _settle(self, waiting: _Waiting) -> None:
         """Answers the call that waits, if it can be or is late."""

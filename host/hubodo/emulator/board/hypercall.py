@@ -11,8 +11,9 @@ from typing import NamedTuple
 REQUEST = struct.Struct("<BxhHHd")
 """op, interrupt character (-1 = none), a, payload length, time in ns since the board was switched on."""
 
-RESPONSE = struct.Struct("<hBBId")
-"""Status (count or -errno), flags, spare, payload length, time in ns at which the call is over."""
+RESPONSE = struct.Struct("<hBBIdd")
+"""Status (count or -errno), flags, spare, payload length, time in ns at which the call is over, and time in
+ns up to which nothing happens that the interpreter would have to ask for: 0 where that is not known."""
 
 MAX_PAYLOAD = 65_000
 

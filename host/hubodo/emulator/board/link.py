@@ -219,6 +219,11 @@ class MemoryLink:
         self._unread = 0
         self.host_open = self.plugged = True
 
+    @property
+    def next_word(self) -> float:
+        """s at which the script says its next."""
+        return self._script[0][0] if self._script else float("inf")
+
     def read(self) -> bytes:
         """What the script has sent by the time `t`, s, that the board has set."""
         data = b""

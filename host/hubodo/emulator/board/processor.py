@@ -154,11 +154,12 @@ class Processor:
         del buffer[:end]
         return Request(op, interrupt_char, a, payload, t)
 
-    def answer(self, status: int, flags: int, payload: bytes, t: float) -> None:
-        """Answers the last call."""
+    def answer(self, status: int, flags: int, payload: bytes, t: float, quiet: float) -> None:
+        """Answers the last call, which is over at t; quiet: see RESPONSE."""
         assert self._interpreter is not None
         try:
-            os.write(self._interpreter.responses, RESPONSE.pack(status, flags, 0, len(payload), t) + payload)
+            head = RESPONSE.pack(status, flags, 0, len(payload), t, quiet)
+            os.write(self._interpreter.responses, head + payload)
         except BrokenPipeError:
             return
 

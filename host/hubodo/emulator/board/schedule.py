@@ -34,6 +34,11 @@ class Schedule:
         scripted = self._script[0].t * NS if self._script else FOREVER
         return min(self.watchdog_at, self.plug_at, self.end, scripted)
 
+    @property
+    def quiet(self) -> float:
+        """When the next of all this is due, stalls with it."""
+        return min(self.next, self._stalls[0].t * NS if self._stalls else FOREVER)
+
     def due(self, t: float) -> ScriptedFault | None:
         """The next scripted fault that is due at t: a reset, a brown-out or a cable that is pulled."""
         if self._script and self._script[0].t * NS <= t:

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from hubodo.emulator.board.byte_stream import ByteStream
-from hubodo.emulator.board.clock import FOREVER, BoardClock
+from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
 from hubodo.emulator.board.hypercall import (
     COUNT_MASK,
     COUNT_ROOM,
@@ -188,6 +188,14 @@ class Streams:
         """ns at which a UART's next bytes are over."""
         port = self._ports[self._link_port]
         return port.on_wire[0][0] if port.on_wire else FOREVER
+
+    @property
+    def quiet(self) -> float:
+        """ns up to which the host says and takes nothing: known of a script alone; 0 where it is not."""
+        port = self._ports[self._link_port]
+        if not isinstance(self.link, MemoryLink) or port.to_send or port.on_wire:
+            return 0.0
+        return self.link.next_word * NS
 
     # ---- ctrl-C ----
 

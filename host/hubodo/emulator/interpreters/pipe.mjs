@@ -1,6 +1,7 @@
 // The two pipes between an interpreter in node and its board: hypercall.py says what goes through them.
 import fs from "node:fs";
 
+const ANSWER = 24;
 export const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4, FLAG_OPEN = 8, FLAG_PLUGGED = 16;
 
 export function die(error) {
@@ -17,11 +18,12 @@ export class Pipe {
     process.on("unhandledRejection", die);
     this.request = Buffer.alloc(HEADER + 65536);
     this.view = new DataView(this.request.buffer, this.request.byteOffset);
-    this.response = Buffer.alloc(HEADER + 65536);
+    this.response = Buffer.alloc(ANSWER + 65536);
     this.answer = new DataView(this.response.buffer, this.response.byteOffset);
     this.flags = 0;
-    this.length = 0; // of the answer's payload, which is at response[HEADER..]
+    this.length = 0; // of the answer's payload, which is at response[ANSWER..]
     this.time = 0; // ns at which the call was over
+    this.quiet = 0; // ns up to which there is nothing to ask for, as far as is known
     this._then = null;
   }
 
@@ -47,11 +49,12 @@ export class Pipe {
     const then = this._then;
     if (then === null) return;
     this._then = null;
-    const have = this._readAll(HEADER, 0);
+    const have = this._readAll(ANSWER, 0);
     this.length = this.answer.getUint32(4, true);
-    this._readAll(HEADER + this.length, have);
+    this._readAll(ANSWER + this.length, have);
     this.flags = this.response[2];
     this.time = this.answer.getFloat64(8, true);
+    this.quiet = this.answer.getFloat64(16, true);
     then(this.answer.getInt16(0, true));
   }
 
@@ -66,6 +69,6 @@ export class Pipe {
 
   /** The payload of the last answer, valid until the next one. */
   get payload() {
-    return this.response.subarray(HEADER, HEADER + this.length);
+    return this.response.subarray(ANSWER, ANSWER + this.length);
   }
 }

@@ -14,7 +14,7 @@ OP = CONFIG["ops"]
 REQUEST_FD, RESPONSE_FD = CONFIG["pipes"]
 STEPPED, PACED = CONFIG["stepped"], CONFIG["paced"]
 REQUEST = struct.Struct("<BxhHHd")
-RESPONSE = struct.Struct("<hBBId")
+RESPONSE = struct.Struct("<hBBIdd")
 FLAG_INTERRUPT = 4
 TICKS_PERIOD = 1 << 30
 NAP_NS = 10e6
@@ -28,7 +28,7 @@ class BoardCalls:
         self.flags = 0
         self.interrupt_char = 3
         self.booting, self.interrupted = True, False
-        self.contact = -1e18
+        self.contact, self.quiet = -1e18, 0.0
         self.rate = 1 + CONFIG["clock_ppm"] * 1e-6
         self.t0 = int(CONFIG["t0_ns"])
         self.status = 0
@@ -68,7 +68,7 @@ class BoardCalls:
             if not more:
                 os._exit(1)
             data += more
-        status, self.flags, _, n, t = RESPONSE.unpack_from(data)
+        status, self.flags, _, n, t, self.quiet = RESPONSE.unpack_from(data)
         self.wait_until(t)
         self.spend(CONFIG["call_cost_ns"])
         self.contact = self.now()
@@ -83,8 +83,13 @@ class BoardCalls:
             self.interrupted = False
             raise KeyboardInterrupt
 
+    def stale(self, ns):
+        """Whether the board may have something to tell that is older than that."""
+        now = self.now()
+        return now - self.contact >= ns and now >= self.quiet
+
     def fresh_flags(self):
-        if self.now() - self.contact > CONFIG["refresh_ns"]:
+        if self.stale(CONFIG["refresh_ns"]):
             self.ask("PING")
         else:
             self.spend(CONFIG["tick_cost_ns"])
@@ -106,7 +111,7 @@ class BoardCalls:
         end = self.now() + us * 1000 / self.rate
         while True:
             self.wait_until(min(end, self.now() + NAP_NS))
-            if self.now() - self.contact >= NAP_NS:
+            if self.stale(NAP_NS):
                 self.ask("PING")
             if self.now() >= end:
                 return

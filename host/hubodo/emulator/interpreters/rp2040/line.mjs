@@ -14,6 +14,12 @@ export class Line {
     this._pipe = new Pipe(config.pipes);
   }
 
+  /** Whether the board may have something to tell that is older than `ns`. */
+  stale(ns) {
+    const now = this.now();
+    return now - this.contact >= ns && now >= this._pipe.quiet;
+  }
+
   /** What the board's last answer said of the link. */
   get flags() {
     return this._pipe.flags;

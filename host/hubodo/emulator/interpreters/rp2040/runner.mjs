@@ -51,7 +51,7 @@ function count() {
 for (;;) {
   count();
   if (config.paced) pace();
-  if (booted + pico.now - line.contact >= config.refresh_ns) line.ask(line.op.PING);
+  if (line.stale(config.refresh_ns)) line.ask(line.op.PING);
   pico.usb.refresh();
   pico.run(pico.clock.nanos + config.refresh_ns);
 }

@@ -66,9 +66,15 @@ export class Board {
     return told;
   }
 
+  /** Whether the board may have something to tell that is older than `ns`. */
+  _stale(ns) {
+    const now = this.clock.now();
+    return now - this._contact >= ns && now >= this._pipe.quiet;
+  }
+
   /** Flags no older than one USB frame. */
   freshFlags() {
-    if (this.clock.now() - this._contact > this._config.refresh_ns) this.ask(this.op.PING);
+    if (this._stale(this._config.refresh_ns)) this.ask(this.op.PING);
     else this.clock.spend(this._config.tick_cost_ns);
     return this._input.length ? this.flags | FLAG_INPUT : this.flags;
   }
@@ -81,7 +87,7 @@ export class Board {
     const { clock } = this;
     for (const end = clock.now() + ns; !this._told; ) {
       clock.waitUntil(Math.min(end, clock.now() + NAP_NS));
-      if (clock.now() - this._contact >= NAP_NS) this.ask(this.op.PING);
+      if (this._stale(NAP_NS)) this.ask(this.op.PING);
       if (clock.now() >= end) break;
     }
     return this.takeInterrupt();
@@ -91,7 +97,7 @@ export class Board {
   waitInput(ms) {
     const { clock } = this, { refresh_ns: refresh } = this._config;
     for (const end = ms < 0 ? Infinity : clock.now() + (ms * 1e6) / clock.rate; !this._told; ) {
-      if (clock.now() - this._contact > refresh) this.ask(this.op.PING);
+      if (this._stale(refresh)) this.ask(this.op.PING);
       if (this._input.length || this.flags & FLAG_INPUT || clock.now() >= end) break;
       clock.waitUntil(Math.min(end, clock.now() + refresh));
     }

@@ -4,7 +4,7 @@ import { linux } from "./errno.mjs";
 import { FLASH } from "./flash.mjs";
 
 export const TICKS_MASK = 0x3fffffff;
-const FEED_NS = 4e6;
+const FEEDS = 64;
 
 function time(board, clock, config) {
   const ticks = (now) => {
@@ -22,7 +22,7 @@ function time(board, clock, config) {
 
 function machine(board, clock, config) {
   const { op, request, view } = board;
-  let lastFed = -1e18;
+  let lastFed = -1e18, timeoutNs = 0;
   return {
     i2c_init(bus, frequency, scl, sda) {
       view.setUint32(HEADER, frequency, true);
@@ -45,9 +45,10 @@ function machine(board, clock, config) {
       board.ask(op.ADC_READ, channel);
       return board.payload.readUInt16LE(0);
     },
-    // A watchdog is timed in ms: feeding it more often than that is not told to the board.
+    // Feeding a watchdog more often than some dozens of times in its timeout is not told to the board.
     wdt(start, ms) {
-      if (start === 0 && clock.now() - lastFed < FEED_NS) {
+      if (start) timeoutNs = ms * 1e6;
+      else if (clock.now() - lastFed < timeoutNs / FEEDS) {
         clock.spend(config.tick_cost_ns);
         return 0;
       }
