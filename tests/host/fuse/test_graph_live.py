@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from generators import gnss_drives
+from hubodo.fuse.graph import beginning
 from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph, LiveLimits, Reception
 
@@ -51,6 +52,24 @@ def test_it_starts_when_the_heading_is_told_and_follows_to_the_newest_pose():
     assert np.sqrt(np.mean(error[:, :2] ** 2)) < 1.2
     assert t[-1] == drive.odo_t[-1]
     assert live.warnings == ()
+
+
+def test_no_batch_is_solved_before_the_fixes_can_tell_the_heading_and_none_is_missed(monkeypatch):
+    drive, fixes = drive_and_fixes(7, length=40.0, fix_hz=2.0)
+    tries = []
+
+    def batch(path, *rest):
+        tries.append(path.t[-1])
+        return fuse_graph(path, *rest)
+
+    monkeypatch.setattr(beginning, "fuse_graph", batch)
+    first, tried = run(drive, fixes)[0][0], tries.copy()
+    # It stands for five seconds, and a track of 3 m tells nothing beside fixes of 5 m.
+    assert tried[0] > 7.0
+    tries.clear()
+    monkeypatch.setattr(beginning, "_HOPELESS", np.inf)
+    assert run(drive, fixes)[0][0] == first
+    assert tries[-len(tried) :] == tried and len(tries) > len(tried)
 
 
 @pytest.mark.parametrize("lag", [5.0, 60.0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.fixes import Fixes
+from hubodo.fuse.graph.fixes import Fixes, usable_fixes
 from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.sensor_samples import SensorSamples, gathered
 from hubodo.fuse.graph.steps import OdometryPath
@@ -18,6 +18,8 @@ from hubodo.fuse.projection import LocalFrame
 
 _FEWEST = 3
 """Fixes from which a start is worth trying: two tell a turn and shift, the third whether it is true."""
+_HOPELESS = 2.0
+"""Times the sigma that is wanted: where the fixes cannot tell the heading that well no batch is solved."""
 
 
 @dataclass(slots=True)
@@ -54,9 +56,13 @@ def begin(
         if not isinstance(sample, Fixes):
             kinds.setdefault(type(sample), []).append(sample)
     others = [gathered(own) for own in kinds.values()]
+    told = _increasing(gathered(fixes))
+    alone = not others and config.start_heading is None
+    if alone and _information(path, told, config) < (_HOPELESS * heading_sigma) ** -2.0:
+        return None
     # A window cannot move fixes in time, so what delay they have must stay small.
     config = replace(config, search_delay=False)
-    batch = fuse_graph(path, _increasing(gathered(fixes)), None, config, others)
+    batch = fuse_graph(path, told, None, config, others)
     found = batch.solution
     if batch.frame is None or math.sqrt(float(found.covariance[-1, 2, 2])) > heading_sigma:
         return None
@@ -69,6 +75,15 @@ def begin(
         found.constants_covariance,
     )
     return Underway(window, batch.frame, batch.sigma_growth, float(batch.fix_t[-1]), batch.warnings)
+
+
+def _information(path: OdometryPath, fixes: Fixes, config: GraphConfig) -> float:
+    """1 / rad² of the heading in fixes, at most: that of their lever arms, were the path's shape certain."""
+    local = usable_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.declared)
+    x, y, heading = (np.interp(local.t, path.t, v) for v in (path.x, path.y, np.unwrap(path.heading)))
+    place = x + 1j * y + np.exp(1j * heading) * complex(*config.antenna)
+    share = local.sigma**-2.0
+    return float(np.sum(share * np.abs(place - np.average(place, weights=share)) ** 2))
 
 
 def _increasing(fixes: Fixes) -> Fixes:
