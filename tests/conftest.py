@@ -1,13 +1,25 @@
-"""What all tests share: one hypothesis profile, and helpers that can be imported."""
+"""What all tests share: one hypothesis profile, helpers that can be imported, and who goes first."""
 
 import sys
 from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+LONGEST = ("signal_path", "chip", "firmware", "host/sensors/test_north_live.py", "host/fuse")
+"""They go first: so no process is left with one of them when the others are done."""
+
+sys.path.insert(0, str(HERE))
 
 settings.register_profile(
     "hubodo", deadline=None, print_blob=True, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.load_profile("hubodo")
+
+
+def pytest_collection_modifyitems(items):
+    def place(item):
+        long = [index for index, name in enumerate(LONGEST) if item.path.is_relative_to(HERE / name)]
+        return long[0] if long else len(LONGEST)
+
+    items.sort(key=place)

@@ -4,6 +4,7 @@ import contextlib
 import json
 import shutil
 import time
+from pathlib import Path
 
 from hubodo.cli import main
 from hubodo.emulator.board.settings import Flash
@@ -42,12 +43,12 @@ def lay_flashed(root):
 
 @contextlib.contextmanager
 def board(flashed, tmp_path, motion=None, **settings):
-    """A virtual board that has said its first word."""
+    """A virtual board that has said its first word; a dip of its supply takes the port away for a moment."""
     if flashed is not None:
         shutil.copytree(flashed, tmp_path / "flash", dirs_exist_ok=True)
     with VirtualNode(motion or StillMotion(), Flash(folder=tmp_path / "flash"), **settings) as node:
         end = time.monotonic() + 30
-        while not node.stats["counts"].get("bytes_out"):
+        while not (node.stats["counts"].get("bytes_out") and Path(node.port).exists()):
             assert time.monotonic() < end, "silent"
             time.sleep(0.02)
         yield node

@@ -80,6 +80,8 @@ def begin(
 def _information(path: OdometryPath, fixes: Fixes, config: GraphConfig) -> float:
     """1 / rad² of the heading in fixes, at most: that of their lever arms, were the path's shape certain."""
     local = usable_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.declared)
+    if not len(local.t):
+        return math.inf  # the batch says why
     x, y, heading = (np.interp(local.t, path.t, v) for v in (path.x, path.y, np.unwrap(path.heading)))
     place = x + 1j * y + np.exp(1j * heading) * complex(*config.antenna)
     share = local.sigma**-2.0
