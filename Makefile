@@ -44,6 +44,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 
 road: setup          ## a real car, rests, calibration with positions of several kinds; some ten minutes
 	$(BIN)/python tests/accuracy/car.py
+	$(BIN)/python tests/accuracy/car_gnss.py
 	$(BIN)/python tests/accuracy/rests.py
 	$(BIN)/python tests/accuracy/wheel_calibration.py
 

@@ -48,7 +48,7 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
     """What these nodes' drive tells. Raises CalibrationError."""
     truth = truth_of(log)
     told = Positions(truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA))
-    found = calibrate_wheels(wheel_config(_with(names), list(names)), log.nodes, told)
+    found = calibrate_wheels(wheel_config(with_nodes(names), list(names)), log.nodes, told)
     made = Calibration().with_vehicle(found.vehicle_effects())
     for name in names:
         made = made.with_node(name, found.effects(name))
@@ -57,11 +57,11 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
     """Largest distance from the truth in % of the path."""
-    track = run(wheel_config(_with(names), list(names), calibration), log.nodes).track
+    track = run(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
     return _largest(track, truth_of(log))
 
 
-def _with(names: tuple[str, ...]) -> Vehicle:
+def with_nodes(names: tuple[str, ...]) -> Vehicle:
     return replace(CAR, nodes={name: CAR.nodes[name] for name in names})
 
 

@@ -49,7 +49,8 @@ def absolute_track(
         headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
     config = GraphConfig(antenna=antenna, constants=odometry.constants)
     heading = start_heading(recording, odometry.track.t[0])
-    if heading is not None:
+    # Fixes tell the heading themselves; that of a truth that stands still may be anything.
+    if heading is not None and fixes is None:
         config = replace(config, start_heading=heading)
     found = fuse_graph(path_of(odometry.track), fixes, headings, config)
     prior = asdict(config.constants)

@@ -12,7 +12,7 @@ from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.fixes import Fixes, usable_fixes
 from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.sensor_samples import SensorSamples, gathered
-from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.graph.steps import OdometryPath, StepNoise
 from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
@@ -26,13 +26,15 @@ _HOPELESS = 2.0
 class Underway:
     """A live graph that has begun.
 
-    growth: times which the fixes' sigma is widened; fix_t: s of the newest fix that counted; warnings: what
+    growth: times which the fixes' sigma is widened; noise: of the odometry; fix_t: s of the newest fix that
+    counted; warnings: what
     the start had to say.
     """
 
     window: PoseWindow
     frame: LocalFrame
     growth: float
+    noise: StepNoise
     fix_t: float
     warnings: tuple[str, ...]
 
@@ -74,7 +76,8 @@ def begin(
         found.covariance[-1],
         found.constants_covariance,
     )
-    return Underway(window, batch.frame, batch.sigma_growth, float(batch.fix_t[-1]), batch.warnings)
+    newest = float(batch.fix_t[-1])
+    return Underway(window, batch.frame, batch.sigma_growth, batch.noise, newest, batch.warnings)
 
 
 def _information(path: OdometryPath, fixes: Fixes, config: GraphConfig) -> float:

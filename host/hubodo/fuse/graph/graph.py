@@ -17,6 +17,7 @@ from hubodo.fuse.graph.factors.factor import stretches
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.factors.prior import ConstantsFactor
 from hubodo.fuse.graph.fixes import Fixes, LocalFixes, usable_fixes
+from hubodo.fuse.graph.odometry_noise import odometry_noise
 from hubodo.fuse.graph.review import error_growth, review
 from hubodo.fuse.graph.screening import scatter, without_jumps
 from hubodo.fuse.graph.sensor_samples import SensorSamples
@@ -36,6 +37,8 @@ _ROUNDS = 4
 """Times the fixes are moved: each leaves a tenth of a delay or less."""
 _SETTLED = 0.2
 """Sigmas; a delay that is left below this is found."""
+_SAME_NOISE = 0.25
+"""Of the odometry's sigmas: a graph whose noise differs by less is as good."""
 _GROWTHS, _GROWN = 3, 1.05
 """Rounds of widening sigmas, and how much a round must widen them to be worth it."""
 
@@ -65,6 +68,9 @@ def fuse_graph(
     wide = replace(config, constants=widest)
     drive = build(path, _all(local, beside), wide)
     solution = solve_from_afar(drive.graph, drive.poses, np.zeros(COUNT))
+    if config.honest and config.noise.share == 0.0:
+        config, drive, solution = _with_own_noise(path, _all(local, beside), config, wide, drive, solution)
+        wide = replace(wide, noise=config.noise)
 
     told, wider = local, 1.0
     lasting: list[str] = []
@@ -88,11 +94,28 @@ def fuse_graph(
     solution = solve(drive.graph, solution.poses, solution.constants, "all")
     warnings += review(drive.graph, solution, drive.cut.state_t, drive.heading_known)
     frame = local.frame if local is not None else None
-    return track_of(path, drive, solution, frame, grown * wider, shift, tuple(warnings))
+    return track_of(path, drive, solution, frame, grown * wider, config.noise, shift, tuple(warnings))
 
 
 def _all(local: LocalFixes | None, beside: Sequence[SensorSamples]) -> list[SensorSamples]:
     return [*([local] if local is not None else []), *beside]
+
+
+def _with_own_noise(
+    path: OdometryPath,
+    measured: Sequence[SensorSamples],
+    config: GraphConfig,
+    wide: GraphConfig,
+    drive: DriveGraph,
+    solution: Solution,
+) -> tuple[GraphConfig, DriveGraph, Solution]:
+    """Settings, graph and solution with the noise that this drive's odometry shows, where it shows any."""
+    times = odometry_noise(drive.graph, solution, drive.cut.state_t, config.constants.array())
+    if np.abs(np.log(times)).max() < _SAME_NOISE:
+        return config, drive, solution
+    noise = replace(config.noise, times=(float(times[0]), float(times[1]), float(times[2])))
+    drive = build(path, measured, replace(wide, noise=noise), solution)
+    return replace(config, noise=noise), drive, solve(drive.graph, solution.poses, solution.constants)
 
 
 def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:

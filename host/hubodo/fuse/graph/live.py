@@ -162,7 +162,7 @@ class LiveGraph:
         window = self._underway.window
         t, pose, covariance = float(window.state_t[-1]), window.poses[-1], window.covariance
         if self._trail.newest > t:
-            pose, covariance = _carried(window, self._trail.cut(t, self._trail.newest, self._config.noise))
+            pose, covariance = _carried(window, self._trail.cut(t, self._trail.newest, self._underway.noise))
             t = self._trail.newest
         sigmas = np.sqrt(np.maximum(np.diag(window.constants_covariance), 0.0))
         constants = {
@@ -234,7 +234,7 @@ class LiveGraph:
         while t - underway.window.state_t[-1] > _STRETCH * knot:
             self._extend(underway, float(underway.window.state_t[-1]) + knot, [])
         window = underway.window
-        cut = self._trail.cut(float(window.state_t[-1]), t, self._config.noise)
+        cut = self._trail.cut(float(window.state_t[-1]), t, underway.noise)
         pose, _ = _carried(window, cut)
         factors: list[Factor] = [BetweenFactors.of(cut.steps)]
         weight = None

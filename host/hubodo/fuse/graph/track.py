@@ -12,7 +12,7 @@ from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.constants import CURVATURE, GNSS_DELAY, NAMES, YAW_RATE, YAW_SCALE
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.solver import Solution
-from hubodo.fuse.graph.steps import CutPath, OdometryPath
+from hubodo.fuse.graph.steps import CutPath, OdometryPath, StepNoise
 from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.track import Track
 
@@ -25,6 +25,7 @@ class GraphTrack:
     without GNSS). from_start: the same, shifted to begin at 0, 0, with sigmas of the way since. constants:
     by the names of ConstantSigmas; gnss_delay is that of the fixes in all. fix_t: (M,) s of the usable fixes,
     fix_weight: (M,) 0 to 1, what each counted, sigma_growth: times which their sigma was widened.
+    noise: of the odometry, as this drive shows it.
     warnings: one line each. state_t: (n,) s of the graph's poses; graph, solution: for who wants more.
     """
 
@@ -35,6 +36,7 @@ class GraphTrack:
     fix_t: Array
     fix_weight: Array
     sigma_growth: float
+    noise: StepNoise
     warnings: tuple[str, ...]
     state_t: Array
     graph: Graph
@@ -60,12 +62,14 @@ def track_of(
     solution: Solution,
     frame: LocalFrame | None,
     grown: float,
+    noise: StepNoise,
     shift: float,
     warnings: tuple[str, ...],
 ) -> GraphTrack:
     """What a solution with all covariances says of the whole drive.
 
-    grown: times which the fixes' sigma was widened. shift: s that was added to the fixes' times.
+    grown: times which the fixes' sigma was widened. noise: of the odometry. shift: s that was
+    added to the fixes' times.
     """
     cut, graph = drive.cut, drive.graph
     sigma_of = np.sqrt(np.diag(solution.constants_covariance))
@@ -94,6 +98,7 @@ def track_of(
         fix_t - shift,
         weight,
         grown,
+        noise,
         warnings,
         cut.state_t,
         graph,

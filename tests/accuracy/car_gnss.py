@@ -1,0 +1,114 @@
+"""A real car with fixes of 5 m at 5 Hz: the graph beside the fixes alone, in drives and in outages.
+
+    python tests/accuracy/car_gnss.py [SEEDS [FIRST_SEED]]
+
+The fixes are the RTK truth with white noise; the wheels are those of the car as the vehicle file has them, or
+made worse: by noise of each step and by a yaw rate that wanders. NEES: the squared error of x and y in units
+of sigma, whose mean is 2 for true sigmas. "as it was": with the noise of the settings, none estimated.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from accuracy.car import SETS, drives, truth_of, with_nodes  # noqa: E402
+from generators import gnss_drives  # noqa: E402
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, OdometryPath, fuse_graph  # noqa: E402
+from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
+from hubodo.fuse.wheel.track import run  # noqa: E402
+from hubodo.fuse.wheels import graph_constants  # noqa: E402
+
+SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
+ORIGIN = (47.37, 8.54)
+WORSE = {
+    "as it is": (0.0, 0.0, 0.0),
+    "steps of 0.1 m, 2 mrad per root of a metre": (0.1, 2e-3, 0.0),
+    "yaw rate that wanders, 0.5 mrad/s per root of a second": (0.0, 0.0, 5e-4),
+}
+
+
+def paths(sets=SETS):
+    """(drive, nodes) -> odometry, what the graph is to expect of it, truth."""
+    found = {}
+    for name, log in drives().items():
+        for names in sets:
+            if set(names) <= set(log.nodes):
+                made = run(wheel_config(with_nodes(names), list(names)), log.nodes)
+                track = made.track
+                path = OdometryPath(track.t, track.x, track.y, track.heading)
+                found[name, names] = (path, graph_constants(made), truth_of(log))
+    return found
+
+
+def worse(path, rng, step, heading, walk):
+    """The odometry with noise of each step, m and rad per root of a metre, and a yaw rate that wanders."""
+    place, head, dt = path.x + 1j * path.y, np.unwrap(path.heading), np.diff(path.t)
+    way = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
+    root, noise = np.sqrt(np.abs(way)), rng.standard_normal((4, len(way)))
+    way = way + step * root * (noise[0] + 0.5j * noise[1])
+    turn = np.diff(head) + heading * root * noise[2] + np.cumsum(walk * np.sqrt(dt) * noise[3]) * dt
+    head = head[0] + np.append(0.0, np.cumsum(turn))
+    place = place[0] + np.append(0.0, np.cumsum(way * np.exp(0.5j * (head[1:] + head[:-1]))))
+    return OdometryPath(path.t, place.real, place.imag, head)
+
+
+def one(path, constants, truth, seed, outage, estimated=True):
+    """rms m and NEES over the drive or its outage, and rms m of the fixes."""
+    rng = np.random.default_rng([seed, 61])
+    begin, end = max(path.t[0], truth.t[0]), min(path.t[-1], truth.t[-1])
+    t = np.arange(begin, end, 1.0 / RATE_HZ)
+    noise = SIGMA * rng.standard_normal((2, len(t)))
+    east, north = (np.interp(t, truth.t, truth[name]) + n for name, n in zip("xy", noise, strict=True))
+    gone = begin + rng.uniform(0.3, 0.5) * (end - begin)
+    keep = (t < gone) | (t > gone + outage)
+    fixes = Fixes(t[keep], *gnss_drives.geodetic(east[keep], north[keep], *ORIGIN))
+    config = GraphConfig(constants=constants, honest=estimated)
+    found = fuse_graph(path, fixes, None, config)
+    ox, oy = found.frame.to_local(*gnss_drives.geodetic(np.zeros(1), np.zeros(1), *ORIGIN))
+    track = found.track
+    inside = (track.t >= begin) & (track.t <= end)
+    if outage:
+        inside &= (track.t > gone) & (track.t < gone + outage)
+    ex = (track.x - ox - np.interp(track.t, truth.t, truth["x"]))[inside]
+    ey = (track.y - oy - np.interp(track.t, truth.t, truth["y"]))[inside]
+    nees = np.mean((ex / track.sigma_x[inside]) ** 2 + (ey / track.sigma_y[inside]) ** 2)
+    return np.sqrt(np.mean(ex**2 + ey**2)), nees, np.sqrt(np.mean(np.sum(noise**2, axis=0)))
+
+
+def main(argv=None):
+    """A line for each kind of odometry, whole and in outages."""
+    arguments = sys.argv[1:] if argv is None else argv
+    seeds = int(arguments[0]) if arguments else 6
+    first = int(arguments[1]) if len(arguments) > 1 else 0
+    there = paths()
+    print(f"{len(there)} drives and sets of nodes, seeds {first}..{first + seeds - 1}, "
+          f"fixes of {SIGMA:g} m at {RATE_HZ:g} Hz; means of rms m and NEES (2 is true)")  # fmt: skip
+    missed = []
+    for label, errors in WORSE.items():
+        for outage in (0.0, OUTAGE):
+            rows = []
+            for path, constants, truth in there.values():
+                for seed in range(first, first + seeds):
+                    bad = worse(path, np.random.default_rng([seed, 62]), *errors)
+                    now = one(bad, constants, truth, seed, outage)
+                    rows.append([*now, *one(bad, constants, truth, seed, outage, estimated=False)[:2]])
+            rms, nees, fixes, before, nees_before = np.mean(rows, axis=0)
+            where = f"outage of {outage:g} s" if outage else "whole drive"
+            print(f"  {label}, {where}: {rms:.2f} m, {nees:.1f} (none estimated: {before:.2f} m, "
+                  f"{nees_before:.1f}; fixes alone {fixes:.1f} m)")  # fmt: skip
+            if errors == WORSE["as it is"] and (nees > 4.0 or (not outage and rms > 0.7)):
+                missed.append(f"at most 0.7 m and NEES at most 4 ({where})")
+    print(f"claims: {missed or 'all met'}")
+    return bool(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
