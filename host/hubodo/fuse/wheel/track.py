@@ -19,6 +19,7 @@ from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.silences import Silence
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
@@ -59,7 +60,8 @@ class WheelTrack:
 class WheelReport:
     """What the filter learnt.
 
-    distance: m along the track. duration: s. method: in words. vehicle, and nodes by name: effect ->
+    distance: m along the track. duration: s. silences: when no wheel was heard, s, and whether the vehicle
+    stood. method: in words. vehicle, and nodes by name: effect ->
     parameter -> value and sigma, as a calibration file has them, nodes in their own axes; what one wheel
     cannot show is not there. What the filter knows as a mean of two parameters, each has. counts: by node,
     windows in which it slipped, clipped, was not heard; samples refused. warnings: one line each.
@@ -72,6 +74,7 @@ class WheelReport:
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     counts: Mapping[str, Mapping[str, int]]
     warnings: tuple[str, ...]
+    silences: tuple[Silence, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """For fuse.json."""
@@ -82,6 +85,7 @@ class WheelReport:
             "vehicle": _plain(self.vehicle),
             "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
+            "silences": [asdict(silence) for silence in self.silences],
             "warnings": list(self.warnings),
         }
 
@@ -202,10 +206,19 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
         }
         for wheel in wheels
     }
-    path = float(np.sum(np.abs(track.speed)) * WINDOW)
     duration = float(track.t[-1] - track.t[0]) + WINDOW
-    warned = tuple(_warnings(made, track))
-    return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
+    warned = tuple(warnings_of(made, track.still))
+    told = tuple(made.core.silences.told)
+    method = f"wheel filter on {names}, {how}"
+    return WheelReport(_path(track), duration, method, vehicle, nodes, counts, warned, told)
+
+
+def _path(track: WheelTrack) -> float:
+    """m along the track, backwards too; over a silence the chord."""
+    chord = np.hypot(np.diff(track.x), np.diff(track.y))
+    rolled = np.abs(track.speed) * WINDOW
+    silent = np.diff(track.t) > 1.5 * WINDOW
+    return float(rolled[0] + np.sum(np.where(silent, chord, rolled[1:])))
 
 
 def _quantities(
@@ -226,30 +239,32 @@ def _quantities(
     return found
 
 
-def _warnings(made: WheelFilter, track: WheelTrack) -> list[str]:
+def warnings_of(made: WheelFilter, still: Array) -> list[str]:
+    """What a user must know of a drive so far; still: (N,) of the poses."""
     lines = []
-    beginning = track.still[: int(3.0 / WINDOW)]
+    beginning = still[: int(3.0 / WINDOW)]
     if not np.any(beginning != Stillness.MOVING):
         lines.append(
             "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "
             "the first turns of the wheel. Stand still for five seconds before driving off"
         )
-    elif not np.any(beginning == Stillness.RESTING) and not np.any(track.still == Stillness.RESTING):
+    elif not np.any(beginning == Stillness.RESTING) and not np.any(still == Stillness.RESTING):
         lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
     if made.core.agreement.verdict:
         lines.append(f"{made.core.agreement.verdict}; until then its speed is not used")
-    windows = len(track.t)
+    lines += made.core.silences.lines(" and ".join(wheel.name for wheel in made.core.wheels))
+    windows, silent = made.core.windows, made.core.silences.windows
     for wheel in made.core.wheels:
-        lines += _wheel_warnings(wheel, windows, made.refused[wheel.name])
+        lines += _wheel_warnings(wheel, windows, silent, made.refused[wheel.name])
     return lines
 
 
-def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
+def _wheel_warnings(wheel: Wheel, windows: int, silent: int, refused: int) -> list[str]:
     whole = windows * WINDOW
     if wheel.unheard_in_all >= windows:
         return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
     found = []
-    if wheel.unheard_in_all > 5:
+    if wheel.unheard_in_all - silent > 5:
         gone = wheel.unheard_in_all * WINDOW
         found.append(f"not heard for {gone:.1f} s of {whole:.1f} s; sigmas grow there")
     if wheel.lost:
@@ -258,7 +273,9 @@ def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
             "its clock jumped, or it turned on while it was not heard"
         )
     if refused:
-        found.append(f"{refused} samples left out because their time went back or jumped far ahead")
+        found.append(
+            f"{refused} samples left out because their time went back, or jumped ahead for one of them"
+        )
     if wheel.turned < _TURN:
         turns = wheel.turned / _TURN
         found.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
