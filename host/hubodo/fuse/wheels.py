@@ -20,6 +20,7 @@ from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import screened
+from hubodo.fuse.wheel.node_times import check_times
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
 from hubodo.recording import Recording, Table
@@ -108,6 +109,7 @@ def wheel_odometry(
     ):
         return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
+    check_times({name: recording.nodes[name] for name in names}, log)
     applied = None
     if calibration is not None:
         applied = apply_calibration(

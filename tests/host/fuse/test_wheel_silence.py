@@ -82,7 +82,7 @@ def test_after_a_silence_the_sigma_is_what_a_vehicle_can_do(seconds, least, most
                 error, covariance = pose_error(drive, track, at)
                 found.append(float(error @ np.linalg.solve(covariance, error)))
     print(
-        f"{seconds:g} s, seeds {SEED}..{SEED + 3}: NEES of 3: {np.mean(soon):.2f}, {np.mean(late):.2f} at the end"
+        f"{seconds:g} s, seeds {SEED}..{SEED + 3}: NEES of 3: {np.mean(soon):.2f}, {np.mean(late):.2f} late"
     )
     for found in (soon, late):
         assert 0.3 * 3.0 * 0.5 < np.mean(found) < 2.0 * 3.0
