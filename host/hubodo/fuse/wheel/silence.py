@@ -22,14 +22,14 @@ from hubodo.fuse.wheel.entries import EXCESS, HEADING, SPEED, WHEEL_ANGLE, YAW_R
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.state import InitialState
 
-_SPEED, _FASTER, _SPEED_TIME = 2.0, 1.5, 8.0
-"""V is 2 m/s, a brisk walk, or one and a half times the fastest so far; T_v is 8 s.
+_SPEED, _FASTER, _SPEED_TIME = 2.0, 1.5, 16.0
+"""V is 2 m/s, a brisk walk, or one and a half times the fastest so far; T_v is 16 s.
 
-So a walking vehicle is believed to change its speed by 0.9 m/s within the first second. Estimated.
+So a walking vehicle is believed to change its speed by 0.7 m/s within the first second. Estimated.
 """
 
-_YAW_RATE, _SIDEWAYS, _YAW_TIME = 0.4, 2.0, 2.0
-"""R is 0.4 rad/s, a bend that a walker takes, or what 2 m/s² to the side allow at V; T_r is 2 s.
+_YAW_RATE, _SIDEWAYS, _YAW_TIME = 0.35, 2.0, 2.0
+"""R is 0.35 rad/s, a bend that a walker takes, or what 2 m/s² to the side allow at V; T_r is 2 s.
 Estimated.
 """
 
