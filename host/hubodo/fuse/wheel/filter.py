@@ -33,6 +33,7 @@ from hubodo.fuse.wheel.preintegration import NOTHING, Window, WindowBuilder
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose, Step, WheelStep
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.vehicle import facing_sign
 
 LISTENED = 10
@@ -103,8 +104,10 @@ class WheelFilter:
     however long it is.
     """
 
-    def __init__(self, config: WheelConfig) -> None:
+    def __init__(self, config: WheelConfig, speeds: SurfaceSpeeds | None = None) -> None:
+        """speeds: what another odometer tells, where the config says that there is one."""
         self.config = config
+        self._speeds = speeds or {}
         self.core = WheelStep(config)
         self.steps: list[Step] | None = None
         self._builders = {
@@ -216,12 +219,25 @@ class WheelFilter:
             number = min(queue[0].number for queue in full)
             if self._number is not None and number > self._number:
                 self._begin()
-                self._due.append(Step((), number - 1, True, number - self._number))
+                self._pass_over(self._number, number)
             row = tuple([_window(queue, number) for queue in queues])
-            (self._due if self._begun else self._pending).append(Step(row, number, self._begun))
+            step = Step(row, number, self._begun, speeds=self._speeds.get(number))
+            (self._due if self._begun else self._pending).append(step)
             if len(self._pending) >= LISTENED:
                 self._begin()
             self._number = number + 1
+
+    def _pass_over(self, first: int, end: int) -> None:
+        """From window `first` on up to `end` no node was heard."""
+        told = [number for number in range(first, end) if number in self._speeds] if self._speeds else []
+        for number in told:
+            if number > first:
+                self._due.append(Step((), number - 1, True, number - first))
+            nothing = (NOTHING,) * len(self._queues)
+            self._due.append(Step(nothing, number, True, speeds=self._speeds[number]))
+            first = number + 1
+        if end > first:
+            self._due.append(Step((), end - 1, True, end - first))
 
     def _begin(self) -> None:
         if self._pending:

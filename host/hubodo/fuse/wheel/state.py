@@ -156,7 +156,7 @@ class InitialState:
 
 def initial_state(config: WheelConfig) -> InitialState:
     """At rest at the origin, with the priors of all entries and what `config` knows better."""
-    columns = Columns(len(config.nodes), config.told)
+    columns = Columns(len(config.nodes), config.told, config.encoder)
     made = InitialState(
         [0.0] * columns.size, np.zeros((columns.size, columns.size)), np.zeros(columns.size), columns
     )

@@ -27,7 +27,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.measurements import Row, centripetal, position, zero_velocity
+from hubodo.fuse.wheel.measurements import Row, centripetal, position, surface_speed, zero_velocity
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.prediction import forward_force, least_still
 from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
@@ -76,13 +76,15 @@ class Step(NamedTuple):
     """What happened at once: the windows of all wheels of one number, in the order of the nodes.
 
     Or no windows: nothing was heard of any wheel in `spans` windows up to this number. listen: look for the
-    angle of wheels that were not heard.
+    angle of wheels that were not heard. speeds: m/s of the left and the right wheel's surface, where another
+    odometer tells them.
     """
 
     windows: tuple[Window, ...]
     number: int
     listen: bool
     spans: int = 1
+    speeds: tuple[float, float] | None = None
 
 
 class Pose(NamedTuple):
@@ -198,7 +200,7 @@ class WheelStep:
         if stillness is Stillness.RESTING:
             self._rested = self.windows
         if stillness is Stillness.MOVING:
-            self._predict_rates(pairs)
+            self._predict_rates(pairs, step.speeds is not None)
         else:
             self._stand(stillness)
         self._predict_excess(pairs)
@@ -210,6 +212,8 @@ class WheelStep:
         for wheel, window in pairs:
             if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
                 self._feel_spin(wheel, window)
+        if step.speeds is not None:
+            self._roll(step.speeds)
         self._watch(pairs, found.rates, found.yaws)
         self.steps += 1
         kept = None if prior is None else (list(self.x), self.p.copy())
@@ -281,8 +285,11 @@ class WheelStep:
 
     # -- prediction -----------------------------------------------------------------------------------------
 
-    def _predict_rates(self, pairs: Pairs) -> None:
-        """Speed goes on with the mean forward acceleration that is felt; the rest is noise."""
+    def _predict_rates(self, pairs: Pairs, told: bool) -> None:
+        """Speed goes on with the mean forward acceleration that is felt; the rest is noise.
+
+        told: whether another odometer tells what the wheels do.
+        """
         x, p = self.x, self.p
         speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
         force = forward_force(pairs, x)
@@ -290,10 +297,13 @@ class WheelStep:
             force -= x[self._at[SLOPE]]
             x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
         heard = [wheel for wheel, window in pairs if window.missing < UNHEARD]
-        shows_turning = len(heard) == 2 or any(wheel.joined for wheel in heard)
-        walk = window_walk(agility(self._fastest))
-        p[speed, speed] += _SPEED_STEP**2 if heard else walk[0]
-        p[yaw_rate, yaw_rate] += _YAW_STEP**2 if shows_turning else walk[1]
+        shows_turning = told or len(heard) == 2 or any(wheel.joined for wheel in heard)
+        along, turning = _SPEED_STEP**2, _YAW_STEP**2
+        if not shows_turning:
+            free_along, turning = window_walk(agility(self._fastest))
+            along = along if heard or told else free_along
+        p[speed, speed] += along
+        p[yaw_rate, yaw_rate] += turning
 
     def _stand(self, stillness: Stillness) -> None:
         """Speed and yaw rate of a vehicle that stands.
@@ -331,8 +341,18 @@ class WheelStep:
         row = centripetal.measure(wheel.view, self.config.noise)
         if row is None:
             return
+        self._work_in(row, wheel.at)
+
+    def _roll(self, speeds: tuple[float, float]) -> None:
+        """What another odometer says of the wheels' surfaces."""
+        for side, speed in zip((1.0, -1.0), speeds, strict=True):
+            contact = 0.5 * side * self.config.track_width
+            self._work_in(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
+
+    def _work_in(self, row: Row, at: Mapping[Entry, int]) -> None:
+        """One row alone; one that stands out has the weight of one that just does not."""
         residual, variance, _ = row
-        h = self._derivatives(row, wheel.at)
+        h = self._derivatives(row, at)
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))

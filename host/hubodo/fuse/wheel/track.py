@@ -23,6 +23,7 @@ from hubodo.fuse.wheel.silences import Silence
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.recording import Table
 
 _TURN = 2.0 * np.pi
@@ -103,14 +104,17 @@ class WheelRun:
     filter: WheelFilter = field(repr=False)
 
 
-def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> WheelRun:
+def run(
+    config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0, speeds: SurfaceSpeeds | None = None
+) -> WheelRun:
     """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
 
     lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
-    with a finite lag; one as long as the log is the same as inf, up to rounding. Raises ValueError when
+    with a finite lag; one as long as the log is the same as inf, up to rounding. speeds: of another odometer,
+    where the config has an encoder. Raises ValueError when
     there is not one window: less than a fifth of a second of samples.
     """
-    made = WheelFilter(config)
+    made = WheelFilter(config, speeds)
     if lag > 0.0:
         made.steps = []
     blocks = {
@@ -125,7 +129,7 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
     elif lag > 0.0:
         poses = smooth_with_lag(config, steps, LISTENED, math.ceil(lag / WINDOW - 1e-9))
     track = collect(poses)
-    alone = _without_what_jumped(config, nodes, lag, made)
+    alone = _without_what_jumped(config, nodes, lag, speeds, made)
     if alone is not None:
         return alone
     if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
@@ -134,7 +138,11 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
 
 
 def _without_what_jumped(
-    config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
+    config: WheelConfig,
+    nodes: Mapping[str, Table],
+    lag: float,
+    speeds: SurfaceSpeeds | None,
+    made: WheelFilter,
 ) -> WheelRun | None:
     """The run without what came after a gap in one node alone, when since then the wheels disagree.
 
@@ -148,7 +156,7 @@ def _without_what_jumped(
     name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
-    found = run(config, {**nodes, name: before}, lag)
+    found = run(config, {**nodes, name: before}, lag, speeds)
     earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
     if slips - earlier < _DISAGREE + earlier:
         return None
@@ -208,9 +216,10 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     }
     duration = float(track.t[-1] - track.t[0]) + WINDOW
     warned = tuple(warnings_of(made, track.still))
-    told = tuple(made.core.silences.told)
-    method = f"wheel filter on {names}, {how}"
-    return WheelReport(_path(track), duration, method, vehicle, nodes, counts, warned, told)
+    silences = tuple(made.core.silences.told)
+    told = " with the surface speeds of another odometer" if made.config.encoder else ""
+    method = f"wheel filter on {names}{told}, {how}"
+    return WheelReport(_path(track), duration, method, vehicle, nodes, counts, warned, silences)
 
 
 def _path(track: WheelTrack) -> float:
