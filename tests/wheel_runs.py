@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from generators import wheel_drives
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.track import WheelRun
+from hubodo.fuse.wheel.track import WheelRun, WheelTrack
 from hubodo.recording import Table
 
 BOTH = ("left", "right")
@@ -56,3 +57,10 @@ def nees(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
     track = found.track
     error = np.array([track.x[-1], track.y[-1], track.heading[-1]]) - truth(drive, track.t[-1])
     return float(error @ np.linalg.solve(track.covariance[-1, :3, :3], error))
+
+
+def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tuple[np.ndarray, np.ndarray]:
+    """Error of x, y and heading, to the nearest turn, of one pose, (3,), and its covariance, (3, 3)."""
+    error = np.array([track.x[at], track.y[at], track.heading[at]]) - truth(drive, track.t[at])
+    error[2] = math.remainder(error[2], 2.0 * math.pi)
+    return error, track.covariance[at, :3, :3]

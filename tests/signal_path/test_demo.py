@@ -4,6 +4,7 @@ import base64
 import io
 import json
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,31 @@ from scipy.integrate import cumulative_trapezoid
 from hubodo.cli import main
 from hubodo.demo.scenario import TRACK_WIDTH, WHEEL_RADIUS, make_scenario
 from hubodo.log.mcap import read_recording
+from hubodo.verbs import demo as verb
 
 DRAWN = "fused from the two wheels"
 MOVING, SEED = 6.0, 7
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
+def rides():
+    """What became of the nodes, once the demo has run."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory, rides):
     """What it printed: a short drive."""
     printed = io.StringIO()
+    run = verb.ride
+
+    def kept(*words, **more):
+        rides.append(run(*words, **more))
+        return rides[-1]
+
     words = ["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path_factory.mktemp("demo"))]
-    with redirect_stdout(printed):
+    with redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verb, "ride", kept)
         assert main([*words, "--json"]) == 0
     return json.loads(printed.getvalue())
 
@@ -67,6 +82,22 @@ def test_both_nodes_came_through_whole(demo):
     assert sorted(demo["recorded"]["nodes"]) == ["left", "right"]
     for node in demo["recorded"]["nodes"].values():
         assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
+
+
+def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp_path, monkeypatch, capsys):
+    fuse = verb.wheel_odometry
+
+    def bent(*words, **more):
+        """As if the odometry were 5 % longer and knew nothing of it."""
+        made = fuse(*words, **more)
+        return replace(made, track=replace(made.track, x=1.05 * made.track.x, y=1.05 * made.track.y))
+
+    monkeypatch.setattr(verb, "wheel_odometry", bent)
+    monkeypatch.setattr(verb, "ride", lambda *words, **more: rides[0])
+    assert main(["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "m from the truth at t = " in line and "1 sigma" in line
+    assert not list(tmp_path.rglob("index.html"))
 
 
 def test_the_length_it_prints_is_that_of_the_drive(demo, truth):

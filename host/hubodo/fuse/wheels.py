@@ -20,7 +20,9 @@ from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import screened
+from hubodo.fuse.wheel.node_times import check_times
 from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.surface_speeds import surface_speeds
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Side, Vehicle
@@ -94,7 +96,8 @@ def wheel_odometry(
 ) -> WheelOdometry:
     """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
 
-    A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track.
+    A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track; beside
+    nodes the wheel filter measures by them.
 
     lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
     calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
@@ -104,10 +107,11 @@ def wheel_odometry(
     if (
         recording.wheels is not None
         and not nodes
-        and not any(name in recording.nodes for name in vehicle.nodes)
+        and not any(name in recording.nodes for name, mount in vehicle.nodes.items() if mount.side)
     ):
         return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
+    check_times({name: recording.nodes[name] for name in names}, log)
     applied = None
     if calibration is not None:
         applied = apply_calibration(
@@ -148,7 +152,8 @@ def _filtered(
         first = math.ceil(first / WINDOW - 1e-9) * WINDOW
         config = wheel_config(vehicle, list(names), calibration)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
-        result = run(config, used_nodes, lag)
+        speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
+        result = run(replace(config, encoder=bool(speeds)), used_nodes, lag, speeds)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
@@ -191,7 +196,7 @@ def _missing(
         for name in on_wheels
         if name not in names
     }
-    heard = " and ".join(names)
+    heard = " and ".join([*names, "wheels.csv"] if recording.wheels is not None else names)
     return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())
 
 
@@ -229,7 +234,11 @@ def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdome
         raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")
     track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
-    return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt)
+    unused = [
+        f"{name}: on no wheel of the vehicle file; the track comes from wheels.csv alone"
+        for name in recording.nodes
+    ]
+    return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt, tuple(unused))
 
 
 def _samples(side: Side, table: Table) -> WheelSamples:

@@ -103,10 +103,10 @@ def _files(folder: Path) -> dict[str, Path]:
         if name in found:
             raise InputError(f"{folder}: holds both {found[name].name} and {path.name}; remove one of them")
         found[name] = path
-    if all(name in RESERVED for name in found):
+    if all(name in RESERVED for name in found) and "wheels" not in found:
         raise InputError(
             f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
-            f"{','.join(NODE_COLUMNS)}"
+            f"{','.join(NODE_COLUMNS)}, or wheels.csv"
         )
     return dict(sorted(found.items(), key=lambda item: item[0] in RESERVED))
 

@@ -22,8 +22,7 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.report.imu import held_out_words, imu_sections
@@ -128,9 +127,8 @@ def run(args: argparse.Namespace) -> CalibratedImu:
         raise InputError(
             f"--table-rate-deg-s {args.table_rate_deg_s} must be positive; its sign does not matter"
         )
-    read = read_folder if args.log.is_dir() else read_recording
     with progress_line() as show:
-        recording = read(args.log, progress=show)
+        recording = read_log(args.log, progress=show)
         show("rests, poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
         before = read_calibration(args.output) if args.output.exists() else Calibration()

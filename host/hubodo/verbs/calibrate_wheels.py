@@ -26,8 +26,8 @@ from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, WheelPrior
 from hubodo.fuse.wheel.calibration.findings import plain
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.fuse.wheel.node_times import check_times
+from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
 
@@ -110,7 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> CalibratedWheels:
     """Read, calibrate, add to the calibration file."""
     vehicle = load_vehicle(args.vehicle)
-    recording = read_folder(args.log) if args.log.is_dir() else read_recording(args.log)
+    recording = read_log(args.log)
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))
     priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))
@@ -118,6 +118,7 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
         config = wheel_config(vehicle, list(recording.nodes))
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
+    check_times({name: recording.nodes[name] for name in config.nodes}, str(args.log))
     found = calibrate_wheels(config, recording.nodes, positions, priors)
     provenance: dict[str, Any] = {
         "method": f"wheel filter with {found.fixes} positions ({kind})",

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as TextTable
 
+from hubodo.demo.judgement import check_sigmas
 from hubodo.demo.report import demo_page, facts_grid
 from hubodo.demo.ride import (
     INTERPRETERS,
@@ -157,6 +158,7 @@ def run(args: argparse.Namespace) -> Demo:
     off = score_against_truth(fused.track, recording)
     if off is None:
         raise HubodoError(f"{result.log}: the drive and its log have no time in common; run the demo again")
+    check_sigmas(fused.track, truth, str(result.log))
     demo = Demo(
         args.seed,
         interpreter,

@@ -16,8 +16,8 @@ from hubodo.errors import InputError
 from hubodo.fuse.absolute import absolute_track
 from hubodo.fuse.track import Score, Track, score
 from hubodo.fuse.wheels import METHODS, wheel_odometry
+from hubodo.log.any_log import read_log
 from hubodo.log.csv_table import write_table
-from hubodo.log.mcap import read_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 
@@ -88,7 +88,7 @@ class Fused:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording")
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, rosbag2 or CSV folder")
     parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
     parser.add_argument("--nodes", metavar="NAMES", help="use these wheel nodes alone, such as: left")
@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> Fused:
     lag = _lag(args.smooth)
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
-    recording = read_recording(args.log)
+    recording = read_log(args.log)
     odometry = wheel_odometry(
         recording,
         vehicle,

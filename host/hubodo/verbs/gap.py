@@ -29,8 +29,7 @@ from hubodo.gap.tell.account import (
 from hubodo.gap.tell.explain import Explanation, explain
 from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.any_log import read_log
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
@@ -114,9 +113,8 @@ def run(args: argparse.Namespace) -> GapReport:
         raise InputError(f"--accept and --reject both name {both[0]}; choose one")
     _free(args.output, args.model)
     model = read_model(args.model)
-    read = read_folder if args.log.is_dir() else read_recording
     with progress_line() as show:
-        recording = read(args.log, progress=show)
+        recording = read_log(args.log, progress=show)
         result = find_gap(
             recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
         )

@@ -6,7 +6,7 @@ import argparse
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.ingest.node.bias_filter import filter_words
+from hubodo.log.any_log import as_mcap
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
 from hubodo.progress import progress_line
 
@@ -187,10 +188,10 @@ def _gap_json(gap: SampleGap) -> dict[str, Any]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo info`."""
-    parser.add_argument("log", metavar="FILE.mcap", type=Path, help="the log to describe")
+    parser.add_argument("log", metavar="LOG", type=Path, help="MCAP recording, rosbag2 or CSV folder")
 
 
 def run(args: argparse.Namespace) -> Info:
     """Describe the log."""
-    with progress_line() as show:
-        return Info(summarise(args.log, progress=show))
+    with progress_line() as show, as_mcap(args.log) as file:
+        return Info(replace(summarise(file, progress=show), path=args.log))

@@ -17,8 +17,7 @@ from rich.table import Table
 from hubodo.calibration.file import Calibration, NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.sensors.north.circle import fuse, wrap
@@ -188,8 +187,7 @@ def run(args: argparse.Namespace) -> FoundNorth:
         raise InputError("--table and -o go with --live PORT")
     with progress_line() as show:
         if live is None:
-            read = read_folder if args.log.is_dir() else read_recording
-            recording, nodes = read(args.log, progress=show), args.node
+            recording, nodes = read_log(args.log, progress=show), args.node
         else:
             recording, nodes = live.recording, [live.node]
         gyros, warnings = _gyros(args, recording, nodes or _only_node(args, recording), calibration, show)

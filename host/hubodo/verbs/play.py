@@ -7,7 +7,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from hubodo.errors import InputError
 from hubodo.ingest.replay.pty_player import PtyPlayer
 from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
 from hubodo.ingest.stopping import stop_on_signals
+from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.verbs.play_view import Replayed, show
 
@@ -26,7 +27,7 @@ EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --l
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The log, which part of it, how fast, and where to."""
-    parser.add_argument("log", type=Path, metavar="FILE.mcap")
+    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, rosbag2 or CSV folder")
     parser.add_argument(
         "--speed", type=float, default=1.0, help="times real time; 0 = as fast as possible (default 1)"
     )
@@ -113,8 +114,10 @@ def run(args: argparse.Namespace) -> PlayResult:
         raise InputError("--link and --only belong to --to pty; add it")
     if args.to == "pty" and (args.vehicle is not None or args.calibration is not None):
         raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
-    with stop_on_signals(threading.Event()) as stopping:
-        return _to_pty(args, stopping.is_set) if args.to == "pty" else _to_view(args, stopping.is_set)
+    play = _to_pty if args.to == "pty" else _to_view
+    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log) as file:
+        played = play(argparse.Namespace(**{**vars(args), "log": file}), stopping.is_set)
+    return replace(played, file=str(args.log))
 
 
 def _to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:

@@ -11,10 +11,10 @@ from rich.console import Console
 
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
+from hubodo.fuse.wheel.node_times import check_times
 from hubodo.ingest.replay.playback import Setup, setup_of
-from hubodo.log.csv_folder import read_folder
+from hubodo.log.any_log import mcap_file, read_log
 from hubodo.log.logfile import open_log
-from hubodo.log.mcap import read_recording
 from hubodo.log.summary import summarise
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
@@ -62,19 +62,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Reported:
-    """Read, examine, write the page."""
+    """Read, examine, write the page. Raises InputError for nodes whose times cannot be those of one drive."""
     if args.output.exists() and not args.force:
         raise InputError(f"{args.output}: exists; name another file or say --force")
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
-        if args.log.is_dir():
-            recording, summary, kept = read_folder(args.log, progress=show), None, Setup(None, None, None)
-        else:
-            recording, summary = read_recording(args.log, progress=show), summarise(args.log)
-            with open_log(args.log) as log:
+        recording, summary, kept = read_log(args.log, progress=show), None, Setup(None, None, None)
+        file = mcap_file(args.log)
+        if file is not None:
+            summary = summarise(file)
+            with open_log(file) as log:
                 kept = setup_of(log)
         vehicle = kept.vehicle if args.vehicle is None else load_vehicle(args.vehicle)
+        if vehicle is not None:
+            on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]
+            check_times({n: recording.nodes[n] for n in on_wheels if n in recording.nodes}, str(args.log))
         calibration, where = kept.calibration, "the log"
         if args.calibration is not None:
             calibration, where = read_calibration(args.calibration), str(args.calibration)

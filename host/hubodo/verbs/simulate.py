@@ -26,8 +26,9 @@ from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
+from hubodo.log.any_log import read_log
 from hubodo.log.convert import write_recording
-from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.log.csv_folder import write_folder
 from hubodo.log.mcap import read_recording
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
@@ -240,7 +241,7 @@ def _drive(args: argparse.Namespace, rng: np.random.Generator) -> Inputs:
     if args.drive == "rest":
         still = constant(0.0, 0.0, args.duration)
         return Inputs(still, still)
-    recording = read_folder(args.source) if args.source.is_dir() else read_recording(args.source)
+    recording = read_log(args.source)
     maker = drive_from_reference if args.drive == "reference" else drive_from_fixes
     return maker(recording, str(args.source))
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from hubodo.calibration.file import node_serial
 from hubodo.errors import InputError
-from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, temperature_step
@@ -85,8 +84,7 @@ def read_standstill(args: argparse.Namespace) -> Standstill:
 def read_node(log: Path, name: str | None) -> tuple[Recording, str]:
     """The log, and the node that is meant: the one named, or the only one. Raises InputError for another."""
     with progress_line() as show:
-        read = read_folder if log.is_dir() else read_recording
-        recording = read(log, progress=show)
+        recording = read_log(log, progress=show)
     nodes = tuple(recording.nodes)
     node = name or (nodes[0] if len(nodes) == 1 else None)
     if node is None or node not in recording.nodes:

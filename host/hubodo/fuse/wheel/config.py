@@ -59,7 +59,7 @@ class WheelConfig:
     radius, track_width: m. nodes: by name, one of each side at most. known: what replaces the priors of the
     vehicle's entries. gyro_limit: rad/s, accel_limit: m/s², where the channels clip: just below 2000 deg/s
     and 16 g, the ranges of the firmware. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it
-    is told positions by somebody else.
+    is told positions by somebody else; encoder: whether another odometer tells the wheels' surface speeds.
     """
 
     radius: float
@@ -73,6 +73,7 @@ class WheelConfig:
     start_heading: float = 0.0
     heading_sigma: float = 0.0
     told: bool = False
+    encoder: bool = False
 
     def __post_init__(self) -> None:
         sides = [node.side for node in self.nodes.values()]

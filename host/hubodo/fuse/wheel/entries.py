@@ -154,6 +154,11 @@ Ten minutes: satellites move on; a jump lasts as well. How large it is the posit
 POSITION_ERROR_Y = Entry("vehicle", "positions", "error_y", 0.1, 0.0, forgets=600.0)
 """m north."""
 
+ENCODER_LEFT = Entry("vehicle", "encoder", "left", 0.01, 0.0)
+"""By which share the surface speed that another odometer tells of the left wheel is too large: its radius."""
+
+ENCODER_RIGHT = Entry("vehicle", "encoder", "right", 0.01, 0.0)
+
 OF_VEHICLE = (X, Y, HEADING, SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET, SLOPE)
 OF_WHEEL = (
     WHEEL_ANGLE,
@@ -163,6 +168,9 @@ OF_WHEEL = (
 )
 OF_POSITIONS = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
 """What there is besides where positions are told."""
+
+OF_ENCODER = (ENCODER_LEFT, ENCODER_RIGHT)
+"""What there is besides where another odometer tells surface speeds."""
 
 SEEN_ROLLING = (
     *(GYRO_SCALE_Z, MISALIGNMENT_X, MISALIGNMENT_Y),
@@ -180,11 +188,11 @@ SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
 class Columns:
     """Where each entry stands in the state, the vehicle's first, then those of each wheel.
 
-    Worked out once, when a filter is built. told: whether it is told positions.
+    Worked out once, when a filter is built. told: whether it is told positions; encoder: surface speeds.
     """
 
-    def __init__(self, wheels: int, told: bool = False) -> None:
-        of_vehicle = OF_VEHICLE + OF_POSITIONS if told else OF_VEHICLE
+    def __init__(self, wheels: int, told: bool = False, encoder: bool = False) -> None:
+        of_vehicle = OF_VEHICLE + (OF_POSITIONS if told else ()) + (OF_ENCODER if encoder else ())
         self.vehicle = {entry: place for place, entry in enumerate(of_vehicle)}
         self.size = len(of_vehicle) + wheels * len(OF_WHEEL)
         self.wheels: list[dict[Entry, int]] = []

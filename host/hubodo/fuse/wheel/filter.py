@@ -12,7 +12,6 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
@@ -32,8 +31,9 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.preintegration import NOTHING, Window, WindowBuilder
 from hubodo.fuse.wheel.state import Wheel
-from hubodo.fuse.wheel.step import Pose, WheelStep
+from hubodo.fuse.wheel.step import Pose, Step, WheelStep
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.vehicle import facing_sign
 
 LISTENED = 10
@@ -46,6 +46,13 @@ _PATIENCE = 10
 """Windows by which a node may fall behind the other before it is taken as not heard.
 
 A second, what a radio link may hold samples back.
+"""
+
+
+_AT_ONCE = 4
+"""Steps that a single sample leads to at most, half a millisecond of them: the rest is for the next samples.
+
+When a node is heard again that was late, ten steps are due, and samples come ten times as often as windows.
 """
 
 
@@ -89,23 +96,18 @@ class WheelState:
     still: Stillness
 
 
-class Step(NamedTuple):
-    """The windows of all wheels of one number, in the order of the nodes; listen: see WheelStep.step."""
-
-    windows: tuple[Window, ...]
-    number: int
-    listen: bool
-
-
 class WheelFilter:
     """Feed samples with `handle` or blocks with `handle_many`, then `finish`.
 
     Poses come back as windows close. A node that falls a second behind the other is taken as not heard; its
-    samples of that time are lost.
+    samples of that time are lost. A time in which no node was heard is one step and one pose at its end,
+    however long it is.
     """
 
-    def __init__(self, config: WheelConfig) -> None:
+    def __init__(self, config: WheelConfig, speeds: SurfaceSpeeds | None = None) -> None:
+        """speeds: what another odometer tells, where the config says that there is one."""
         self.config = config
+        self._speeds = speeds or {}
         self.core = WheelStep(config)
         self.steps: list[Step] | None = None
         self._builders = {
@@ -115,6 +117,8 @@ class WheelFilter:
         self._queues: dict[str, deque[Window]] = {name: deque() for name in config.nodes}
         self._number: int | None = None
         self._pending: list[Step] = []
+        self._due: deque[Step] = deque()
+        self._begun = False
         self._last: dict[str, WheelSample] = {}
         self._pose: Pose | None = None
 
@@ -125,13 +129,13 @@ class WheelFilter:
             return FilterOutput(refused=1)
         before = builder.refused
         windows = builder.add(sample.t, sample.gyro, sample.accel)
-        if builder.refused > before:
-            return FilterOutput(refused=1)
-        self._last[sample.node] = sample
-        if not windows:
-            return FilterOutput()
-        self._queues[sample.node].extend(windows)
-        return FilterOutput(self._advance(_PATIENCE))
+        refused = builder.refused - before
+        if builder.newest == sample.t:
+            self._last[sample.node] = sample
+        if windows:
+            self._queues[sample.node].extend(windows)
+            self._advance(_PATIENCE)
+        return FilterOutput(self._run(_AT_ONCE) if self._due else (), refused)
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
         """A block of each node, over the same time.
@@ -147,12 +151,14 @@ class WheelFilter:
             before = builder.refused
             self._queues[name].extend(builder.add_many(t, gyro, accel))
             refused += builder.refused - before
-        return FilterOutput(self._advance(_PATIENCE), refused)
+        self._advance(_PATIENCE)
+        return FilterOutput(self._run(), refused)
 
     def finish(self) -> FilterOutput:
         """No more samples come: the windows that still waited for the other node or for the first second."""
-        poses = self._advance(0)
-        return FilterOutput(poses + self._begin())
+        self._advance(0)
+        self._begin()
+        return FilterOutput(self._run())
 
     def state(self) -> WheelState | None:
         """The newest state, not more than a sample old; None before the first pose."""
@@ -200,45 +206,64 @@ class WheelFilter:
         contact = wheel.geometry.contact * (1.0 + x[at[TRACK_WIDTH]])
         return sample.t, speed + yaw_rate * contact, yaw_rate
 
-    def _advance(self, patience: int) -> tuple[Pose, ...]:
-        poses: list[Pose] = []
+    def _advance(self, patience: int) -> None:
+        """Makes steps of the windows that need not wait any longer for another wheel's."""
         queues = list(self._queues.values())
         while any(queues):
-            if self._number is None or not all(queues):
-                full = [queue for queue in queues if queue]
-                oldest = min(queue[0].number for queue in full)
-                newest = max(queue[-1].number for queue in full)
-                if len(full) < len(queues) and newest - (self._number or oldest) < patience:
-                    break
-                if self._number is None:
-                    self._number = oldest
-            number = self._number
+            if self._number is not None:
+                for queue in queues:
+                    _drop_before(queue, self._number)
+            full = [queue for queue in queues if queue]
+            if not full or (len(full) < len(queues) and max(map(len, full)) <= patience):
+                break
+            number = min(queue[0].number for queue in full)
+            if self._number is not None and number > self._number:
+                self._begin()
+                self._pass_over(self._number, number)
             row = tuple([_window(queue, number) for queue in queues])
-            poses += self._take(Step(row, number, self._pose is not None))
+            step = Step(row, number, self._begun, speeds=self._speeds.get(number))
+            (self._due if self._begun else self._pending).append(step)
+            if len(self._pending) >= LISTENED:
+                self._begin()
             self._number = number + 1
+
+    def _pass_over(self, first: int, end: int) -> None:
+        """From window `first` on up to `end` no node was heard."""
+        told = [number for number in range(first, end) if number in self._speeds] if self._speeds else []
+        for number in told:
+            if number > first:
+                self._due.append(Step((), number - 1, True, number - first))
+            nothing = (NOTHING,) * len(self._queues)
+            self._due.append(Step(nothing, number, True, speeds=self._speeds[number]))
+            first = number + 1
+        if end > first:
+            self._due.append(Step((), end - 1, True, end - first))
+
+    def _begin(self) -> None:
+        if self._pending:
+            self._begun = True
+            self.core.begin([step.windows for step in self._pending])
+            self._due.extend(self._pending)
+            self._pending = []
+
+    def _run(self, most: int | None = None) -> tuple[Pose, ...]:
+        """The steps that are due, `most` of them at most."""
+        poses = []
+        for _ in range(len(self._due) if most is None else min(most, len(self._due))):
+            step = self._due.popleft()
+            if self.steps is not None:
+                self.steps.append(step)
+            poses.append(self.core.step(step, LISTENED))
+        if poses:
+            self._pose = poses[-1]
         return tuple(poses)
 
-    def _take(self, step: Step) -> tuple[Pose, ...]:
-        if self._pose is None:
-            self._pending.append(step)
-            return self._begin() if len(self._pending) >= LISTENED else ()
-        return (self._run(step),)
 
-    def _begin(self) -> tuple[Pose, ...]:
-        pending, self._pending = self._pending, []
-        if pending:
-            self.core.begin([step.windows for step in pending])
-        return tuple(self._run(step) for step in pending)
-
-    def _run(self, step: Step) -> Pose:
-        if self.steps is not None:
-            self.steps.append(step)
-        self._pose = self.core.step(step.windows, step.number, step.listen, LISTENED)
-        return self._pose
+def _drop_before(queue: deque[Window], number: int) -> None:
+    while queue and queue[0].number < number:
+        queue.popleft()
 
 
 def _window(queue: deque[Window], number: int) -> Window:
-    """Window `number` of a node, taken from the queue with those before it."""
-    while queue and queue[0].number < number:
-        queue.popleft()
+    """Window `number` of a node, taken from the queue."""
     return queue.popleft() if queue and queue[0].number == number else NOTHING

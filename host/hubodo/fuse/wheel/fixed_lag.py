@@ -9,17 +9,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.step import POSE, Kept, Pose, WheelStep
-
-if TYPE_CHECKING:
-    from hubodo.fuse.wheel.filter import Step
+from hubodo.fuse.wheel.step import POSE, Kept, Pose, Step, WheelStep
 
 _ROUNDING = 1e-10
 """Added to correlations of 1: far above the rounding of a covariance, 1e-16 of up to a hundred steps."""
@@ -53,7 +49,9 @@ class FixedLag:
         self._poses.append(pose)
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
         self._mean = np.concatenate([self._mean, np.array(pose[1:6])[None]])
-        self._covariance = np.concatenate([self._covariance, (rows @ kept.p @ rows.T)[None]])
+        covariance = rows @ kept.p @ rows.T
+        covariance[:2, :2] += kept.swung
+        self._covariance = np.concatenate([self._covariance, covariance[None]])
         self._before = kept, transition
         return self._oldest() if len(self._poses) > self._lag else None
 
@@ -86,6 +84,8 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
     States without spread there, and those begun anew, tell nothing about the past.
     """
     forward = transition.copy()
+    if after.passed is not None:
+        forward = after.passed @ forward
     forward[after.renewed] = 0.0
     known = np.flatnonzero(np.diag(after.prior_p) > 0.0)
     scale = np.sqrt(np.diag(after.prior_p)[known])
@@ -108,8 +108,6 @@ def smooth_with_lag(config: WheelConfig, steps: Sequence[Step], needed: int, lag
     core.begin([step.windows for step in steps if not step.listen])
     poses = []
     for step in steps:
-        pose = behind.add(
-            core.step(step.windows, step.number, step.listen, needed), core.kept, core.transition()
-        )
+        pose = behind.add(core.step(step, needed), core.kept, core.transition())
         poses += [] if pose is None else [pose]
     return poses + behind.finish()

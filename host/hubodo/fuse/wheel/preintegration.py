@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.sine import cosine_and_sine
@@ -19,10 +18,11 @@ WINDOW = 0.1
 At 2000 deg/s half a turn, and an error of 1 % in spin turns its ends by 2 mrad/(rad/s).
 """
 
-LONGEST_GAP = 3600.0
-"""s, an hour, as long as a node may be off within one drive.
+LONGEST_BRIDGE = 0.8
+"""s between samples over which the straight line between them stands for what is missing; longer is a pause.
 
-A sample that is later than that after the one before is taken for a jump of the clock and left out.
+Shorter than what the filter waits for a node that is late, so that a log and a live run see the same pause.
+At walking pace a wheel's rate bends by less than can be told from gravity meanwhile. Estimated.
 """
 
 LONGEST_STEP = 0.08
@@ -68,7 +68,9 @@ class Window(NamedTuple):
 
 
 NOTHING = Window(missing=1.0)
-"""A window in which the node was not heard."""
+"""A window in which the node was not heard, and that no straight line bridges."""
+
+_Row = tuple[float, ...]
 
 # The integrands below, one row each.
 _GZ, _WR, _WI, _ER, _EI, _FR, _FI, _AZ, _GX, _GY, _AX, _AY, _GG, _ZZ, _CS, _CA, _CF = range(17)
@@ -78,8 +80,10 @@ _GZ, _WR, _WI, _ER, _EI, _FR, _FI, _AZ, _GX, _GY, _AX, _AY, _GG, _ZZ, _CS, _CA, 
 class WindowBuilder:
     """Cuts the samples of one node into windows; the result does not depend on the portions they come in.
 
-    Integrals run over the straight lines between samples from the very first one; a window is the difference
-    of two of them. Sums are made one after the other, as a live run makes them.
+    Integrals run over the straight lines between samples from the first one after a pause; a window is the
+    difference of two of them. Sums are made one after the other, as a live run makes them. A pause is longer
+    than LONGEST_BRIDGE: no windows are made of it, and its first sample counts when a second one follows, as
+    one false time stamp is no pause.
 
     facing: where the node's z axis points. gyro_limit: rad/s, accel_limit: m/s², beyond which a sample counts
     as clipped. start: s, time of the first edge.
@@ -92,20 +96,77 @@ class WindowBuilder:
     refused: int = 0
     _edge: int = 0
     _time: list[float] = field(default_factory=list)
-    _rows: list[tuple[float, ...]] = field(default_factory=list)
+    _rows: list[_Row] = field(default_factory=list)
+    _newest: float | None = None
+    _ahead: tuple[float, _Row] | None = None
     _last: tuple[Array, Array, Array] | None = None
     _at_edge: Array | None = None
+
+    @property
+    def newest(self) -> float | None:
+        """s, time of the newest sample that counts."""
+        return self._newest
 
     def add(self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...]) -> list[Window]:
         """One sample; the windows it completes.
 
-        One whose time does not increase, or jumps ahead by more than LONGEST_GAP, is counted and left out.
+        One whose time does not increase, or jumps ahead and is not followed, is counted and left out.
         """
-        if not self._follows(t):
+        row = (*gyro, *accel)
+        if self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE:
+            # The one that jumped ahead before is not followed.
+            self.refused += self._ahead is not None
+            self._ahead = None
+            return self._take(t, row)
+        if t <= self._newest:
             self.refused += 1
             return []
+        if self._ahead is not None and 0.0 < t - self._ahead[0] <= LONGEST_BRIDGE:
+            ahead, self._ahead = self._ahead, None
+            self._pause()
+            return [*self._take(*ahead), *self._take(t, row)]
+        self.refused += self._ahead is not None
+        self._ahead = t, row
+        return []
+
+    def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+        """Many samples, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², finite; the windows they complete."""
+        windows: list[Window] = []
+        done, count = 0, len(t)
+        while done < count:
+            run = self._unbroken(t[done:])
+            if run:
+                part = slice(done, done + run)
+                windows += self._take_many(t[part], gyro[part], accel[part])
+                done += run
+            # What does not follow at once is looked at as if it came alone.
+            while done < count and not self._follows(float(t[done])):
+                windows += self.add(float(t[done]), tuple(gyro[done].tolist()), tuple(accel[done].tolist()))
+                done += 1
+        return windows
+
+    def _follows(self, t: float) -> bool:
+        """Whether a sample at t goes on where the last one was, and no other time is in question."""
+        going_on = self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE
+        return going_on and self._ahead is None
+
+    def _unbroken(self, t: Array) -> int:
+        """How many of the first samples follow one another at once."""
+        if not self._follows(float(t[0])):
+            return 0
+        steps = np.diff(t)
+        broken = np.flatnonzero(~((steps > 0.0) & (steps <= LONGEST_BRIDGE)))
+        return int(broken[0]) + 1 if len(broken) else len(t)
+
+    def _pause(self) -> None:
+        """Begins anew; what had not yet filled a window is dropped."""
+        self._time, self._rows = [], []
+        self._last = self._at_edge = None
+
+    def _take(self, t: float, row: _Row) -> list[Window]:
+        self._newest = t
         self._time.append(t)
-        self._rows.append((*gyro, *accel))
+        self._rows.append(row)
         waits = self._last is not None and t < self.start + self._edge * WINDOW
         if waits or (self._last is None and len(self._time) < 2):
             return []
@@ -114,17 +175,13 @@ class WindowBuilder:
         self._time, self._rows = [], []
         return self._close(time, rows[:, :3], rows[:, 3:])
 
-    def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
-        """Many samples, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², finite; the windows they complete."""
+    def _take_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+        self._newest = float(t[-1])
         if self._time:
             held = np.array(self._rows)
             t = np.concatenate([self._time, t])
             gyro, accel = np.concatenate([held[:, :3], gyro]), np.concatenate([held[:, 3:], accel])
             self._time, self._rows = [], []
-        keep = self._kept(t)
-        self.refused += int(len(t) - np.count_nonzero(keep))
-        if not keep.all():
-            t, gyro, accel = t[keep], gyro[keep], accel[keep]
         if len(t) + (self._last is not None) < 2:
             self._time, self._rows = t.tolist(), [(*g, *a) for g, a in zip(gyro, accel, strict=True)]
             return []
@@ -134,26 +191,10 @@ class WindowBuilder:
             windows += self._close(t[part], gyro[part], accel[part])
         return windows
 
-    def _follows(self, t: float) -> bool:
-        last = self._time[-1] if self._time else self._last[0][0] if self._last else None
-        return last is None or bool(0.0 < t - last <= LONGEST_GAP)
-
-    def _kept(self, t: Array) -> NDArray[np.bool_]:
-        """Which of many samples `add` would accept one after the other."""
-        last = self._last[0][0] if self._last else None
-        steps = np.diff(t) if last is None else np.diff(t, prepend=last)
-        keep = np.ones(len(t), bool)
-        if bool(((steps > 0.0) & (steps <= LONGEST_GAP)).all()):
-            return keep
-        for index, time in enumerate(t.tolist()):
-            keep[index] = last is None or 0.0 < time - last <= LONGEST_GAP
-            last = time if keep[index] else last
-        return keep
-
     def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
         sign = facing_sign(self.facing)
         if self._last is None:
-            self._edge = max(0, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
+            self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
             rows = self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
             self._last = (t[:1], rows, np.zeros((_CF + 2, 1)))
             t, gyro, accel = t[1:], gyro[1:], accel[1:]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +17,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import WHEEL_ANGLE
 from hubodo.fuse.wheel.fixed_lag import gain
-from hubodo.fuse.wheel.step import Kept, Pose, WheelStep
-
-if TYPE_CHECKING:
-    from hubodo.fuse.wheel.filter import Step
+from hubodo.fuse.wheel.step import Kept, Pose, Step, WheelStep
 
 _STRETCH = 200
 """Steps that are in memory at once, 10 MB of matrices.
@@ -45,7 +42,7 @@ def smooth(config: WheelConfig, steps: Sequence[Step], needed: int) -> list[Pose
     for index, step in enumerate(steps):
         if index % _STRETCH == 0:
             copies.append(copy.deepcopy(core))
-        core.step(step.windows, step.number, step.listen, needed)
+        core.step(step, needed)
     angles = [wheel.at[WHEEL_ANGLE] for wheel in core.wheels]
     poses: list[Pose] = []
     later: _Record | None = None
@@ -66,7 +63,7 @@ def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]
     core.keep = True
     records = []
     for step in steps:
-        pose = core.step(step.windows, step.number, step.listen, needed)
+        pose = core.step(step, needed)
         records.append(_Record(pose, core.kept, core.transition()))
     return records
 
@@ -92,6 +89,6 @@ def _pose(record: _Record, x: Array, p: Array, places: list[int]) -> Pose:
     change = rows @ (x - np.array(record.kept.x))
     pose = record.pose
     px, py, heading, speed, yaw_rate = (float(a + b) for a, b in zip(pose[1:6], change, strict=True))
-    return pose._replace(
-        x=px, y=py, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=rows @ p @ rows.T
-    )
+    covariance = rows @ p @ rows.T
+    covariance[:2, :2] += record.kept.swung
+    return pose._replace(x=px, y=py, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=covariance)

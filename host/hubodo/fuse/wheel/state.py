@@ -21,15 +21,9 @@ from hubodo.fuse.wheel.entries import (
     Entry,
 )
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
-from hubodo.fuse.wheel.preintegration import Window
+from hubodo.fuse.wheel.preintegration import NOTHING, Window
 from hubodo.fuse.wheel.stillness import RestDetector
 from hubodo.vehicle import side_sign
-
-FORGET = 20
-"""Windows without a sample after which a wheel angle is no longer believed.
-
-Two seconds: at walking pace a wheel has then turned by more than can be guessed. Estimated.
-"""
 
 _LOST_ANGLE = 0.7
 """rad by which gravity may seem to have turned over a gap; beyond it the angle is found anew.
@@ -66,7 +60,6 @@ class Wheel:
     joined: bool = False
     trusted: bool = True
     heard: int = 0
-    unheard: int = 0
     level: complex = 0j
     axial: float = 0.0
     begin: float = 0.0
@@ -85,14 +78,13 @@ class Wheel:
 
     def listen(self, window: Window) -> None:
         """Gathers gravity, carried along with the spin, until the wheel angle can be read from it."""
+        if window is NOTHING:
+            self.unhear(1)
+            return
         if window.missing > 0.5:
-            self.unheard += 1
             self.unheard_in_all += 1
-            if self.unheard >= FORGET:
-                self._forget()
             self._after, self._looked = 0j, 0
             return
-        self.unheard = 0
         if self.joined:
             self._compare(window)
             return
@@ -102,6 +94,11 @@ class Wheel:
         self.level += window.force * cmath.exp(1j * window.clock_angle)
         self.axial += window.axial
         self.spin = window.clock_angle + 0.5 * window.spin
+
+    def unhear(self, windows: int) -> None:
+        """Nothing was heard, and nothing bridges it: what the wheel turned by meanwhile is not known."""
+        self.unheard_in_all += windows
+        self._forget()
 
     def _compare(self, window: Window) -> None:
         """Forgets the angle when gravity lies elsewhere after a gap.
@@ -124,7 +121,7 @@ class Wheel:
 
     def _forget(self) -> None:
         self.joined, self.heard, self.level, self.axial = False, 0, 0j, 0.0
-        self._before = 0j
+        self._before, self._looked = 0j, None
 
     def join(self, x: list[float], p: Array, at_begin: bool) -> None:
         """Wheel angle from gravity: a force e^(-i theta) carried by e^(ic) points along e^(-i(theta - c)).
@@ -159,7 +156,7 @@ class InitialState:
 
 def initial_state(config: WheelConfig) -> InitialState:
     """At rest at the origin, with the priors of all entries and what `config` knows better."""
-    columns = Columns(len(config.nodes), config.told)
+    columns = Columns(len(config.nodes), config.told, config.encoder)
     made = InitialState(
         [0.0] * columns.size, np.zeros((columns.size, columns.size)), np.zeros(columns.size), columns
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -26,19 +27,21 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.measurements import Row, centripetal, position, zero_velocity
+from hubodo.fuse.wheel.measurements import Row, centripetal, position, surface_speed, zero_velocity
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.prediction import forward_force, least_still
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
+from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung, window_walk
+from hubodo.fuse.wheel.silences import Silences
 from hubodo.fuse.wheel.state import Wheel, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.update import Pairs, WheelUpdate
+from hubodo.fuse.wheel.update import UNHEARD, Pairs, WheelUpdate
 
 _SPEED_STEP, _YAW_STEP = 0.5, 0.5
 """m/s and rad/s by which speed and yaw rate may step from window to window.
 
-So far that what is measured decides. Estimated.
+So far that what is measured decides. Where neither is, both wander as silence.py has it. Estimated.
 """
 
 _EXCESS_STEP = 2.0
@@ -60,11 +63,32 @@ _ENOUGH, _TURNING = 300, 1.0
 Half a minute. Estimated.
 """
 
+_JUST_NOW = 5
+"""Windows within which one wheel may be heard no more before the other, and the vehicle still rests.
+
+Estimated.
+"""
+
 POSE = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
+class Step(NamedTuple):
+    """What happened at once: the windows of all wheels of one number, in the order of the nodes.
+
+    Or no windows: nothing was heard of any wheel in `spans` windows up to this number. listen: look for the
+    angle of wheels that were not heard. speeds: m/s of the left and the right wheel's surface, where another
+    odometer tells them.
+    """
+
+    windows: tuple[Window, ...]
+    number: int
+    listen: bool
+    spans: int = 1
+    speeds: tuple[float, float] | None = None
+
+
 class Pose(NamedTuple):
-    """End of a window.
+    """End of a step.
 
     t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the window. covariance:
     (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still. nis, degrees: squared
@@ -86,7 +110,9 @@ class Pose(NamedTuple):
 class Kept(NamedTuple):
     """Both sides of a step's measurements: states and covariance before and after.
 
-    renewed: the states that the step began anew, without memory.
+    renewed: the states that the step began anew, without memory. passed: (n, n), derivatives of the states
+    before the measurements by those at the end of the step before, None where no time lies between. swung:
+    (2, 2) m² of x and y beyond what p has.
     """
 
     prior_x: list[float]
@@ -94,6 +120,8 @@ class Kept(NamedTuple):
     renewed: list[int]
     x: list[float]
     p: Array
+    swung: Array
+    passed: Array | None = None
 
 
 class Innovation(NamedTuple):
@@ -126,11 +154,15 @@ class WheelStep:
         self.config, self.x, self.p, self.wheels = config, begin.x, begin.p, begin.wheels
         self.columns, self._at = begin.columns, begin.columns.vehicle
         self.agreement = two_wheels.Agreement(config.track_width)
-        self.steps = 0
+        self.steps = self.windows = 0
         self.keep = False
-        self.kept = Kept([], np.empty(0), [], [], np.empty(0))
+        self.kept = Kept([], np.empty(0), [], [], np.empty(0), np.zeros((2, 2)))
+        self.silences = Silences()
         self._update = WheelUpdate(config, begin.columns)
         self._motion = WheelMotion(config, begin)
+        self._over_silence = SilenceMotion(config, begin)
+        self._timeless = False
+        self._fastest, self._rested = 0.0, -_JUST_NOW
         self.pose = [self._at[entry] for entry in POSE]
         self._of_pose = itemgetter(*self.pose)
         self._covariance = np.array(
@@ -145,49 +177,88 @@ class WheelStep:
         for row in windows:
             for wheel, window in zip(self.wheels, row, strict=True):
                 wheel.listen(window)
-        for wheel in self.wheels:
-            if wheel.heard > 0 and wheel.level != 0j:
+        for index, wheel in enumerate(self.wheels):
+            pauses = any(a[index] is not NOTHING and b[index] is NOTHING for a, b in pairwise(windows))
+            if wheel.heard > 0 and wheel.level != 0j and not pauses:
                 wheel.join(self.x, self.p, at_begin=True)
 
-    def step(self, windows: Sequence[Window], number: int, listen: bool, needed: int) -> Pose:
-        """Window `number` of each wheel.
-
-        listen: look for the angle of wheels that were not heard, in `needed` windows.
-        """
-        self._renewed = []
-        pairs = tuple(zip(self.wheels, windows, strict=True))
-        if listen:
+    def step(self, step: Step, needed: int) -> Pose:
+        """On to the end of a step. needed: windows in which the angle of a wheel is looked for."""
+        self.windows += step.spans
+        self._renewed, self._timeless = [], False
+        end = (step.number + 1) * WINDOW
+        if not step.windows:
+            return self._pass_silence(end, step.spans)
+        pairs = tuple(zip(self.wheels, step.windows, strict=True))
+        if step.listen:
             for wheel, window in pairs:
                 if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
                     wheel.join(self.x, self.p, at_begin=False)
                     self._renewed.append(wheel.at[WHEEL_ANGLE])
                 wheel.listen(window)
         stillness = least_still(pairs, self.x, self.p)
+        if stillness is Stillness.RESTING:
+            self._rested = self.windows
         if stillness is Stillness.MOVING:
-            self._predict_rates(pairs)
+            self._predict_rates(pairs, step.speeds is not None)
         else:
             self._stand(stillness)
         self._predict_excess(pairs)
         prior = (list(self.x), self.p.copy()) if self.keep else None
+        if self.silences.open:
+            self.silences.look(self.p, self._at, pairs, stillness)
         found = self._update.work_in(self.x, self.p, pairs, stillness)
         self.x, self.p = found.x, found.p
         for wheel, window in pairs:
             if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
                 self._feel_spin(wheel, window)
+        if step.speeds is not None:
+            self._roll(step.speeds)
         self._watch(pairs, found.rates, found.yaws)
         self.steps += 1
-        if prior is not None:
-            self.kept = Kept(prior[0], prior[1], self._renewed, list(self.x), self.p.copy())
+        kept = None if prior is None else (list(self.x), self.p.copy())
         self._motion.advance(self.x, self.p, pairs)
         if self.steps % _SYMMETRIC == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
-        end, covariance = (number + 1) * WINDOW, self.p.take(self._covariance)
-        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
-        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, found.nis, found.degrees)
+        if prior is not None and kept is not None:
+            self.kept = Kept(*prior, self._renewed, *kept, self._swung())
+        return self._pose(end, stillness, found.nis, found.degrees)
 
     def transition(self) -> Array:
-        """Derivatives of the states at the end of the last window by those at its beginning, (n, n)."""
-        return self._motion.transition()
+        """Derivatives of the states at the end of the last step by those after its measurements, (n, n)."""
+        return np.eye(len(self.x)) if self._timeless else self._motion.transition()
+
+    def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
+        covariance = self.p.take(self._covariance)
+        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
+        self._fastest = max(self._fastest, abs(speed))
+        if self.silences.turned:
+            covariance[:2, :2] += self._swung()
+        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
+
+    def _pass_silence(self, end: float, windows: int) -> Pose:
+        """Nothing was heard of any wheel: what vehicles do meanwhile."""
+        stood = self.windows - windows - self._rested < _JUST_NOW
+        seconds = windows * WINDOW
+        passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self._fastest), stood)
+        place = self.x[self._at[X]], self.x[self._at[Y]]
+        forces = [wheel.rest.force for wheel in self.wheels]
+        self.silences.begin(end - seconds, end, place, turned, forces if stood else None)
+        for wheel in self.wheels:
+            wheel.unhear(windows)
+            wheel.rest.forget()
+        if self.keep:
+            after = list(self.x), self.p.copy()
+            self.kept = Kept(*after, [], *after, self._swung(), passed)
+        self._timeless = True
+        return self._pose(end, Stillness.MOVING, 0.0, 0)
+
+    def _swung(self) -> Array:
+        """(2, 2) m² of x and y that headings lost in silences add beyond their derivatives."""
+        added = np.zeros((2, 2))
+        for x, y, variance in self.silences.turned:
+            added += swung(self.x[self._at[X]] - x, self.x[self._at[Y]] - y, variance)
+        return added
 
     def innovation(self, told: Position) -> Innovation:
         """What a position at the end of the last window would say that is new."""
@@ -214,16 +285,25 @@ class WheelStep:
 
     # -- prediction -----------------------------------------------------------------------------------------
 
-    def _predict_rates(self, pairs: Pairs) -> None:
-        """Speed goes on with the mean forward acceleration that is felt; the rest is noise."""
+    def _predict_rates(self, pairs: Pairs, told: bool) -> None:
+        """Speed goes on with the mean forward acceleration that is felt; the rest is noise.
+
+        told: whether another odometer tells what the wheels do.
+        """
         x, p = self.x, self.p
         speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
         force = forward_force(pairs, x)
         if force is not None:
             force -= x[self._at[SLOPE]]
             x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
-        p[speed, speed] += _SPEED_STEP**2
-        p[yaw_rate, yaw_rate] += _YAW_STEP**2
+        heard = [wheel for wheel, window in pairs if window.missing < UNHEARD]
+        shows_turning = told or len(heard) == 2 or any(wheel.joined for wheel in heard)
+        along, turning = _SPEED_STEP**2, _YAW_STEP**2
+        if not shows_turning:
+            free_along, turning = window_walk(agility(self._fastest))
+            along = along if heard or told else free_along
+        p[speed, speed] += along
+        p[yaw_rate, yaw_rate] += turning
 
     def _stand(self, stillness: Stillness) -> None:
         """Speed and yaw rate of a vehicle that stands.
@@ -261,8 +341,18 @@ class WheelStep:
         row = centripetal.measure(wheel.view, self.config.noise)
         if row is None:
             return
+        self._work_in(row, wheel.at)
+
+    def _roll(self, speeds: tuple[float, float]) -> None:
+        """What another odometer says of the wheels' surfaces."""
+        for side, speed in zip((1.0, -1.0), speeds, strict=True):
+            contact = 0.5 * side * self.config.track_width
+            self._work_in(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
+
+    def _work_in(self, row: Row, at: Mapping[Entry, int]) -> None:
+        """One row alone; one that stands out has the weight of one that just does not."""
         residual, variance, _ = row
-        h = self._derivatives(row, wheel.at)
+        h = self._derivatives(row, at)
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))

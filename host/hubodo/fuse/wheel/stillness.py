@@ -70,6 +70,7 @@ class RestDetector:
     limits: RestLimits = field(default_factory=RestLimits)
     noise: float = 0.0
     _past: deque[_Quiet] = field(default_factory=lambda: deque(maxlen=_ROCKING_SPAN))
+    _resting: list[_Quiet] = field(default_factory=list)
     _noises: deque[float] = field(default_factory=lambda: deque(maxlen=_SPAN))
 
     def begin(self, windows: Sequence[Window]) -> None:
@@ -77,6 +78,17 @@ class RestDetector:
         quiet = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.spread**2]
         if len(quiet) == len(windows) > 1:
             self.noise = _noise([(w.spin / WINDOW, w.raw_across / WINDOW) for w in quiet])
+
+    @property
+    def force(self) -> complex:
+        """m/s², mean specific force ax + i ay in the last second of rest; 0 where there was none."""
+        return _mean_force(self._resting) if self._resting else 0j
+
+    def forget(self) -> None:
+        """What was before says nothing of what comes."""
+        self._past.clear()
+        self._noises.clear()
+        self._resting = []
 
     def stillness(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> Stillness:
         """How still the wheel has been up to the end of this window.
@@ -101,6 +113,7 @@ class RestDetector:
         turned = abs(_mean_force(last[: _SPAN // 2]) - _mean_force(last[_SPAN // 2 :]))
         held, noise = _holds(last, limits.rate + margin)
         if held and turned < limits.turning and spread < limits.spread**2:
+            self._resting = last
             self._noises.append(noise)
             # Of a second ago: the newest may hold the beginning of a drive.
             self.noise = self._noises[0]

@@ -19,9 +19,11 @@ from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.silences import Silence
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.recording import Table
 
 _TURN = 2.0 * np.pi
@@ -59,7 +61,8 @@ class WheelTrack:
 class WheelReport:
     """What the filter learnt.
 
-    distance: m along the track. duration: s. method: in words. vehicle, and nodes by name: effect ->
+    distance: m along the track. duration: s. silences: when no wheel was heard, s, and whether the vehicle
+    stood. method: in words. vehicle, and nodes by name: effect ->
     parameter -> value and sigma, as a calibration file has them, nodes in their own axes; what one wheel
     cannot show is not there. What the filter knows as a mean of two parameters, each has. counts: by node,
     windows in which it slipped, clipped, was not heard; samples refused. warnings: one line each.
@@ -72,6 +75,7 @@ class WheelReport:
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     counts: Mapping[str, Mapping[str, int]]
     warnings: tuple[str, ...]
+    silences: tuple[Silence, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """For fuse.json."""
@@ -82,6 +86,7 @@ class WheelReport:
             "vehicle": _plain(self.vehicle),
             "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
+            "silences": [asdict(silence) for silence in self.silences],
             "warnings": list(self.warnings),
         }
 
@@ -99,14 +104,17 @@ class WheelRun:
     filter: WheelFilter = field(repr=False)
 
 
-def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> WheelRun:
+def run(
+    config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0, speeds: SurfaceSpeeds | None = None
+) -> WheelRun:
     """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
 
     lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
-    with a finite lag; one as long as the log is the same as inf, up to rounding. Raises ValueError when
+    with a finite lag; one as long as the log is the same as inf, up to rounding. speeds: of another odometer,
+    where the config has an encoder. Raises ValueError when
     there is not one window: less than a fifth of a second of samples.
     """
-    made = WheelFilter(config)
+    made = WheelFilter(config, speeds)
     if lag > 0.0:
         made.steps = []
     blocks = {
@@ -121,7 +129,7 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
     elif lag > 0.0:
         poses = smooth_with_lag(config, steps, LISTENED, math.ceil(lag / WINDOW - 1e-9))
     track = collect(poses)
-    alone = _without_what_jumped(config, nodes, lag, made)
+    alone = _without_what_jumped(config, nodes, lag, speeds, made)
     if alone is not None:
         return alone
     if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
@@ -130,7 +138,11 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
 
 
 def _without_what_jumped(
-    config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
+    config: WheelConfig,
+    nodes: Mapping[str, Table],
+    lag: float,
+    speeds: SurfaceSpeeds | None,
+    made: WheelFilter,
 ) -> WheelRun | None:
     """The run without what came after a gap in one node alone, when since then the wheels disagree.
 
@@ -144,7 +156,7 @@ def _without_what_jumped(
     name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
-    found = run(config, {**nodes, name: before}, lag)
+    found = run(config, {**nodes, name: before}, lag, speeds)
     earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
     if slips - earlier < _DISAGREE + earlier:
         return None
@@ -202,10 +214,20 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
         }
         for wheel in wheels
     }
-    path = float(np.sum(np.abs(track.speed)) * WINDOW)
     duration = float(track.t[-1] - track.t[0]) + WINDOW
-    warned = tuple(_warnings(made, track))
-    return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
+    warned = tuple(warnings_of(made, track.still))
+    silences = tuple(made.core.silences.told)
+    told = " with the surface speeds of another odometer" if made.config.encoder else ""
+    method = f"wheel filter on {names}{told}, {how}"
+    return WheelReport(_path(track), duration, method, vehicle, nodes, counts, warned, silences)
+
+
+def _path(track: WheelTrack) -> float:
+    """m along the track, backwards too; over a silence the chord."""
+    chord = np.hypot(np.diff(track.x), np.diff(track.y))
+    rolled = np.abs(track.speed) * WINDOW
+    silent = np.diff(track.t) > 1.5 * WINDOW
+    return float(rolled[0] + np.sum(np.where(silent, chord, rolled[1:])))
 
 
 def _quantities(
@@ -226,30 +248,32 @@ def _quantities(
     return found
 
 
-def _warnings(made: WheelFilter, track: WheelTrack) -> list[str]:
+def warnings_of(made: WheelFilter, still: Array) -> list[str]:
+    """What a user must know of a drive so far; still: (N,) of the poses."""
     lines = []
-    beginning = track.still[: int(3.0 / WINDOW)]
+    beginning = still[: int(3.0 / WINDOW)]
     if not np.any(beginning != Stillness.MOVING):
         lines.append(
             "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "
             "the first turns of the wheel. Stand still for five seconds before driving off"
         )
-    elif not np.any(beginning == Stillness.RESTING) and not np.any(track.still == Stillness.RESTING):
+    elif not np.any(beginning == Stillness.RESTING) and not np.any(still == Stillness.RESTING):
         lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
     if made.core.agreement.verdict:
         lines.append(f"{made.core.agreement.verdict}; until then its speed is not used")
-    windows = len(track.t)
+    lines += made.core.silences.lines(" and ".join(wheel.name for wheel in made.core.wheels))
+    windows, silent = made.core.windows, made.core.silences.windows
     for wheel in made.core.wheels:
-        lines += _wheel_warnings(wheel, windows, made.refused[wheel.name])
+        lines += _wheel_warnings(wheel, windows, silent, made.refused[wheel.name])
     return lines
 
 
-def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
+def _wheel_warnings(wheel: Wheel, windows: int, silent: int, refused: int) -> list[str]:
     whole = windows * WINDOW
     if wheel.unheard_in_all >= windows:
         return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
     found = []
-    if wheel.unheard_in_all > 5:
+    if wheel.unheard_in_all - silent > 5:
         gone = wheel.unheard_in_all * WINDOW
         found.append(f"not heard for {gone:.1f} s of {whole:.1f} s; sigmas grow there")
     if wheel.lost:
@@ -258,7 +282,9 @@ def _wheel_warnings(wheel: Wheel, windows: int, refused: int) -> list[str]:
             "its clock jumped, or it turned on while it was not heard"
         )
     if refused:
-        found.append(f"{refused} samples left out because their time went back or jumped far ahead")
+        found.append(
+            f"{refused} samples left out because their time went back, or jumped ahead for one of them"
+        )
     if wheel.turned < _TURN:
         turns = wheel.turned / _TURN
         found.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")

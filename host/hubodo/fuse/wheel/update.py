@@ -32,7 +32,7 @@ _STANDS_OUT = two_wheels.GATE**2
 _SIGNAL = 5.0**2
 """Square of the sigmas of noise by which a wheel must turn to show what multiplies its rate. Estimated."""
 
-_UNHEARD = 0.5
+UNHEARD = 0.5
 """Share of a window without samples from which on it says nothing at all."""
 
 
@@ -138,12 +138,12 @@ class WheelUpdate:
         return values, rates, yaws, out
 
     def _silent(self, index: int, wheel: Wheel, window: Window) -> list[int]:
-        """The rows of a wheel that say nothing in this window."""
+        """The rows of a wheel that say nothing in this window; its angle does not matter to how it rolls."""
         return [
             self._rows.of(measurement, index)
             for measurement in self._rows.measurements
-            if not wheel.joined
-            or window.missing >= _UNHEARD
+            if (not wheel.joined and measurement not in BETWEEN_WHEELS)
+            or window.missing >= UNHEARD
             or not measurement.usable(window)
             or (measurement in BETWEEN_WHEELS and not wheel.trusted)
         ]

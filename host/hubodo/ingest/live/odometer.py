@@ -6,8 +6,8 @@ order in which the recorder took them, gives the same bits again.
 
 from __future__ import annotations
 
+import math
 import re
-from array import array
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -22,7 +22,7 @@ from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.step import Pose
-from hubodo.fuse.wheel.track import WheelTrack, report
+from hubodo.fuse.wheel.track import warnings_of
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
 from hubodo.vehicle import Vehicle
@@ -116,8 +116,7 @@ class Odometer:
         self._last_ns: int | None = None
         self._state: WheelState | None = None
         self._still = bytearray()
-        self._speed = array("d")
-        self._end = 0.0
+        self._pose: Pose | None = None
         self._said: set[str] = set()
         self._looked = 0
         self._late: set[str] = set()
@@ -168,7 +167,7 @@ class Odometer:
 
         Before the end it is looked for every few seconds, once the vehicle has gone far enough to judge.
         """
-        windows = len(self._speed)
+        windows = len(self._still)
         if self._filter is None or not windows:
             return []
         if not end and (self.distance < _JUDGED_AFTER or windows < self._looked + _LOOK_EVERY):
@@ -180,7 +179,8 @@ class Odometer:
             for name in sorted(self._late)
         ]
         new = []
-        for line in [*lines, *report(self._filter, self._track()).warnings]:
+        still = np.frombuffer(bytes(self._still), np.uint8).astype(np.float64)
+        for line in [*lines, *warnings_of(self._filter, still)]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
             if kind not in self._said:
                 self._said.add(kind)
@@ -245,9 +245,11 @@ class Odometer:
         self._fresh += poses
         for pose in poses:
             self._still.append(int(pose.still))
-            self._speed.append(pose.speed)
-            self.distance += abs(pose.speed) * WINDOW
-            self._end = pose.t
+            before, self._pose = self._pose, pose
+            if before is not None and pose.t - before.t > 1.5 * WINDOW:
+                self.distance += math.hypot(pose.x - before.x, pose.y - before.y)
+            else:
+                self.distance += abs(pose.speed) * WINDOW
 
     def _motion(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
         states = [state for _, state in rows]
@@ -262,14 +264,4 @@ class Odometer:
             np.array([state.yaw_rate for state in states]),
             covariance[:, :3, :3],
             covariance[:, 3:, 3:],
-        )
-
-    def _track(self) -> WheelTrack:
-        """As much of the track as its report looks at; a day of poses with their covariances is too much."""
-        count = len(self._speed)
-        none = np.empty(0)
-        t = self._end - WINDOW * np.arange(count - 1, -1, -1.0)
-        still = np.frombuffer(bytes(self._still), np.uint8).astype(np.float64)
-        return WheelTrack(
-            t, none, none, none, np.array(self._speed), none, np.empty((0, 5, 5)), still, none, none
         )

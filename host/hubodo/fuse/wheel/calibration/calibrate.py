@@ -27,8 +27,8 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     Entry,
 )
-from hubodo.fuse.wheel.filter import LISTENED, Step, WheelFilter
-from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
+from hubodo.fuse.wheel.step import Step, WheelStep
 from hubodo.fuse.wheel.track import WheelTrack, collect, report
 from hubodo.recording import Table
 
@@ -212,7 +212,7 @@ class _Drive:
         vehicle = known_of(OF_VEHICLE, _effects(found.vehicle, {}), "left")
         learnt = WheelStep(_known(self._plain, nodes, vehicle))
         learnt.begin([step.windows for step in self.steps if not step.listen])
-        poses = [learnt.step(step.windows, step.number, step.listen, LISTENED) for step in self.steps]
+        poses = [learnt.step(step, LISTENED) for step in self.steps]
         antenna = (core.estimate(None, ANTENNA_X), core.estimate(None, ANTENNA_Y))
         return collect(poses), _values(antenna)
 

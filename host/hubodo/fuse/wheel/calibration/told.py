@@ -13,10 +13,10 @@ from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, POSITION_ERROR_Y, Entry, X, Y
-from hubodo.fuse.wheel.filter import LISTENED, Step
+from hubodo.fuse.wheel.filter import LISTENED
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.preintegration import WINDOW
-from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.step import Step, WheelStep
 
 _SPEED_SHARE = 0.02
 """Of the speed, by which the way from the end of a window back to a position within it is off. Estimated."""
@@ -62,7 +62,7 @@ def tell(
     core.begin([step.windows for step in steps if not step.listen])
     cost, used, jumps = 0.0, 0, 0
     for number, step in enumerate(steps):
-        pose = core.step(step.windows, step.number, step.listen, LISTENED)
+        pose = core.step(step, LISTENED)
         for index in ends.get(number, ()):
             late = pose.t - float(told.t[index])
             way, half = pose.speed * late, pose.heading - 0.5 * pose.yaw_rate * late
@@ -93,12 +93,13 @@ def _around(told: Positions, slow: float) -> dict[Entry, Quantity]:
 
 
 def _at_their_windows(steps: Sequence[Step], told: Positions) -> dict[int, list[int]]:
-    """Which positions are worked in after which step: that in whose window they lie."""
+    """Which positions are worked in after which step: that in whose window they lie, if a wheel was heard."""
     ends = np.array([(step.number + 1) * WINDOW for step in steps])
     places = np.searchsorted(ends, told.t)
     found: dict[int, list[int]] = {}
     for index, place in enumerate(places.tolist()):
-        found.setdefault(place, []).append(index)
+        if place < len(steps) and steps[place].windows:
+            found.setdefault(place, []).append(index)
     return found
 
 

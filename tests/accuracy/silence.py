@@ -1,0 +1,114 @@
+"""Silences on the way and pauses at rest: what they cost, how sure the track is, and the most a sample takes.
+
+python tests/accuracy/silence.py [--drives 6] [--seed 70] [--silences 1 3 20 60] [--pauses 0.5 600 7200]
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from generators.silences import MEANWHILE, paused_drive, silent_drive  # noqa: E402
+from generators.wheel_drives import WheelDrive  # noqa: E402
+from hubodo.fuse.wheel.filter import WheelFilter, WheelSample  # noqa: E402
+from hubodo.fuse.wheel.track import run  # noqa: E402
+from wheel_runs import BOTH, config, pose_error, tables  # noqa: E402
+
+
+def main() -> int:
+    """A line for each silence and kind of driving on, with two wheels and one; then one for each pause."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--drives", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=70)
+    parser.add_argument("--silences", type=float, nargs="+", default=[1.0, 3.0, 20.0, 60.0])
+    parser.add_argument("--pauses", type=float, nargs="+", default=[0.5, 3.0, 600.0, 7200.0, 259_200.0])
+    args = parser.parse_args()
+    seeds = range(args.seed, args.seed + args.drives)
+    print(f"both nodes silent at 1.2 m/s, seeds {seeds[0]} to {seeds[-1]}; rms; NEES of 3:")
+    for names in (BOTH, ("left",)):
+        for seconds in args.silences:
+            honest = [_silence(names, seconds, meanwhile, seeds) for meanwhile in MEANWHILE]
+            soon, late = np.mean(honest, axis=0)
+            print(f"  {seconds:5.0f} s, all: NEES {soon:5.2f}, {late:5.2f} at the end", flush=True)
+    print(f"pauses at rest, seeds {seeds[0]} to {seeds[-1]}; heading and its sigma at the end, degrees:")
+    for pause in args.pauses:
+        _pause(pause, seeds)
+    return 0
+
+
+def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: range) -> tuple[float, float]:
+    rows = []
+    for seed in seeds:
+        drive, heard = silent_drive(seed, seconds, meanwhile)
+        track = run(config(drive, names), tables(drive)).track
+        row = []
+        for place in (int(np.searchsorted(track.t, heard)), -1):
+            error, covariance = pose_error(drive, track, place)
+            row += [np.sum(error[:2] ** 2), np.trace(covariance[:2, :2]), error[2] ** 2, covariance[2, 2]]
+            row.append(float(error @ np.linalg.solve(covariance, error)))
+        rows.append(row)
+    mean = np.mean(rows, axis=0)
+    off, sigma, turned, unsure = np.sqrt(mean[:4])
+    print(
+        f"  {seconds:5.0f} s, {'+'.join(names):10} {meanwhile:9}: {off:6.2f} m off, sigma {sigma:6.2f} m; "
+        f"{np.degrees(turned):6.1f}°, sigma {np.degrees(unsure):6.1f}°; NEES {mean[4]:5.2f}; "
+        f"at the end {np.sqrt(mean[5]):6.2f} m, sigma {np.sqrt(mean[6]):6.2f} m, NEES {mean[9]:5.2f}",
+        flush=True,
+    )
+    return mean[4], mean[9]
+
+
+def _pause(seconds: float, seeds: range) -> None:
+    off, unsure, far, worst, spent = [], [], [], 0.0, 0.0
+    for seed in seeds:
+        drive, _, _ = paused_drive(seed, seconds)
+        begin = time.process_time()
+        track = run(config(drive), tables(drive)).track
+        spent = max(spent, time.process_time() - begin)
+        covariance = track.covariance[-1]
+        off.append(track.heading[-1] - drive.heading[-1])
+        unsure.append(covariance[2, 2])
+        far.append(np.sqrt(np.trace(covariance[:2, :2])))
+        worst = max(worst, _worst_call(drive)) if seed == seeds[0] else worst
+    print(
+        f"  {seconds:8.1f} s: {np.degrees(np.sqrt(np.mean(np.square(off)))):5.2f}°, sigma "
+        f"{np.degrees(np.sqrt(np.mean(unsure))):5.2f}°; position sigma {np.mean(far):7.1f} m; the log in "
+        f"{spent:.2f} s of CPU, live {1e3 * worst:.2f} ms for a sample at most",
+        flush=True,
+    )
+
+
+def _worst_call(drive: WheelDrive, times: int = 3) -> float:
+    """s of CPU, the most that one sample takes: of several runs the least for each sample."""
+    samples = sorted(
+        (
+            WheelSample(name, t, tuple(gyro), tuple(accel))
+            for name, node in drive.nodes.items()
+            for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True)
+        ),
+        key=lambda sample: sample.t,
+    )
+    costs = []
+    gc.disable()
+    for _ in range(times):
+        made, spent = WheelFilter(config(drive)), []
+        for sample in samples:
+            begin = time.process_time()
+            made.handle(sample)
+            spent.append(time.process_time() - begin)
+        costs.append(spent)
+    gc.enable()
+    return float(np.min(costs, axis=0).max())
+
+
+if __name__ == "__main__":
+    sys.exit(main())

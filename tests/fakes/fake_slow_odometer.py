@@ -1,0 +1,19 @@
+"""A fake: an odometer that takes far longer than samples take to come."""
+
+import time
+
+from hubodo.ingest.live.odometer import Odometer
+
+
+class FakeSlowOdometer(Odometer):
+    """Works, and holds the interpreter, for `busy_s` at each of the first `times` blocks."""
+
+    busy_s, times = 1.0, 3
+
+    def handle(self, block):
+        if self.times > 0:
+            self.times -= 1
+            end = time.monotonic() + self.busy_s
+            while time.monotonic() < end:
+                pass
+        return super().handle(block)

@@ -1,0 +1,75 @@
+"""Wheel drives whose nodes fall silent for a while, or that pause: what a radio, a cable or a battery does.
+
+Made by `wheel_drives`, so without the model under test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from generators import wheel_drives
+from generators.wheel_drives import WheelDrive
+
+SPEED, BEFORE, AFTER = 1.2, 12.0, 10.0
+"""m/s before the silence, s of driving before and after it."""
+
+MEANWHILE = {
+    "goes on": [(1.0, SPEED, 0.0)],
+    "brakes": [(0.1, SPEED, 0.0), (0.9, 0.0, 0.0)],
+    "turns": [(1.0, SPEED, 0.35)],
+    "speeds up": [(1.0, 1.8, -0.1)],
+}
+"""Share of the silence, m/s, rad/s."""
+
+
+def silent_drive(seed: int, seconds: float, meanwhile: str, rest: float = 6.0) -> tuple[WheelDrive, float]:
+    """A rest, a drive at walking pace, `seconds` of silence of both nodes, and a drive; when it begins, s."""
+    rng = np.random.default_rng(seed)
+    turn = float(rng.uniform(-0.2, 0.2))
+    after = (AFTER, float(rng.uniform(0.8, 1.5)), float(rng.uniform(-0.3, 0.3)))
+    parts = [(rest, 0.0, 0.0), (BEFORE, SPEED, turn)]
+    parts += [(share * seconds, speed, rate) for share, speed, rate in MEANWHILE[meanwhile]]
+    drive = wheel_drives.drive(wheel_drives.legs([*parts, after, (2.0, 0.0, 0.0)]), rng)
+    begin = rest + BEFORE + float(rng.uniform(-0.5, 0.5))
+    for name, node in drive.nodes.items():
+        # A cable or a radio is lost for both at once, but for what is on its way.
+        own = begin + float(rng.uniform(0.0, 0.05))
+        keep = (node.t < own) | (node.t > own + seconds)
+        drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
+    return drive, begin + seconds + 0.05
+
+
+def paused_drive(seed: int, seconds: float, length: float = 40.0) -> tuple[WheelDrive, float, float]:
+    """Once round in `length` m with a rest of ten seconds in the middle, in which the clock goes
+    on by `seconds`.
+
+    That is a pause in which the vehicle stands, or a jump of the clock. Also the middle, s, and the end.
+    """
+    rng = np.random.default_rng(seed)
+    half = wheel_drives.loop(rng, 0.5 * length, 6.0)
+    other = wheel_drives.loop(rng, 0.5 * length, 6.0)
+    plan = replace(
+        half,
+        speed=np.concatenate([half.speed, other.speed]),
+        yaw_rate=np.concatenate([half.yaw_rate, other.yaw_rate]),
+    )
+    drive = wheel_drives.drive(plan, rng)
+    middle = len(half.speed) / wheel_drives.RATE_HZ + 1.5
+    for name, node in drive.nodes.items():
+        drive.nodes[name] = replace(node, t=np.where(node.t > middle, node.t + seconds, node.t))
+    return drive, middle, float(drive.t[-1]) + seconds
+
+
+def stood_elsewhere(seed: int, seconds: float = 60.0) -> tuple[WheelDrive, float]:
+    """A drive whose nodes fall silent at rest, and are heard again at rest elsewhere; when that is, s."""
+    rng = np.random.default_rng(seed)
+    way = [(4.0, 0.0, 0.0), (seconds - 8.0, SPEED, 0.15), (4.0, 0.0, 0.0)]
+    parts = [(6.0, 0.0, 0.0), (8.0, SPEED, 0.1), (5.0, 0.0, 0.0), *way, (5.0, 0.0, 0.0), (8.0, SPEED, -0.1)]
+    drive = wheel_drives.drive(wheel_drives.legs([*parts, (2.0, 0.0, 0.0)]), rng)
+    begin = 17.5
+    for name, node in drive.nodes.items():
+        keep = (node.t < begin) | (node.t > begin + seconds)
+        drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
+    return drive, begin + seconds

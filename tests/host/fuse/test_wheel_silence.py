@@ -1,0 +1,165 @@
+"""Silences and pauses of the wheel filter: honest sigmas, constant time, the same bits live."""
+
+import gc
+import time
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from generators.silences import MEANWHILE, paused_drive, silent_drive, stood_elsewhere
+from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.silence import UNKNOWN, agility, free_motion, swung
+from hubodo.fuse.wheel.track import collect, run
+from wheel_runs import config, pose_error, tables, truth
+
+SEED = 3
+S_CPU = 2e-3
+
+
+def simulated(speed, yaw_rate, seconds, able, seed=1, runs=6000, step=0.02):
+    """(runs, 5) forward, left, heading, speed, yaw rate of the processes, stepped by Euler's method."""
+    rng = np.random.default_rng(seed)
+    v, r = np.full(runs, speed), np.full(runs, yaw_rate)
+    x, y, heading = np.zeros((3, runs))
+    for _ in range(round(seconds / step)):
+        x, y, heading = x + v * np.cos(heading) * step, y + v * np.sin(heading) * step, heading + r * step
+        v = v - v * step / 16.0 + able.speed * np.sqrt(2.0 * step / 16.0) * rng.standard_normal(runs)
+        r = r - r * step / 2.0 + able.yaw_rate * np.sqrt(2.0 * step / 2.0) * rng.standard_normal(runs)
+    return np.column_stack([x, y, heading, v, r])
+
+
+@pytest.mark.parametrize(
+    ("speed", "yaw_rate", "seconds"), [(1.2, 0.3, 3.0), (1.2, -0.2, 12.0), (0.0, 0.0, 100.0)]
+)
+def test_mean_and_covariance_are_those_of_the_simulated_processes(speed, yaw_rate, seconds):
+    able = agility(1.0)
+    found, made = free_motion(speed, yaw_rate, seconds, able), simulated(speed, yaw_rate, seconds, able)
+    mean, covariance = made.mean(axis=0), np.cov(made.T)
+    spread = np.sqrt(covariance.diagonal())
+    assert np.abs(mean[:2] - [found.way.real, found.way.imag]).max() < 0.06 * spread[:2].max()
+    assert mean[2] == pytest.approx(found.turn * yaw_rate, abs=0.06 * spread[2])
+    # A heading that is lost is no more than lost.
+    lost = min(1.0, UNKNOWN / spread[2])
+    scale = np.array([1.0, 1.0, lost, 1.0, 1.0]) * spread
+    expected = covariance / np.outer(spread, spread)
+    np.testing.assert_allclose(found.noise / np.outer(scale, scale), expected, atol=0.07)
+    assert np.linalg.eigvalsh(found.noise).min() > -1e-9
+
+
+def test_derivatives_of_the_way_are_its_differences():
+    able, step = agility(1.0), 1e-5
+    found = free_motion(1.2, 0.3, 5.0, able)
+    by_speed = (free_motion(1.2 + step, 0.3, 5.0, able).way - free_motion(1.2 - step, 0.3, 5.0, able).way) / (
+        2 * step
+    )
+    by_rate = (free_motion(1.2, 0.3 + step, 5.0, able).way - free_motion(1.2, 0.3 - step, 5.0, able).way) / (
+        2 * step
+    )
+    assert found.by_speed == pytest.approx(by_speed, abs=1e-8)
+    assert found.by_yaw_rate == pytest.approx(by_rate, abs=1e-8)
+
+
+@pytest.mark.parametrize("sigma", [0.2, 1.0, 3.0])
+def test_a_way_in_an_unsure_direction_falls_short_by_what_is_added(sigma):
+    off = sigma * np.random.default_rng(2).standard_normal(400_000)
+    short = np.mean((1.0 - np.cos(off)) ** 2)
+    assert swung(3.0, 4.0, sigma**2)[0, 0] == pytest.approx(9.0 * short, rel=0.02)
+
+
+@pytest.mark.parametrize(("seconds", "least", "most"), [(3.0, 1.0, 5.0), (20.0, 10.0, 40.0)])
+def test_after_a_silence_the_sigma_is_what_a_vehicle_can_do(seconds, least, most):
+    """NEES over four kinds of driving on and four seeds each, after the silence and at the end."""
+    soon, late = [], []
+    for meanwhile in MEANWHILE:
+        for seed in range(SEED, SEED + 4):
+            drive, heard = silent_drive(seed, seconds, meanwhile)
+            track = run(config(drive), tables(drive)).track
+            place = int(np.searchsorted(track.t, heard))
+            sigma = float(np.sqrt(np.trace(track.covariance[place, :2, :2])))
+            assert least < sigma < most, f"{meanwhile}, seed {seed}"
+            for found, at in ((soon, place), (late, -1)):
+                error, covariance = pose_error(drive, track, at)
+                found.append(float(error @ np.linalg.solve(covariance, error)))
+    print(
+        f"{seconds:g} s, seeds {SEED}..{SEED + 3}: NEES of 3: {np.mean(soon):.2f}, {np.mean(late):.2f} late"
+    )
+    for found in (soon, late):
+        assert 0.25 * 3.0 < np.mean(found) < 2.0 * 3.0
+        assert max(found) < chi2.ppf(1.0 - 1e-4, 3)
+
+
+def stream(drive):
+    """The samples of all nodes in order of time."""
+    samples = [
+        WheelSample(name, t, tuple(gyro), tuple(accel))
+        for name, node in drive.nodes.items()
+        for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True)
+    ]
+    return sorted(samples, key=lambda sample: sample.t)
+
+
+@pytest.mark.parametrize("pause", [0.7, 0.9, 2.5, 600.0, 7200.0, 3 * 86400.0])
+def test_a_pause_takes_no_time_and_gives_the_bits_of_the_whole_log_live(pause):
+    """The heading is kept where the vehicle stood; the most that a call costs, of three runs."""
+    drive, _, end = paused_drive(SEED, pause)
+    begin = time.process_time()
+    bulk = run(config(drive), tables(drive)).track
+    assert time.process_time() - begin < 5.0
+    costs = []
+    gc.disable()
+    try:
+        for _ in range(3):
+            made, poses, spent = WheelFilter(config(drive)), [], []
+            for sample in stream(drive):
+                begin = time.process_time()
+                poses += made.handle(sample).poses
+                spent.append(time.process_time() - begin)
+            costs.append(spent)
+    finally:
+        gc.enable()
+    live = collect([*poses, *made.finish().poses])
+    for name in ("t", "x", "y", "heading", "speed", "covariance"):
+        assert getattr(live, name).tobytes() == getattr(bulk, name).tobytes(), name
+    worst = float(np.min(costs, axis=0).max())
+    _, _, heading = truth(drive, drive.t[-1])
+    off = float(bulk.heading[-1] - heading)
+    print(f"seed {SEED}, {pause:g} s: {1e3 * worst:.2f} ms at most, heading {np.degrees(off):+.2f}° off")
+    assert worst < S_CPU
+    assert bulk.t[-1] == pytest.approx(end, abs=0.3)
+    assert abs(off) < 3.0 * np.sqrt(bulk.covariance[-1, 2, 2]) < 0.5
+    assert len(bulk.t) < 10.0 * drive.t[-1] + 10
+
+
+def test_a_pause_in_which_the_vehicle_stood_is_told_and_its_position_is_as_far_as_it_can_go():
+    drive, begin, _ = paused_drive(SEED, 600.0)
+    found = run(config(drive), tables(drive))
+    (silence,) = found.report.silences
+    assert silence.stood and silence.begin == pytest.approx(begin, abs=0.2)
+    assert silence.end == pytest.approx(begin + 600.0, abs=0.2)
+    assert any("its heading is kept" in line and "600" in line for line in found.report.warnings)
+    after = np.searchsorted(found.track.t, begin + 602.0)
+    assert 20.0 < np.sqrt(found.track.covariance[after, 0, 0]) < 300.0
+    assert found.report.distance == pytest.approx(drive.length, rel=0.02)
+
+
+def test_wheels_that_stand_otherwise_after_a_pause_do_not_keep_the_heading():
+    """It was driven on while nothing was heard, from rest to rest."""
+    drive, heard = stood_elsewhere(SEED)
+    found = run(config(drive), tables(drive))
+    assert [silence.stood for silence in found.report.silences] == [False]
+    place = int(np.searchsorted(found.track.t, heard + 2.0))
+    error, covariance = pose_error(drive, found.track, place)
+    assert np.sqrt(covariance[2, 2]) > 1.0
+    assert error @ np.linalg.solve(covariance, error) < chi2.ppf(1.0 - 1e-3, 3)
+
+
+def test_smoothing_goes_over_a_silence_and_ends_as_the_filter():
+    drive, heard = silent_drive(SEED, 3.0, "goes on")
+    plain, smooth = (run(config(drive), tables(drive), lag).track for lag in (0.0, np.inf))
+    np.testing.assert_allclose(smooth.covariance[-1], plain.covariance[-1], rtol=1e-6, atol=1e-12)
+    assert smooth.x[-1] == pytest.approx(plain.x[-1], abs=1e-6)
+    place = int(np.searchsorted(plain.t, heard))
+    for track in (plain, smooth):
+        error, covariance = pose_error(drive, track, place)
+        assert error @ np.linalg.solve(covariance, error) < chi2.ppf(1.0 - 1e-3, 3)
