@@ -28,10 +28,14 @@ def config(
     drive: wheel_drives.WheelDrive,
     names: tuple[str, ...] = BOTH,
     facing: dict[str, str] | None = None,
+    limits: dict[str, float] | None = None,
     **changes: object,
 ) -> WheelConfig:
-    """The filter's settings for a drive, with the vehicle as declared."""
-    nodes = {name: WheelNode(name, (facing or {}).get(name, "left")) for name in names}  # type: ignore[arg-type]
+    """The filter's settings for a drive, with the vehicle as declared; limits: where the nodes clip."""
+    nodes = {
+        name: WheelNode(name, (facing or {}).get(name, "left"), **(limits or {}))  # type: ignore[arg-type]
+        for name in names
+    }
     return replace(WheelConfig(drive.radius, drive.track, nodes), **changes)  # type: ignore[arg-type]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,15 +14,21 @@ from hubodo.toml_file import above_zero, as_table, load_toml, only_keys, read_ta
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
 
+RANGES = ("gyro_range", "accel_range")
 _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
 
 
 @dataclass(frozen=True, slots=True)
 class NodeMount:
-    """Where a node sits. side: which wheel, None on the body; facing: where its z axis points."""
+    """Where a node sits. side: which wheel, None on the body; facing: where its z axis points.
+
+    gyro_range: rad/s, accel_range: m/s², where its samples end; None where the file does not say.
+    """
 
     side: Side | None = None
     facing: Facing | None = None
+    gyro_range: float | None = None
+    accel_range: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +60,7 @@ def facing_sign(facing: Facing) -> float:
 
 
 def load_vehicle(path: Path) -> Vehicle:
-    """Reads ``[vehicle]`` and ``[nodes.*]`` of a model or vehicle file; its other tables are not looked at.
+    """Reads ``[vehicle]``, ``[nodes.*]`` and the ranges in ``[imu]`` of a model or vehicle file.
 
     Raises ConfigError when a key is unknown, missing or impossible.
     """
@@ -71,12 +77,16 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     sizes = read_table({k: body[k] for k in body if k != "antenna"}, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
+    imu = as_table(table.get("imu", {}), f"{path}: [imu]")
+    common = _ranges(imu, f"{path}: [imu]")
     nodes: dict[str, NodeMount] = {}
     for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
         entries = as_table(values, where)
-        only_keys(entries, ("side", "facing", "effects"), where)
-        nodes[name] = _mount(entries, where)
+        only_keys(entries, ("side", "facing", *RANGES, "effects"), where)
+        own = common | _ranges(entries, where)
+        gyro, accel = own.get("gyro_range"), own.get("accel_range")
+        nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
     return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, _antenna(body, f"{path}: [vehicle] antenna"))
 
 
@@ -93,6 +103,18 @@ def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
         case [int() | float() as x, int() | float() as y] if math.isfinite(x) and math.isfinite(y):
             return float(x), float(y)
     raise ConfigError(f"{where}: give [forward, left] in metres, such as [0.5, 0.0]")
+
+
+def _ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:
+    found = {}
+    for key in RANGES:
+        if key in table:
+            value = table[key]
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ConfigError(f"{where} {key} = {value!r}: give a number in rad/s or m/s²")
+            found[key] = float(value)
+            above_zero(found[key], f"{where} {key}")
+    return found
 
 
 def _mount(table: Mapping[str, Any], where: str) -> NodeMount:

@@ -3,7 +3,8 @@
 Positions and rotations of a rigid wheel are written down in the world at 1 kHz and differentiated
 numerically: rate from the change of the rotation, specific force from the second difference of the sensing
 point's position. Nothing is taken from hubodo. Then comes the sensor: mounting, scale, bias with warm-up,
-noise, its own clock, saturation and steps of the LSM6DS33 (2000 deg/s, 16 g).
+noise, its own clock, saturation and steps of the LSM6DS33, at 2000 deg/s and 16 g unless told otherwise (its
+16-bit words end at 2293 deg/s).
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ class Errors:
     tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
     clock: s between the nodes. roll: rad/s of the vehicle
     while it moves. vibration: m/s² per sample. road: m per square root of
-    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities.
+    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities. bumps: the
+    road's roughness in units of ISO 8608 class A (16e-6 m³ at 0.1 cycles/m), which a tyre lets through up to
+    10 Hz and which throws the hub up and down.
     """
 
     radius: float = 0.002
@@ -46,9 +49,18 @@ class Errors:
     vibration: float = 0.2
     road: float = 0.0005
     noise: float = 1.0
+    bumps: float = 0.0
 
 
-PERFECT = Errors(*([0.0] * 15))
+PERFECT = Errors(*([0.0] * 16))
+
+
+@dataclass(frozen=True)
+class Ends:
+    """Where the words of a sensor end, rad/s and m/s²: 2**15 steps from zero."""
+
+    gyro: float = 2**15 * GYRO_STEP
+    accel: float = 2**15 * ACCEL_STEP
 
 
 @dataclass(frozen=True)
@@ -126,6 +138,20 @@ def loop(rng: np.random.Generator, length: float = 250.0, rest: float = 8.0) -> 
     return legs(parts)
 
 
+def ramps(parts: list[tuple[float, float, float]], hardest: float = 2.5, begin: float = 0.0) -> Plan:
+    """Legs of (duration s, speed m/s, yaw rate rad/s), with no more than `hardest` m/s² between their speeds.
+
+    begin: m/s before the first leg.
+    """
+    speeds, now = [], begin
+    for duration, speed, _ in parts:
+        way = np.minimum(hardest / RATE_HZ * np.arange(1, int(duration * RATE_HZ) + 1), abs(speed - now))
+        speeds.append(now + np.sign(speed - now) * way)
+        now = float(speeds[-1][-1])
+    counts = [len(leg) for leg in speeds]
+    return Plan(_smooth(np.concatenate(speeds)), _smooth(np.repeat([part[2] for part in parts], counts)))
+
+
 def drive(
     plan: Plan,
     rng: np.random.Generator,
@@ -136,11 +162,12 @@ def drive(
     rate_hz: float = 104.0,
     facing: dict[str, str] | None = None,
     arm: tuple[float, float] | None = None,
+    ends: Ends | None = None,
 ) -> WheelDrive:
     """Run a plan.
 
     facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm, m, instead of a
-    drawn one.
+    drawn one. ends: of the sensors' words.
     """
     errors = errors or Errors()
     dt = 1.0 / RATE_HZ
@@ -159,13 +186,15 @@ def drive(
         theta = (
             rng.uniform(-np.pi, np.pi) + (_integral(rolled) + np.cumsum(_smooth(jitter, 0.05))) / true_radius
         )
+        height = _bumps(errors.bumps, np.abs(rolled), rng)
         sensing = np.array(arm) if arm else errors.arm * rng.standard_normal(2)
         rate, force = _rigid_wheel(
-            x, y, heading, roll, theta, side, true_track, true_radius, camber, np.append(sensing, 0.0)
+            (x, y, height),
+            *(heading, roll, theta, side, true_track, true_radius, camber, np.append(sensing, 0.0)),
         )
         turned = -1.0 if (facing or {}).get(name, "left") == "right" else 1.0
         flip = np.array([1.0, turned, turned])
-        node = _sensor(t, rate * flip, force * flip, rng, errors, rate_hz)
+        node = _sensor(t, rate * flip, force * flip, rng, errors, rate_hz, ends or Ends())
         node.truth.update(
             radius=true_radius / radius - 1.0,
             track=true_track / track - 1.0,
@@ -191,7 +220,23 @@ def _wander(rate: float, count: int, rng: np.random.Generator) -> np.ndarray:
     return white * rate / np.std(np.gradient(white) * RATE_HZ)
 
 
-def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
+def _bumps(roughness: float, speed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(N,) m, height of a hub: white slope of the road through a tyre of 10 Hz, damped by 0.4."""
+    if roughness == 0.0:
+        return np.zeros(len(speed))
+    # Two-sided density of the slope: (2 pi 0.1)² 16e-6 / 2 per cycle/m; a metre of road takes 1/v seconds.
+    density = 0.5 * (2.0 * np.pi * 0.1) ** 2 * 16e-6 * roughness
+    climb = np.sqrt(density * speed * RATE_HZ) * rng.standard_normal(len(speed))
+    frequency = 2.0 * np.pi * np.fft.rfftfreq(len(speed), 1.0 / RATE_HZ)
+    own = 2.0 * np.pi * 10.0
+    tyre = own**2 / (own**2 - frequency**2 + 2j * 0.4 * own * frequency)
+    # No slower than 0.5 Hz: the hills of a long road are no bumps.
+    tyre[frequency < np.pi] = 0.0
+    through = np.fft.irfft(np.fft.rfft(np.cumsum(climb) / RATE_HZ) * tyre, len(speed))
+    return through * _smooth(np.minimum(1.0, speed / 0.5))
+
+
+def _rigid_wheel(place, heading, roll, theta, side, track, radius, camber, arm):
     """(N, 3) rate and specific force in node axes, by differences of rotation and position."""
     zero, one = np.zeros_like(heading), np.ones_like(heading)
     ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
@@ -205,7 +250,7 @@ def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
     body_from_node = np.stack([c * up + s * forward, c * forward - s * up, one * axle], 1)
     world_from_node = np.einsum("ijn,jkn->ikn", world_from_body, body_from_node)
     hub_in_body = np.array([0.0, side * (0.5 * track - radius * np.sin(camber)), radius * np.cos(camber)])
-    place = np.array([x, y, zero]) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
+    place = np.array(place) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
     place += np.einsum("ijn,j->in", world_from_node, arm)
     dt = 1.0 / RATE_HZ
     change = np.gradient(world_from_node, dt, axis=2, edge_order=2)
@@ -218,7 +263,7 @@ def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
     return rate.T, force.T
 
 
-def _sensor(t, rate, force, rng, errors, rate_hz) -> Node:
+def _sensor(t, rate, force, rng, errors, rate_hz, ends) -> Node:
     normal = rng.standard_normal
     turn = np.append(errors.tilt * normal(2), 0.0)
     # Axes turned by the small vector m read v - m x v.
@@ -239,8 +284,7 @@ def _sensor(t, rate, force, rng, errors, rate_hz) -> Node:
     moving = np.interp(taken, t, np.abs(rate[:, 2])) > 0.1
     shake = np.where(moving, errors.vibration, 0.0)[:, None]
     accel = accel + (errors.noise * ACCEL_DENSITY * bandwidth + shake) * normal(accel.shape)
-    gyro = np.round(np.clip(gyro / GYRO_STEP, -32768, 32767)) * GYRO_STEP
-    accel = np.round(np.clip(accel / ACCEL_STEP, -32768, 32767)) * ACCEL_STEP
+    gyro, accel = _words(gyro, ends.gyro), _words(accel, ends.accel)
     truth = {
         "spin_scale": float(gyro_scale[2]),
         "yaw_scale": float(0.5 * (gyro_scale[0] + gyro_scale[1])),
@@ -252,6 +296,11 @@ def _sensor(t, rate, force, rng, errors, rate_hz) -> Node:
         "late": float(late),
     }
     return Node(taken + late, gyro, accel, truth)
+
+
+def _words(value: np.ndarray, end: float) -> np.ndarray:
+    step = end / 2**15
+    return np.round(np.clip(value / step, -32768, 32767)) * step
 
 
 def with_slip(plan: Plan, node: str, start: float, duration: float, speed: float) -> Plan:

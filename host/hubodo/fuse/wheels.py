@@ -15,6 +15,7 @@ from hubodo.errors import InputError
 from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
 from hubodo.fuse.node_bias import with_node_biases
 from hubodo.fuse.odometry import OdometryConfig, integrate
+from hubodo.fuse.ranges import NodeRanges, node_ranges, of_node
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
@@ -112,6 +113,7 @@ def wheel_odometry(
         return _speeds(recording, vehicle, recording.wheels)
     names = wheel_nodes(recording, vehicle, nodes, log)
     check_times({name: recording.nodes[name] for name in names}, log)
+    ranges = log_ranges(recording, vehicle, names, corrected=calibration is not None)
     applied = None
     if calibration is not None:
         applied = apply_calibration(
@@ -125,7 +127,7 @@ def wheel_odometry(
     if method == "differential":
         return _differential(recording, vehicle, names, log)
     calibration, told_bias = with_node_biases(calibration, recording, names)
-    made = _filtered(recording, vehicle, names, log, calibration, lag)
+    made = _filtered(recording, vehicle, names, log, calibration, lag, ranges)
     if told_bias:
         made = replace(made, learnt={**made.learnt, "bias_from_node": list(told_bias)})
     warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
@@ -135,6 +137,19 @@ def wheel_odometry(
     return replace(made, warnings=applied.warnings + warnings, learnt=learnt)
 
 
+def log_ranges(
+    recording: Recording, vehicle: Vehicle, names: Sequence[str], *, corrected: bool = False
+) -> dict[str, NodeRanges]:
+    """Where each node of a recording clips; corrected: whether its samples are yet to be calibrated."""
+    told = recording.metadata
+    return {
+        name: node_ranges(
+            vehicle.nodes[name], of_node(told, name), recording.nodes[name], corrected=corrected
+        )
+        for name in names
+    }
+
+
 def _filtered(
     recording: Recording,
     vehicle: Vehicle,
@@ -142,6 +157,7 @@ def _filtered(
     log: str,
     calibration: Calibration | None,
     lag: float,
+    ranges: Mapping[str, NodeRanges],
 ) -> WheelOdometry:
     """The wheel filter on nodes of a recording whose samples are calibrated."""
     used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
@@ -150,14 +166,16 @@ def _filtered(
         # The filter begins at the first edge of a window.
         first = min(table.t[0] for table in used_nodes.values() if len(table))
         first = math.ceil(first / WINDOW - 1e-9) * WINDOW
-        config = wheel_config(vehicle, list(names), calibration)
+        config = wheel_config(vehicle, list(names), calibration, ranges)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
         result = run(replace(config, encoder=bool(speeds)), used_nodes, lag, speeds)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
-    warnings = screenings + tuple(report.pop("warnings"))
+    report["ranges"] = {name: ranges[name].as_json() for name in names}
+    doubts = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
+    warnings = screenings + doubts + tuple(report.pop("warnings"))
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
     return WheelOdometry(
         track,

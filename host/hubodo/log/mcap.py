@@ -15,6 +15,7 @@ from hubodo.log.convert import carried_columns
 from hubodo.log.decode import WANTED, ChannelRows, Decoder, column_names, message_type
 from hubodo.log.logfile import Log, LogMessage, Stream, open_log
 from hubodo.log.meeting_rows import places_of, rising_rows, shared_rows
+from hubodo.log.sound_rows import sound_tables
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event, Recording, Table
 
@@ -109,6 +110,9 @@ class _Collected:
                 if name:
                     tables[name] = self._live_node(topic, rows)
         self._live_files(tables)
+        tables, unsound = sound_tables(tables)
+        for line in unsound:
+            self._note(line)
         magnetometers = {
             _stem(topic): self._ordered(
                 topic, rows, dict(zip("xyz", rows.values["magnetic_field"].T, strict=True)), "m"
@@ -205,6 +209,9 @@ class _Collected:
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
         heat = self._get(topic.removesuffix("/imu") + "/temperature")
         if heat is None:
+            return table
+        heat = heat.take(np.flatnonzero(np.isfinite(heat.values["temperature"])))
+        if not len(heat):
             return table
         warm = self._ordered("", heat, {"temperature": heat.values["temperature"]})
         return Table({**table.columns, "temperature": np.interp(table.t, warm.t, warm["temperature"])})

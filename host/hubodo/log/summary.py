@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
+from hubodo.log.chunk_body import Messages
 from hubodo.log.decode import Decoder, column_names, message_type
 from hubodo.log.logfile import Log, Stream, open_log
 from hubodo.log.mcap import events_of
@@ -107,8 +108,15 @@ class Summary:
 def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
     """Read a log once and describe it. Raises LogError when it is missing, empty or no MCAP."""
     with open_log(path) as log:
-        times, event_payloads, filters = _collect(log, progress)
+        times, event_payloads, filters, unsound = _collect(log, progress)
         events, notes = events_of(event_payloads)
+        notes = (
+            *notes,
+            *(
+                f"{log.streams[id].topic}: {count} messages hold NaN or infinity"
+                for id, count in unsound.items()
+            ),
+        )
         starts = [int(log_ns.min()) for log_ns, _ in times.values()]
         ends = [int(log_ns.max()) for log_ns, _ in times.values()]
         start = log.t_zero_ns if log.t_zero_ns is not None else min(starts, default=0)
@@ -142,8 +150,14 @@ def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
 Times = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
-def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes], dict[int, Decoder]]:
-    """Log and publish times of each channel, the payloads of the events, what nodes' filters said."""
+def _collect(
+    log: Log, progress: Progress | None
+) -> tuple[Times, list[bytes], dict[int, Decoder], dict[int, int]]:
+    """Log and publish times of each channel, the payloads of the events, what nodes' filters said.
+
+    Besides, by channel, how many messages of samples hold what is not finite.
+    """
+    unsound: dict[int, int] = {}
     parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
     payloads: list[bytes] = []
     filters: dict[int, Decoder] = {}
@@ -162,11 +176,37 @@ def _collect(log: Log, progress: Progress | None) -> tuple[Times, list[bytes], d
                 payloads += [messages.payload(i) for i in chosen.tolist()]
             elif _of_filter(streams[id]):
                 filters.setdefault(id, Decoder(ros2.COLUMNS)).feed(messages, chosen)
+            elif streams[id].encoding == "cdr" and message_type(streams[id].schema) in _MEASURED:
+                count = _unsound(message_type(streams[id].schema), messages, chosen)
+                if count:
+                    unsound[id] = unsound.get(id, 0) + count
     times = {
         id: (np.concatenate([p[0] for p in found]), np.concatenate([p[1] for p in found]))
         for id, found in parts.items()
     }
-    return times, payloads, filters
+    return times, payloads, filters, unsound
+
+
+_MEASURED: Mapping[str, tuple[str, ...]] = {
+    ros2.IMU: ("angular_velocity", "linear_acceleration"),
+    ros2.NAV_SAT_FIX: ("latitude", "longitude", "altitude"),
+    ros2.COLUMNS: ("data",),
+}
+"""What a message measured, of those whose numbers all count."""
+
+
+def _unsound(kind: str, messages: Messages, chosen: NDArray[np.intp]) -> int:
+    """How many of these messages hold NaN or infinity; fixes that say that they are none are not counted."""
+    decoder = Decoder(kind)
+    decoder.feed(messages, chosen)
+    values = decoder.rows().values
+    parts = [values[name] for name in _MEASURED[kind] if name in values]
+    if not parts or not len(parts[0]):
+        return 0
+    good = np.isfinite(np.column_stack(parts)).all(axis=1)
+    if kind == ros2.NAV_SAT_FIX:
+        good |= values["status.status"] < 0
+    return int(np.count_nonzero(~good))
 
 
 def _of_filter(stream: Stream) -> bool:

@@ -24,7 +24,7 @@ from hubodo.toml_file import (
     toml_text,
     write_whole,
 )
-from hubodo.vehicle import NodeMount, Vehicle, vehicle_of
+from hubodo.vehicle import RANGES, NodeMount, Vehicle, vehicle_of
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")
@@ -136,7 +136,11 @@ def _noise(table: Mapping[str, Any], path: Path) -> Noise:
         raise ConfigError(
             f"{path}: [imu] is missing; give gyro_noise (rad/s) and accel_noise (m/s²), 1 sigma"
         )
-    imu = read_table(table["imu"], _Imu, f"{path}: [imu]")
+    # The ranges are the nodes': see `vehicle_of`.
+    entries = {
+        key: value for key, value in as_table(table["imu"], f"{path}: [imu]").items() if key not in RANGES
+    }
+    imu = read_table(entries, _Imu, f"{path}: [imu]")
     for key in ("gyro_noise", "accel_noise"):
         above_zero(getattr(imu, key), f"{path}: [imu] {key}")
     return Noise(imu.gyro_noise, imu.accel_noise)
@@ -239,6 +243,11 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         lines += ["", f"[nodes.{toml_key(name)}]"]
         if mount.side is not None:
             lines += [f'side = "{mount.side}"', f'facing = "{mount.facing}"']
+        for key, value, unit in zip(
+            RANGES, (mount.gyro_range, mount.accel_range), ("rad/s", "m/s²"), strict=True
+        ):
+            if value is not None:
+                lines.append(_number(key, value, f"{unit}, where its samples end"))
     for item in model.effects:
         prefix = "effects" if item.node is None else f"nodes.{toml_key(item.node)}.effects"
         comment = (comments or {}).get((item.effect.name, item.node), "")

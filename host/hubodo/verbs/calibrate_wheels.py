@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from hubodo.fuse.wheel.calibration.findings import plain
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_times import check_times
+from hubodo.fuse.wheels import log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
@@ -115,11 +116,13 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     kind, positions = _positions(recording, vehicle, str(args.log))
     priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))
     try:
-        config = wheel_config(vehicle, list(recording.nodes))
+        there = [name for name in vehicle.nodes if name in recording.nodes]
+        config = wheel_config(vehicle, there, ranges=log_ranges(recording, vehicle, there))
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
     check_times({name: recording.nodes[name] for name in config.nodes}, str(args.log))
     found = calibrate_wheels(config, recording.nodes, positions, priors)
+    found = replace(found, warnings=recording.warnings + tuple(found.warnings))
     provenance: dict[str, Any] = {
         "method": f"wheel filter with {found.fixes} positions ({kind})",
         "source_sha256": source_hash(args.log),

@@ -127,7 +127,7 @@ def test_spin_beyond_the_gyro_is_carried_by_gravity_and_centripetal_force() -> N
     errors = replace(wheel_drives.Errors(), scale=0.003)
     drive = wheel_drives.drive(plan, rng, errors, arm=(0.02, 0.01), rate_hz=208.0)
     length = drive.length
-    naive = run(config(drive, ("left",), gyro_limit=1e9), tables(drive))
+    naive = run(config(drive, ("left",), limits={"gyro_limit": 1e9}), tables(drive))
     for names in (("left",), BOTH):
         found = run(config(drive, names), tables(drive))
         assert found.report.counts["left"]["windows_clipped"] > 30, f"seed {seed}"

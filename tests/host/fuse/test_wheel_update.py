@@ -56,8 +56,9 @@ def _work_in(update: WheelUpdate, begin: InitialState, *windows: Window) -> Upda
         ({}, set()),
         ({"across_clipped": 0.1}, {"yaw", "roll"}),
         ({"force_clipped": 0.1}, {"forward", "sideways"}),
-        ({"spin_clipped": 0.1}, {"sideways"}),
-        ({"spin_clipped": 0.1, "across_clipped": 0.1}, {"yaw", "roll", "sideways"}),
+        ({"axial_clipped": 0.1}, {"sideways"}),
+        ({"spin_clipped": 0.1}, set()),
+        ({"spin_clipped": 1.0, "across_clipped": 0.1}, {"yaw", "roll"}),
     ],
 )
 def test_a_clipped_channel_silences_what_is_made_of_it_and_nothing_else(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.wheel import WheelRadius
+from hubodo.fuse.ranges import NodeRanges
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, Entry
 from hubodo.fuse.wheel.stillness import RestLimits
 from hubodo.vehicle import Facing, Side, Vehicle
@@ -45,11 +46,17 @@ class WheelNoise:
 
 @dataclass(frozen=True, slots=True)
 class WheelNode:
-    """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left."""
+    """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left.
+
+    gyro_limit: rad/s, accel_limit: m/s², where its channels clip: just below 2000 deg/s and 16 g, the ranges
+    of the firmware, unless it is known better (`fuse/ranges.py`).
+    """
 
     side: Side
     facing: Facing
     known: Mapping[Entry, Quantity] = field(default_factory=dict)
+    gyro_limit: float = 34.8
+    accel_limit: float = 156.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +64,8 @@ class WheelConfig:
     """One or two wheels of a vehicle.
 
     radius, track_width: m. nodes: by name, one of each side at most. known: what replaces the priors of the
-    vehicle's entries. gyro_limit: rad/s, accel_limit: m/s², where the channels clip: just below 2000 deg/s
-    and 16 g, the ranges of the firmware. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it
-    is told positions by somebody else; encoder: whether another odometer tells the wheels' surface speeds.
+    vehicle's entries. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it is told positions by
+    somebody else; encoder: whether another odometer tells the wheels' surface speeds.
     """
 
     radius: float
@@ -68,8 +74,6 @@ class WheelConfig:
     noise: WheelNoise = field(default_factory=WheelNoise)
     rest: RestLimits = field(default_factory=RestLimits)
     known: Mapping[Entry, Quantity] = field(default_factory=dict)
-    gyro_limit: float = 34.8
-    accel_limit: float = 156.0
     start_heading: float = 0.0
     heading_sigma: float = 0.0
     told: bool = False
@@ -82,19 +86,23 @@ class WheelConfig:
 
 
 def wheel_config(
-    vehicle: Vehicle, names: Mapping[str, object] | list[str], calibration: Calibration | None = None
+    vehicle: Vehicle,
+    names: Mapping[str, object] | list[str],
+    calibration: Calibration | None = None,
+    ranges: Mapping[str, NodeRanges] | None = None,
 ) -> WheelConfig:
     """The filter's settings for those of a vehicle's nodes that sit on wheels and are among `names`.
 
-    calibration: replaces the priors of what it holds. Raises ValueError when no wheel node is left, or two
-    sit on one wheel.
+    calibration: replaces the priors of what it holds. ranges: by name, where known. Raises ValueError when no
+    wheel node is left, or two sit on one wheel.
     """
     nodes = {}
     for name, mount in vehicle.nodes.items():
         if name in names and mount.side is not None and mount.facing is not None:
             found = calibration.nodes.get(name) if calibration else None
             known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
-            nodes[name] = WheelNode(mount.side, mount.facing, known)
+            limits = ranges[name].limits if ranges and name in ranges else {}
+            nodes[name] = WheelNode(mount.side, mount.facing, known, **limits)
     config = WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes)
     return replace(config, known=known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
 

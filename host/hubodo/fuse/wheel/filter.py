@@ -17,6 +17,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     CAMBER,
+    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -111,7 +112,7 @@ class WheelFilter:
         self.core = WheelStep(config)
         self.steps: list[Step] | None = None
         self._builders = {
-            name: WindowBuilder(node.facing, 0.0, config.gyro_limit, config.accel_limit)
+            name: WindowBuilder(node.facing, 0.0, node.gyro_limit, node.accel_limit)
             for name, node in config.nodes.items()
         }
         self._queues: dict[str, deque[Window]] = {name: deque() for name in config.nodes}
@@ -193,7 +194,11 @@ class WheelFilter:
         sample, x, at = self._last[wheel.name], self.core.x, wheel.at
         assert self._pose is not None
         sign = facing_sign(wheel.node.facing)
-        spin = (sign * sample.gyro[2] - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
+        spin = sign * sample.gyro[2]
+        if abs(spin) >= wheel.node.gyro_limit:
+            spin += x[at[EXCESS]]
+        else:
+            spin = (spin - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
         lean = x[at[CAMBER]]
         across = complex(sample.gyro[0], sign * sample.gyro[1])
         across -= complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])

@@ -6,7 +6,14 @@ import cmath
 import math
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z, GYRO_SCALE_Z, WHEEL_ANGLE
+from hubodo.fuse.wheel.entries import (
+    EXCESS,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    WHEEL_ANGLE,
+)
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs
@@ -34,8 +41,10 @@ def forward_force(pairs: Pairs, x: list[float]) -> float | None:
     for wheel, window in pairs:
         if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:
             at = wheel.at
-            seen = window.spin / WINDOW - x[at[GYRO_BIAS_Z]]
-            rate = seen / (1.0 + x[at[GYRO_SCALE_Z]])
+            rate = window.spin / WINDOW
+            if not window.all_clipped:
+                rate = (rate - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
+            rate += x[at[EXCESS]]
             angle = x[at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
             total += (window.force * cmath.exp(1j * angle)).imag / WINDOW
             count += 1

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.sine import cosine_and_sine
+from hubodo.fuse.wheel.window_samples import WindowSamples, samples_between
 from hubodo.vehicle import Facing, facing_sign
 
 WINDOW = 0.1
@@ -28,6 +29,9 @@ At walking pace a wheel's rate bends by less than can be told from gravity meanw
 LONGEST_STEP = 0.08
 """s between samples; what is longer is a gap: at its slowest, 13 Hz, an LSM6DS33 takes 0.077."""
 
+_ALL = 1.0 - 1e-9
+"""Share of a window that is all of it, but for rounding."""
+
 _PORTION = 4096
 """Samples worked at a time: what is made of them stays in the processor's cache."""
 
@@ -40,10 +44,10 @@ class Window(NamedTuple):
     the node. spin: int gz. rate_start, rate_end: gz at the edges. across: int (gx + i gy) e^(ic). carrier:
     int e^(ic). force: int (ax + i ay) e^(ic). axial: int az. raw_force: int (ax + i ay). raw_across: int
     (gx + i gy). gyro_variance, axial_variance: within the window, (rad/s)² of all three axes and (m/s²)² of
-    az. spin_clipped, across_clipped, force_clipped: share of the time in which a channel stood at its
-    limit. missing: share of the time without samples. clock_angle: the carrier's angle at the middle since
-    the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the end less that at the
-    start.
+    az. spin_clipped, across_clipped, force_clipped, axial_clipped: share of the time in which gz, gx or gy,
+    ax or ay, az stood at its limit. missing: share of the time without samples. clock_angle: the carrier's
+    angle at the middle since the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the
+    end less that at the start. samples: where gz was clipped.
     """
 
     number: int = 0
@@ -61,10 +65,17 @@ class Window(NamedTuple):
     spin_clipped: float = 0.0
     across_clipped: float = 0.0
     force_clipped: float = 0.0
+    axial_clipped: float = 0.0
     missing: float = 0.0
     clock_angle: float = 0.0
-    swing: float = 0.0
+    swing: complex = 0.0
     lever: complex = 0j
+    samples: WindowSamples | None = None
+
+    @property
+    def all_clipped(self) -> bool:
+        """Whether gz stood at its limit all the time: then its scale and bias do not show either."""
+        return self.spin_clipped > _ALL
 
 
 NOTHING = Window(missing=1.0)
@@ -73,7 +84,32 @@ NOTHING = Window(missing=1.0)
 _Row = tuple[float, ...]
 
 # The integrands below, one row each.
-_GZ, _WR, _WI, _ER, _EI, _FR, _FI, _AZ, _GX, _GY, _AX, _AY, _GG, _ZZ, _CS, _CA, _CF = range(17)
+(
+    _GZ,
+    _WR,
+    _WI,
+    _ER,
+    _EI,
+    _FR,
+    _FI,
+    _AZ,
+    _GX,
+    _GY,
+    _AX,
+    _AY,
+    _GG,
+    _ZZ,
+    _SR,
+    _SI,
+    _QR,
+    _QI,
+    _CS,
+    _CA,
+    _CF,
+    _CZ,
+) = range(22)
+_KEPT = (_GZ, _GX, _GY, _AX, _AY, _CF)
+"""What `WindowSamples` are made of."""
 
 
 @dataclass
@@ -101,6 +137,7 @@ class WindowBuilder:
     _ahead: tuple[float, _Row] | None = None
     _last: tuple[Array, Array, Array] | None = None
     _at_edge: Array | None = None
+    _kept_rows: tuple[Array, Array] | None = None
 
     @property
     def newest(self) -> float | None:
@@ -196,13 +233,14 @@ class WindowBuilder:
         if self._last is None:
             self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
             rows = self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
-            self._last = (t[:1], rows, np.zeros((_CF + 2, 1)))
+            self._last = (t[:1], rows, np.zeros((_CZ + 2, 1)))
+            self._kept_rows = (t[:1], rows[list(_KEPT)])
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
         t_before, rows_before, totals_before = self._last
         t = np.concatenate([t_before, t])
         step = np.diff(t)
         spin = np.concatenate([rows_before[_GZ], sign * gyro[:, 2]])
-        totals = np.empty((_CF + 2, len(t)))
+        totals = np.empty((_CZ + 2, len(t)))
         totals[:, :1] = totals_before
         totals[_GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
         angle = np.cumsum(totals[_GZ])
@@ -210,7 +248,7 @@ class WindowBuilder:
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
         totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
-        windows = self._cut(t, rows, totals)
+        windows = self._with_samples(self._cut(t, rows, totals), t, rows)
         self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
         return windows
 
@@ -218,7 +256,8 @@ class WindowBuilder:
         gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
         ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
         cos, sin = cosine_and_sine(angle)
-        clipped = np.abs(gyro) >= self.gyro_limit
+        swing_cos, swing_sin = gz * cos, gz * sin
+        clipped, beyond = np.abs(gyro) >= self.gyro_limit, np.abs(accel) >= self.accel_limit
         return np.stack(
             [
                 gz,
@@ -235,11 +274,30 @@ class WindowBuilder:
                 ay,
                 gx * gx + gy * gy + gz * gz,
                 az * az,
+                swing_cos,
+                swing_sin,
+                gz * swing_cos,
+                gz * swing_sin,
                 clipped[:, 2],
                 clipped[:, 0] | clipped[:, 1],
-                (np.abs(accel[:, :2]) >= self.accel_limit).any(axis=1),
+                beyond[:, 0] | beyond[:, 1],
+                beyond[:, 2],
             ]
         )
+
+    def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
+        """The windows, those with a clipped spin with their samples; t, rows: from the last one before on."""
+        assert self._kept_rows is not None
+        time = np.concatenate([self._kept_rows[0], t[1:]])
+        kept = np.concatenate([self._kept_rows[1], rows[_KEPT, 1:]], axis=1)
+        for place, window in enumerate(windows):
+            if window.spin_clipped > 0.0:
+                begin = self.start + window.number * WINDOW
+                windows[place] = window._replace(samples=samples_between(time, kept, begin, begin + WINDOW))
+        edge = self.start + (self._edge - 1) * WINDOW
+        first = max(0, int(np.searchsorted(time, edge, side="right")) - 1) if windows else 0
+        self._kept_rows = (time[first:].copy(), kept[:, first:].copy())
+        return windows
 
     def _cut(self, t: Array, rows: Array, totals: Array) -> list[Window]:
         last = int(np.floor((t[-1] - self.start) / WINDOW + 1e-9))
@@ -254,7 +312,7 @@ class WindowBuilder:
         step = t[right] - t[left]
         share = (edges - t[left]) / step
         y0, y1 = rows[:, left], rows[:, right]
-        at = np.empty((_CF + 3, len(edges)))
+        at = np.empty((_CZ + 3, len(edges)))
         at[:-2] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
         at[-2] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
         at[-1] = y0[_GZ] + share * (y1[_GZ] - y0[_GZ])
@@ -277,19 +335,21 @@ def _differences(first: int, at: Array) -> list[Window]:
         return []
     middle = 0.5 * (at[_GZ, 1:] + at[_GZ, :-1])
     cos, sin = cosine_and_sine(middle)
-    half_cos, half_sin = cosine_and_sine(0.5 * d[_GZ])
     rate_start, rate_end = at[-1, :-1], at[-1, 1:]
+    carrier = _turned(d[_ER], d[_EI], cos, sin)
+    squared = _turned(d[_QR], d[_QI], cos, sin)
+    change = ((rate_end - rate_start) / WINDOW).tolist()
     mean = d / WINDOW
     gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
     axial_variance = mean[_ZZ] - mean[_AZ] * mean[_AZ]
-    columns: dict[str, Iterable[float] | Iterable[complex]] = {
+    columns: dict[str, Iterable[Any]] = {
         "number": range(first, first + count),
         "spin": d[_GZ].tolist(),
         "rate_start": rate_start.tolist(),
         "rate_end": rate_end.tolist(),
         # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
         "across": _turned(d[_WR], d[_WI], cos, sin),
-        "carrier": _turned(d[_ER], d[_EI], cos, sin),
+        "carrier": carrier,
         "force": _turned(d[_FR], d[_FI], cos, sin),
         "axial": d[_AZ].tolist(),
         "raw_across": _complex(d[_GX], d[_GY]),
@@ -299,10 +359,12 @@ def _differences(first: int, at: Array) -> list[Window]:
         "spin_clipped": mean[_CS].tolist(),
         "across_clipped": mean[_CA].tolist(),
         "force_clipped": mean[_CF].tolist(),
+        "axial_clipped": mean[_CZ].tolist(),
         "missing": mean[-2].tolist(),
         "clock_angle": middle.tolist(),
-        "swing": (2.0 * half_sin).tolist(),
-        "lever": _complex(-(rate_end + rate_start) * half_sin, (rate_end - rate_start) * half_cos),
+        "swing": _turned(d[_SR], d[_SI], cos, sin),
+        "samples": [None] * count,
+        "lever": [1j * a * c - q for a, c, q in zip(change, carrier, squared, strict=True)],
     }
     rows = zip(*(columns[name] for name in Window._fields), strict=True)
     return [Window._make(row) for row in rows]

@@ -120,13 +120,17 @@ class WheelMotion:
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:
     """The wheel angle to the end of the window; its derivatives in the order of `_WHEEL`."""
     t, at, side = WINDOW, wheel.at, wheel.geometry.side
-    scale = 1.0 + x[at[GYRO_SCALE_Z]]
-    seen = (window.spin / t - x[at[GYRO_BIAS_Z]]) / scale
+    if window.all_clipped:
+        seen, by_scale, by_bias = window.spin / t, 0.0, 0.0
+    else:
+        scale = 1.0 + x[at[GYRO_SCALE_Z]]
+        seen = (window.spin / t - x[at[GYRO_BIAS_Z]]) / scale
+        by_scale, by_bias = -seen / scale * t, -t / scale
     lean, angle = x[at[CAMBER]], at[WHEEL_ANGLE]
     sin = math.sin(lean)
     rate = seen + x[at[EXCESS]] - side * yaw_rate * sin
     x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)
-    return -seen / scale * t, -t / scale, t, -side * yaw_rate * math.cos(lean) * t, -side * sin * t
+    return by_scale, by_bias, t, -side * yaw_rate * math.cos(lean) * t, -side * sin * t
 
 
 def _transition_places(columns: Columns, moving: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:

@@ -10,9 +10,12 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.clipping import SpinFollower, find_spin
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
+    EXCESS,
     HEADING,
     OF_WHEEL,
     TIME_OFFSET,
@@ -21,7 +24,7 @@ from hubodo.fuse.wheel.entries import (
     Entry,
 )
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
-from hubodo.fuse.wheel.preintegration import NOTHING, Window
+from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.stillness import RestDetector
 from hubodo.vehicle import side_sign
 
@@ -33,6 +36,9 @@ Twice what hard braking tilts it by (WHEEL_ANGLE's prior), estimated.
 
 _LOOK = 3
 """Windows after a gap that are looked at for it: a bump fills one. Estimated."""
+
+_FOUND_EXCESS = 1.0
+"""rad/s, 1 sigma of a spin that was searched for; the vehicle may brake unevenly meanwhile. Estimated."""
 
 _OLD, _NEW = 0.8, 0.2
 """Shares that the direction of gravity before a gap keeps and takes up from window to window.
@@ -57,8 +63,10 @@ class Wheel:
     rest: RestDetector
     at: dict[Entry, int]
     view: WheelWindow
+    follower: SpinFollower
     joined: bool = False
     trusted: bool = True
+    astray: int = 0
     heard: int = 0
     level: complex = 0j
     axial: float = 0.0
@@ -72,6 +80,7 @@ class Wheel:
     clipped: int = 0
     unheard_in_all: int = 0
     lost: int = 0
+    _heard: list[Window] = field(default_factory=list)
     _before: complex = 0j
     _after: complex = 0j
     _looked: int | None = None
@@ -91,6 +100,7 @@ class Wheel:
         if self.heard == 0:
             self.begin = window.clock_angle - 0.5 * window.spin
         self.heard += 1
+        self._heard.append(window)
         self.level += window.force * cmath.exp(1j * window.clock_angle)
         self.axial += window.axial
         self.spin = window.clock_angle + 0.5 * window.spin
@@ -98,13 +108,18 @@ class Wheel:
     def unhear(self, windows: int) -> None:
         """Nothing was heard, and nothing bridges it: what the wheel turned by meanwhile is not known."""
         self.unheard_in_all += windows
-        self._forget()
+        self.follower.roll(NOTHING)
+        self.forget()
 
     def _compare(self, window: Window) -> None:
         """Forgets the angle when gravity lies elsewhere after a gap.
 
         Then the clock jumped, or the wheel did not turn as the straight line across the gap has it.
         """
+        if window.spin_clipped > 0.0 or window.force_clipped > 0.0:
+            # The carrier is not that of gravity, or gravity is cut off.
+            self._looked, self._before = None, 0j
+            return
         level = window.force * cmath.exp(1j * window.clock_angle)
         if self._looked is None or self._before == 0j:
             self._looked = None
@@ -117,27 +132,48 @@ class Wheel:
         self._before, self._looked = self._after / _LOOK, None
         if turned > _LOST_ANGLE:
             self.lost += 1
-            self._forget()
+            self.forget()
 
-    def _forget(self) -> None:
+    def forget(self) -> None:
+        """The wheel angle is not known any more."""
         self.joined, self.heard, self.level, self.axial = False, 0, 0j, 0.0
         self._before, self._looked = 0j, None
+        self._heard = []
 
-    def join(self, x: list[float], p: Array, at_begin: bool) -> None:
+    def join(self, x: list[float], p: Array, at_begin: bool) -> list[int]:
         """Wheel angle from gravity: a force e^(-i theta) carried by e^(ic) points along e^(-i(theta - c)).
 
-        at_begin: the angle where listening began, else where it ended.
+        at_begin: the angle where listening began, else where it ended. Returns the states that were begun
+        anew; none where gravity was not found, and listening begins anew.
         """
-        at = self.at
-        angle = -cmath.phase(self.level) + (self.begin if at_begin else self.spin)
+        at, heard = self.at, self._heard
+        self._heard = []
+        if any(window.spin_clipped > 0.0 for window in heard):
+            spin = find_spin(heard, self.geometry.radius)
+            if spin is None:
+                self.forget()
+                return []
+            angle = spin.begin if at_begin else spin.end
+            level = self.heard * STANDARD_GRAVITY * WINDOW
+            x[at[EXCESS]] = spin.excess if at_begin else spin.excess_end
+            self.follower.begin(x[at[EXCESS]], 0.0)
+            _renew(p, at[EXCESS], _FOUND_EXCESS**2)
+            renewed = [at[WHEEL_ANGLE], at[EXCESS]]
+        else:
+            angle, level = -cmath.phase(self.level) + (self.begin if at_begin else self.spin), abs(self.level)
+            renewed = [at[WHEEL_ANGLE]]
         x[at[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
         if x[at[CAMBER]] == 0.0:
-            x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, abs(self.level))
-        place = at[WHEEL_ANGLE]
-        p[place, :] = 0.0
-        p[:, place] = 0.0
-        p[place, place] = WHEEL_ANGLE.prior**2
+            x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, level)
+        _renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
         self.joined = True
+        return renewed
+
+
+def _renew(p: Array, place: int, variance: float) -> None:
+    p[place, :] = 0.0
+    p[:, place] = 0.0
+    p[place, place] = variance
 
 
 @dataclass
@@ -170,7 +206,15 @@ def initial_state(config: WheelConfig) -> InitialState:
         at = columns.wheels[index]
         side = side_sign(node.side)
         geometry = WheelGeometry(side, config.radius, 0.5 * side * config.track_width, float(index))
-        wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, WheelWindow(geometry, at))
+        wheel = Wheel(
+            name,
+            node,
+            geometry,
+            RestDetector(config.rest),
+            at,
+            WheelWindow(geometry, at),
+            SpinFollower(config.radius),
+        )
         made.wheels.append(wheel)
         for entry in OF_WHEEL:
             _begin(made, at[entry], entry, node.known.get(entry))

@@ -15,10 +15,15 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel import two_wheels
+from hubodo.fuse.wheel.clipping import unclipped
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
     EXCESS,
     HEADING,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
     SLOPE,
     SPEED,
     WHEEL_ANGLE,
@@ -44,9 +49,21 @@ _SPEED_STEP, _YAW_STEP = 0.5, 0.5
 So far that what is measured decides. Where neither is, both wander as silence.py has it. Estimated.
 """
 
-_EXCESS_STEP = 2.0
-"""rad/s by which the spin beyond a clipped gyro may step from window to window: 3 m/s² on a wheel of 0.15 m.
-Estimated."""
+_EXCESS_PUSH = 3.0
+"""m/s² by which the spin beyond a clipped gyro may change from window to window: hard driving. Estimated."""
+
+_EXCESS_SEEN = 0.15
+"""m/s by which the way of a window may be off what gravity shows of the spin: braking that begins or ends in
+it. Estimated."""
+
+_LOST_ANGLE = 1.0
+"""rad, 1 sigma of the wheel angle over a clipped window, from which on gravity's phase may be a turn off."""
+
+_ASTRAY = 3
+"""Windows in a row with gravity elsewhere; a hole in the road fills one. Estimated."""
+
+_STARTS = 3.0
+"""m/s; a first window that is faster, three sigma of what SPEED begins with, is no start from rest."""
 
 _HARDEST = 5.0
 """m/s²; no wheel drives or brakes a vehicle harder.
@@ -181,6 +198,18 @@ class WheelStep:
             pauses = any(a[index] is not NOTHING and b[index] is NOTHING for a, b in pairwise(windows))
             if wheel.heard > 0 and wheel.level != 0j and not pauses:
                 wheel.join(self.x, self.p, at_begin=True)
+        self._begin_rolling(windows)
+
+    def _begin_rolling(self, windows: Sequence[Sequence[Window]]) -> None:
+        """Speed where the drive begins faster than anybody starts from rest."""
+        rates = [
+            wheel.geometry.radius * (row[index].spin / WINDOW + self.x[wheel.at[EXCESS]])
+            for index, wheel in enumerate(self.wheels)
+            for row in [next((row for row in windows if row[index].missing == 0.0), None)]
+            if row is not None and wheel.joined
+        ]
+        if rates and min(map(abs, rates)) > _STARTS:
+            self.x[self._at[SPEED]] = sum(rates) / len(rates)
 
     def step(self, step: Step, needed: int) -> Pose:
         """On to the end of a step. needed: windows in which the angle of a wheel is looked for."""
@@ -193,9 +222,9 @@ class WheelStep:
         if step.listen:
             for wheel, window in pairs:
                 if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
-                    wheel.join(self.x, self.p, at_begin=False)
-                    self._renewed.append(wheel.at[WHEEL_ANGLE])
+                    self._renewed += wheel.join(self.x, self.p, at_begin=False)
                 wheel.listen(window)
+        pairs = tuple((wheel, self._carried(wheel, window)) for wheel, window in pairs)
         stillness = least_still(pairs, self.x, self.p)
         if stillness is Stillness.RESTING:
             self._rested = self.windows
@@ -203,15 +232,16 @@ class WheelStep:
             self._predict_rates(pairs, step.speeds is not None)
         else:
             self._stand(stillness)
-        self._predict_excess(pairs)
         prior = (list(self.x), self.p.copy()) if self.keep else None
         if self.silences.open:
             self.silences.look(self.p, self._at, pairs, stillness)
         found = self._update.work_in(self.x, self.p, pairs, stillness)
         self.x, self.p = found.x, found.p
         for wheel, window in pairs:
-            if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
+            if window.all_clipped and window.force_clipped == 0.0 and not wheel.follower.seen:
                 self._feel_spin(wheel, window)
+            if window.all_clipped and wheel.joined:
+                self._keep_upright(wheel, window)
         if step.speeds is not None:
             self._roll(step.speeds)
         self._watch(pairs, found.rates, found.yaws)
@@ -324,15 +354,35 @@ class WheelStep:
         self.p[place, place] = variance
         self._renewed.append(place)
 
-    def _predict_excess(self, pairs: Pairs) -> None:
-        """The spin that a clipped gyro did not see is a state while it clips, and nothing else."""
-        for wheel, window in pairs:
-            place = wheel.at[EXCESS]
-            if window.spin_clipped > 0.0:
-                self.p[place, place] += (_EXCESS_STEP * window.spin_clipped) ** 2
-            elif self.p[place, place] > 0.0:
-                self.x[place] = 0.0
-                self._renew(place, 0.0)
+    def _carried(self, wheel: Wheel, window: Window) -> Window:
+        """The window turned by the spin that it is believed to have.
+
+        The spin that a clipped gyro did not see is a state while it clips, and nothing else: in each window
+        anew, about what gravity shows of it.
+        """
+        x, p, at, follower = self.x, self.p, wheel.at, wheel.follower
+        place, angle = at[EXCESS], at[WHEEL_ANGLE]
+        if not window.all_clipped:
+            follower.roll(window)
+            if window.spin_clipped > 0.0 or p[place, place] > 0.0:
+                # Beyond the limit for less than a window it is not far beyond.
+                x[place] = 0.0
+                step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
+                self._renew(place, (step * window.spin_clipped) ** 2)
+            return unclipped(window, 0.0)
+        arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
+        follower.follow(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
+        if follower.seen:
+            x[place] = follower.excess
+            self._renew(place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
+        else:
+            x[place] += follower.slope * WINDOW
+            p[place, place] += (_EXCESS_PUSH * WINDOW / wheel.geometry.radius) ** 2
+        far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
+        if wheel.joined and far > _LOST_ANGLE**2:
+            wheel.lost += 1
+            wheel.forget()
+        return unclipped(window, x[place], follower.slope)
 
     # -- what else the windows say --------------------------------------------------------------------------
 
@@ -356,6 +406,25 @@ class WheelStep:
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))
+
+    def _keep_upright(self, wheel: Wheel, window: Window) -> None:
+        """Begins the wheel angle anew where gravity has long been elsewhere: half a turn off, or more.
+
+        The way may be off by that turn.
+        """
+        at, change = wheel.at, wheel.follower.slope * wheel.geometry.radius
+        wheel.view.look(self.x, window, resting=False)
+        off = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
+        wheel.astray = wheel.astray + 1 if wheel.follower.seen and abs(off) > _LOST_ANGLE else 0
+        if wheel.astray < _ASTRAY:
+            return
+        wheel.astray, wheel.lost = 0, wheel.lost + 1
+        self.x[at[WHEEL_ANGLE]] -= off
+        self._renew(at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+        course, turn = self.x[self._at[HEADING]], 2.0 * math.pi * wheel.geometry.radius
+        way = np.array([turn * math.cos(course), turn * math.sin(course)])
+        places = [self._at[X], self._at[Y]]
+        self.p[np.ix_(places, places)] += np.outer(way, way)
 
     def _derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
         """A row of the Jacobian, (n,)."""

@@ -150,7 +150,7 @@ class WheelUpdate:
 
 
 def _clipped(window: Window) -> bool:
-    return window.spin_clipped > 0.0 or window.across_clipped > 0.0 or window.force_clipped > 0.0
+    return window.spin_clipped + window.across_clipped + window.force_clipped + window.axial_clipped > 0.0
 
 
 def _whitening(s: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from hubodo.arrays import Array
 from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
+from hubodo.fuse.ranges import NodeRanges, node_ranges
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.preintegration import WINDOW
@@ -108,6 +110,9 @@ class Odometer:
         self._left = None if calibration is None else left_over(calibration)
         known = {} if calibration is None else calibration.nodes
         self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
+        self._ranges: dict[str, NodeRanges] = {
+            name: node_ranges(mount, {}, corrected=name in known) for name, mount in vehicle.nodes.items()
+        }
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(S / rate_hz)
@@ -137,6 +142,12 @@ class Odometer:
     def nodes(self) -> tuple[str, ...]:
         """The nodes that the filter listens to; empty before it has begun."""
         return () if self._filter is None else tuple(self._filter.config.nodes)
+
+    def told(self, node: str, text: Mapping[str, str]) -> None:
+        """What a node says of itself, as the log keeps it: its ranges, if that comes before its odometry."""
+        if node in self.wheels:
+            mount = self._vehicle.nodes[node]
+            self._ranges[node] = node_ranges(mount, text, corrected=node in self._corrections)
 
     def handle(self, block: Block) -> list[OdometryRows]:
         """What a block of samples makes known, oldest first; blocks of nodes on no wheel are passed over."""
@@ -189,7 +200,7 @@ class Odometer:
 
     def _config(self, names: list[str]) -> WheelConfig:
         try:
-            return wheel_config(self._vehicle, names, self._left)
+            return wheel_config(self._vehicle, names, self._left, self._ranges)
         except ValueError as error:
             raise InputError(
                 f"odometry: {error}; give each wheel's node in the vehicle file a side and a facing"

@@ -15,6 +15,7 @@ from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
 from hubodo.ingest.node.session import NodeSession
@@ -68,6 +69,7 @@ class Recorder:
         self.notices: list[str] = []
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
+        self._told: set[str] = set()
         self._misfit: CalibrationError | None = None
         self._names = dict(links)
         self._sink = sink
@@ -233,6 +235,10 @@ class Recorder:
         """Whether the calibration is that of the node; one that is of another keeps it from the odometry."""
         calibrated = self._calibration.nodes.get(item.node)
         node = next((node for node in self.nodes.values() if node.name == item.node), None)
+        hello = None if node is None else node.decoder.hello
+        if hello is not None and item.node not in self._told and self.odometer is not None:
+            self._told.add(item.node)
+            self.odometer.told(item.node, hello_metadata(hello))
         if calibrated is None or node is None or node.decoder.hello is None:
             return True
         serial = node.decoder.hello.serial.hex()

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from hubodo.calibration.apply import check_serial, power_on_times
 from hubodo.calibration.file import Calibration, node_serial, parse_calibration
 from hubodo.errors import ConfigError
+from hubodo.fuse.ranges import of_node
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.log import ros2, topics
@@ -93,6 +94,8 @@ class Playback:
             self.odometer = Odometer(
                 self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=kept.rate_hz
             )
+            for name in self._blocks.nodes:
+                self.odometer.told(name, of_node(metadata, name))
 
     @property
     def has_fixes(self) -> bool:
@@ -181,7 +184,11 @@ class _Blocks:
             name = topic.removeprefix("/").removesuffix("/imu")
             if topic != topics.imu(name) or not len(found):
                 continue
-            self.nodes[name] = found
+            samples = np.hstack([found.values["angular_velocity"], found.values["linear_acceleration"]])
+            good = np.isfinite(samples).all(axis=1)
+            if good.any():
+                # NaN and infinity are gaps to the odometry.
+                self.nodes[name] = found if good.all() else found.take(np.flatnonzero(good))
             warm = rows.get(topics.temperature(name))
             if warm is not None and len(warm):
                 pairs = zip(warm.publish_ns.tolist(), warm.values["temperature"].tolist(), strict=True)

@@ -7,7 +7,8 @@ up and their imaginary part forward (frames: the model's README). The node is ta
     theta_m = theta + p T / 2                                          its angle at the middle of the window
 
 T is the window, lambda +1 on the left wheel and -1 on the right one, r the yaw rate, k and b_z scale and bias
-of the gyro about the axle, u what it did not see because it was clipped, zero otherwise.
+of the gyro about the axle, u what it did not see because it was clipped, zero otherwise. Where it was clipped
+all the time p = int gz / T + u - lambda r sin(camber): a limit has neither scale nor bias.
 
 A measurement's residual is measured minus expected; its derivatives are those of what is expected less what
 is measured, by the entries of the state, in the order of its STATES.
@@ -128,10 +129,13 @@ class WheelWindow:
         self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r
         self.sin, self.cos = sin, cos = math.sin(camber), math.cos(camber)
         side, stretch = self.geometry.side, 1.0 + k
-        seen = (window.spin / WINDOW - b) / stretch
+        if window.all_clipped:
+            seen, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW, 0.0, 0.0
+        else:
+            seen = (window.spin / WINDOW - b) / stretch
+            self.rate_by_scale, self.rate_by_bias = -seen / stretch, -1.0 / stretch
         self.about_axle = seen + excess
         self.rate = self.about_axle - side * r * sin
-        self.rate_by_scale, self.rate_by_bias = -seen / stretch, -1.0 / stretch
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
         self.turn = turn = cmath.exp(1j * (angle + self.rate * (0.5 * WINDOW)))
         self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn

@@ -1,0 +1,60 @@
+"""Sensors at their ends: error at the end in % of the distance, and how honest the sigmas are.
+
+python tests/accuracy/clipped.py [--drives 20] [--seed 100] [--cases "20 m/s" ...]
+
+NEES: squared error of x, y, heading over their covariance, mean over the drives, 3 where it is honest.
+"""
+
+# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+import numpy as np
+
+from generators.clipped_drives import CASES, clipped_drive
+from hubodo.fuse.wheel.track import run
+from wheel_runs import BOTH, config, end_error, nees, tables
+
+WHEELS = {"one": ("left",), "two": BOTH}
+
+
+def main() -> int:
+    """A line for each case, with one wheel and with two."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--drives", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
+    args = parser.parse_args()
+    print(f"seeds {args.seed} to {args.seed + args.drives - 1}; error at the end, % of the distance")
+    print(f"{'':28}{'wheels':>7}{'median':>9}{'largest':>9}{'way':>8}{'NEES of 3':>11}{'largest':>9}")
+    for name in args.cases:
+        rows: dict[str, list[tuple[float, float, float]]] = {key: [] for key in WHEELS}
+        for seed in range(args.seed, args.seed + args.drives):
+            drive = clipped_drive(CASES[name], seed)
+            for key, names in WHEELS.items():
+                found = run(config(drive, names, limits=CASES[name].limits), tables(drive))
+                way = abs(found.report.distance / drive.length - 1.0)
+                error = end_error(drive, found) / drive.length
+                rows[key].append((100.0 * error, 100.0 * way, nees(drive, found)))
+        for key, row in rows.items():
+            error, way, honest = np.array(row).T
+            print(
+                f"{name:28}{key:>7}{np.median(error):9.2f}{error.max():9.2f}{np.median(way):8.2f}"
+                f"{honest.mean():11.2f}{honest.max():9.1f}",
+                flush=True,
+            )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,110 @@
+"""Where a node clips: the vehicle file, the node's own word, or its samples; and what is said of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from generators.clipped_drives import CASES, clipped_drive
+from generators.wheel_drives import GRAVITY, drive, legs
+from hubodo.cli import main
+from hubodo.errors import ConfigError
+from hubodo.fuse.ranges import node_ranges, of_node
+from hubodo.log.convert import write_recording
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import NodeMount, load_vehicle
+from wheel_runs import tables
+
+SEED = 100
+SLOW = CASES["500 °/s at 4 m/s"]
+TOLD = {"gyro_range_dps": "500", "accel_range_g": "4"}
+FILE = """[vehicle]
+wheel_radius = 0.15
+track_width = 0.5
+[imu]
+{imu}
+[nodes.left]
+side = "left"
+facing = "left"
+{left}
+[nodes.right]
+side = "right"
+facing = "left"
+"""
+
+
+@pytest.fixture(scope="module")
+def samples() -> dict[str, Table]:
+    return tables(clipped_drive(SLOW, SEED))
+
+
+def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -> None:
+    usual = node_ranges(NodeMount("left", "left"), {})
+    told = node_ranges(NodeMount("left", "left"), TOLD)
+    given = node_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
+    assert usual.gyro.value == pytest.approx(math.radians(2000.0))
+    assert (told.gyro.value, told.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
+    assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
+    assert [r.gyro.source for r in (usual, told, given)] == [
+        "the usual one",
+        "told by the node",
+        "vehicle file",
+    ]
+    assert 0.95 * 20.0 < given.limits["gyro_limit"] < 20.0
+
+
+def test_a_pile_of_samples_shows_the_limit(samples: dict[str, Table]) -> None:
+    found = node_ranges(NodeMount(), {}, samples["left"])
+    assert found.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
+    assert "seen" in found.gyro.source
+    assert not found.warnings, "nobody told another one"
+    told = node_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
+    assert told.gyro.value == found.gyro.value
+    assert "stand at" in told.warnings[0]
+
+
+def test_no_pile_where_nothing_clips() -> None:
+    rng = np.random.default_rng(SEED)
+    made = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
+    for table in tables(made).values():
+        assert "usual" in node_ranges(NodeMount(), {}, table).gyro.source
+        wide = node_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
+        assert wide.gyro.value > np.abs(table.gyro).max()
+        assert "beyond" in wide.warnings[0]
+
+
+def test_ranges_of_all_nodes_and_of_one(tmp_path: Path) -> None:
+    path = tmp_path / "vehicle.toml"
+    path.write_text(FILE.format(imu="gyro_range = 8.7\naccel_range = 39", left="gyro_range = 17.4"))
+    nodes = load_vehicle(path).nodes
+    assert (nodes["left"].gyro_range, nodes["left"].accel_range) == (17.4, 39.0)
+    assert (nodes["right"].gyro_range, nodes["right"].accel_range) == (8.7, 39.0)
+    for wrong in ("gyro_range = 0", 'gyro_range = "2000"', "gyro_range = nan"):
+        path.write_text(FILE.format(imu=wrong, left=""))
+        with pytest.raises(ConfigError, match="gyro_range"):
+            load_vehicle(path)
+
+
+def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_path: Path, capsys) -> None:
+    """34 % off and sure of it, before; the log of a recorder holds what the node said."""
+    length = clipped_drive(SLOW, SEED).length
+    told = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
+    assert of_node(told, "left") == TOLD
+    for number, (imu, metadata, source) in enumerate(
+        [("", told, "told by the node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "seen")]
+    ):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / "vehicle.toml").write_text(FILE.format(imu=imu, left=""))
+        write_recording(Recording(samples, metadata=metadata), folder / "log.mcap")
+        words = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
+        assert main([str(word) for word in words]) == 0
+        found = json.loads((folder / "out" / "fuse.json").read_text())
+        assert source in found["ranges"]["left"]["gyro_range"]["source"]
+        assert found["ranges"]["left"]["gyro_range"]["value"] == pytest.approx(math.radians(500.0), rel=1e-3)
+        assert found["distance"] == pytest.approx(length, rel=0.01)
+    capsys.readouterr()

@@ -1,0 +1,115 @@
+"""A wheel faster than its gyro can say, or accelerometers at their end: the way, the sigmas, the bits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from generators.clipped_drives import CASES, clipped_drive
+from generators.wheel_drives import WheelDrive
+from hubodo.fuse.wheel.clipping import find_spin, unclipped
+from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.preintegration import Window, WindowBuilder
+from hubodo.fuse.wheel.track import run
+from wheel_runs import BOTH, config, end_error, nees, tables
+
+SEED = 102
+UNHEARD_OF = 20.0
+"""Squared error of x, y, heading over their covariance: one honest drive in 6000 has more."""
+
+
+def _windows(drive: WheelDrive, name: str, limit: float) -> list[Window]:
+    table = tables(drive)[name]
+    return WindowBuilder("left", 0.0, limit).add_many(table.t, table.gyro, table.accel)
+
+
+@pytest.fixture(scope="module")
+def fast() -> WheelDrive:
+    return clipped_drive(CASES["20 m/s"], SEED)
+
+
+@pytest.mark.parametrize(
+    ("name", "worst"),
+    [("15 m/s", 2.0), ("20 m/s", 2.0), ("20 m/s, braked at 7 m/s²", 2.5), ("±4 g at 12 m/s", 2.5)],
+)
+@pytest.mark.parametrize("names", [("left",), BOTH], ids=["one wheel", "two wheels"])
+def test_what_the_sensors_could_not_say_costs_little_and_is_in_the_sigmas(
+    name: str, worst: float, names: tuple[str, ...]
+) -> None:
+    case = CASES[name]
+    drive = clipped_drive(case, SEED)
+    found = run(config(drive, names, limits=case.limits), tables(drive))
+    assert 100.0 * end_error(drive, found) / drive.length < worst, f"seed {SEED}"
+    assert abs(found.report.distance / drive.length - 1.0) < 0.006
+    assert nees(drive, found) < UNHEARD_OF
+
+
+def test_without_a_limit_the_same_drive_is_far_off(fast: WheelDrive) -> None:
+    found = run(config(fast, ("left",), limits={"gyro_limit": 1e9}), tables(fast))
+    assert abs(found.report.distance / fast.length - 1.0) > 0.2
+
+
+def test_a_drive_that_begins_beyond_the_gyro_finds_its_spin() -> None:
+    case = CASES["20 m/s from the start"]
+    drive = clipped_drive(case, SEED)
+    found = run(config(drive, ("left",), limits=case.limits), tables(drive))
+    assert found.track.speed[5] == pytest.approx(20.0, abs=0.5)
+    assert abs(found.report.distance / drive.length - 1.0) < 0.01
+
+
+def test_the_search_finds_spin_and_angle_of_the_truth(fast: WheelDrive) -> None:
+    """At 33 s it rolls straight on at 20 m/s."""
+    node = fast.nodes["left"]
+    windows = [w for w in _windows(fast, "left", 34.8) if 370 <= w.number < 380]
+    found = find_spin(windows, fast.radius)
+    assert found is not None
+    rate = 20.0 / (fast.radius * (1.0 + node.truth["radius"]))
+    assert windows[0].spin / 0.1 + found.excess == pytest.approx(rate, abs=0.3)
+    # Over the second between both ends the angle agrees with the spin.
+    assert found.end - found.begin == pytest.approx(rate, abs=0.3)
+
+
+def test_a_window_made_again_without_excess_is_the_same_window(fast: WheelDrive) -> None:
+    """Whatever clips, sums over the samples are the integrals that were made on the way."""
+    for window in _windows(fast, "left", 0.1):
+        if window.samples is None or window.missing:
+            continue
+        again = unclipped(window, 0.0)
+        for name in ("across", "carrier", "force", "swing"):
+            assert abs(getattr(again, name) - getattr(window, name)) < 1e-9, (window.number, name)
+        assert abs(again.lever - window.lever) < 1e-7
+
+
+def test_an_excess_turns_a_window_as_a_faster_gyro_would(fast: WheelDrive) -> None:
+    table = tables(fast)["left"]
+    faster = table.gyro.copy()
+    faster[:, 2] += 7.0
+    plain = WindowBuilder("left", 0.0, 0.1).add_many(table.t, table.gyro, table.accel)
+    turned = WindowBuilder("left", 0.0, 0.1).add_many(table.t, faster, table.accel)
+    compared = 0
+    for slow, fast_one in zip(plain, turned, strict=True):
+        if slow.samples is not None:
+            again, compared = unclipped(slow, 7.0), compared + 1
+            assert abs(again.force - fast_one.force) < 1e-6
+            assert abs(again.carrier - fast_one.carrier) < 1e-9
+    assert compared > 300
+
+
+def test_single_samples_give_the_bits_of_the_whole_log_where_it_clips() -> None:
+    case = replace(CASES["20 m/s"], rate_hz=104.0)
+    drive = clipped_drive(case, SEED)
+    whole = WheelFilter(config(drive, BOTH, limits=case.limits))
+    columns = {name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()}
+    expected = [*whole.handle_many(columns).poses, *whole.finish().poses]
+    single = WheelFilter(config(drive, BOTH, limits=case.limits))
+    samples = [
+        WheelSample(name, t, tuple(gyro), tuple(accel))
+        for name, node in drive.nodes.items()
+        for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True)
+    ]
+    found = [pose for s in sorted(samples, key=lambda s: s.t) for pose in single.handle(s).poses]
+    found += single.finish().poses
+    assert [pose[:6] for pose in found] == [pose[:6] for pose in expected]
+    assert np.array_equal(found[-1].covariance, expected[-1].covariance)
