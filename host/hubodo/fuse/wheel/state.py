@@ -157,7 +157,7 @@ class Wheel:
             level = self.heard * STANDARD_GRAVITY * WINDOW
             x[at[EXCESS]] = spin.excess if at_begin else spin.excess_end
             self.follower.begin(x[at[EXCESS]], 0.0)
-            _renew(p, at[EXCESS], _FOUND_EXCESS**2)
+            renew(p, at[EXCESS], _FOUND_EXCESS**2)
             renewed = [at[WHEEL_ANGLE], at[EXCESS]]
         else:
             angle, level = -cmath.phase(self.level) + (self.begin if at_begin else self.spin), abs(self.level)
@@ -165,12 +165,13 @@ class Wheel:
         x[at[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
         if x[at[CAMBER]] == 0.0:
             x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, level)
-        _renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+        renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
         self.joined = True
         return renewed
 
 
-def _renew(p: Array, place: int, variance: float) -> None:
+def renew(p: Array, place: int, variance: float) -> None:
+    """Begins a state anew, in place, without memory."""
     p[place, :] = 0.0
     p[:, place] = 0.0
     p[place, place] = variance

@@ -15,15 +15,10 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel import two_wheels
-from hubodo.fuse.wheel.clipping import unclipped
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
-    ACCEL_BIAS_X,
-    ACCEL_BIAS_Y,
     EXCESS,
     HEADING,
-    LEVER_ARM_X,
-    LEVER_ARM_Y,
     SLOPE,
     SPEED,
     WHEEL_ANGLE,
@@ -32,6 +27,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
+from hubodo.fuse.wheel.excess import carried, keep_upright
 from hubodo.fuse.wheel.measurements import Row, centripetal, position, surface_speed, zero_velocity
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.prediction import forward_force, least_still
@@ -48,19 +44,6 @@ _SPEED_STEP, _YAW_STEP = 0.5, 0.5
 
 So far that what is measured decides. Where neither is, both wander as silence.py has it. Estimated.
 """
-
-_EXCESS_PUSH = 3.0
-"""m/s² by which the spin beyond a clipped gyro may change from window to window: hard driving. Estimated."""
-
-_EXCESS_SEEN = 0.15
-"""m/s by which the way of a window may be off what gravity shows of the spin: braking that begins or ends in
-it. Estimated."""
-
-_LOST_ANGLE = 1.0
-"""rad, 1 sigma of the wheel angle over a clipped window, from which on gravity's phase may be a turn off."""
-
-_ASTRAY = 3
-"""Windows in a row with gravity elsewhere; a hole in the road fills one. Estimated."""
 
 _STARTS = 3.0
 """m/s; a first window that is faster, three sigma of what SPEED begins with, is no start from rest."""
@@ -241,7 +224,7 @@ class WheelStep:
             if window.all_clipped and window.force_clipped == 0.0 and not wheel.follower.seen:
                 self._feel_spin(wheel, window)
             if window.all_clipped and wheel.joined:
-                self._keep_upright(wheel, window)
+                self._renewed += keep_upright(self.x, self.p, wheel, window)
         if step.speeds is not None:
             self._roll(step.speeds)
         self._watch(pairs, found.rates, found.yaws)
@@ -355,34 +338,9 @@ class WheelStep:
         self._renewed.append(place)
 
     def _carried(self, wheel: Wheel, window: Window) -> Window:
-        """The window turned by the spin that it is believed to have.
-
-        The spin that a clipped gyro did not see is a state while it clips, and nothing else: in each window
-        anew, about what gravity shows of it.
-        """
-        x, p, at, follower = self.x, self.p, wheel.at, wheel.follower
-        place, angle = at[EXCESS], at[WHEEL_ANGLE]
-        if not window.all_clipped:
-            follower.roll(window)
-            if window.spin_clipped > 0.0 or p[place, place] > 0.0:
-                # Beyond the limit for less than a window it is not far beyond.
-                x[place] = 0.0
-                step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
-                self._renew(place, (step * window.spin_clipped) ** 2)
-            return unclipped(window, 0.0)
-        arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
-        follower.follow(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
-        if follower.seen:
-            x[place] = follower.excess
-            self._renew(place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
-        else:
-            x[place] += follower.slope * WINDOW
-            p[place, place] += (_EXCESS_PUSH * WINDOW / wheel.geometry.radius) ** 2
-        far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
-        if wheel.joined and far > _LOST_ANGLE**2:
-            wheel.lost += 1
-            wheel.forget()
-        return unclipped(window, x[place], follower.slope)
+        found, renewed = carried(self.x, self.p, wheel, window)
+        self._renewed += renewed
+        return found
 
     # -- what else the windows say --------------------------------------------------------------------------
 
@@ -406,25 +364,6 @@ class WheelStep:
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))
-
-    def _keep_upright(self, wheel: Wheel, window: Window) -> None:
-        """Begins the wheel angle anew where gravity has long been elsewhere: half a turn off, or more.
-
-        The way may be off by that turn.
-        """
-        at, change = wheel.at, wheel.follower.slope * wheel.geometry.radius
-        wheel.view.look(self.x, window, resting=False)
-        off = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
-        wheel.astray = wheel.astray + 1 if wheel.follower.seen and abs(off) > _LOST_ANGLE else 0
-        if wheel.astray < _ASTRAY:
-            return
-        wheel.astray, wheel.lost = 0, wheel.lost + 1
-        self.x[at[WHEEL_ANGLE]] -= off
-        self._renew(at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
-        course, turn = self.x[self._at[HEADING]], 2.0 * math.pi * wheel.geometry.radius
-        way = np.array([turn * math.cos(course), turn * math.sin(course)])
-        places = [self._at[X], self._at[Y]]
-        self.p[np.ix_(places, places)] += np.outer(way, way)
 
     def _derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
         """A row of the Jacobian, (n,)."""

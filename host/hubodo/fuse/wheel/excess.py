@@ -1,0 +1,93 @@
+"""The spin that a clipped gyro does not show, as a state of the wheel filter: begun in each window anew."""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.clipping import unclipped
+from hubodo.fuse.wheel.entries import (
+    ACCEL_BIAS_X,
+    ACCEL_BIAS_Y,
+    EXCESS,
+    HEADING,
+    LEVER_ARM_X,
+    LEVER_ARM_Y,
+    WHEEL_ANGLE,
+    X,
+    Y,
+)
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.state import Wheel, renew
+
+_EXCESS_PUSH = 3.0
+"""m/s² by which the spin beyond a clipped gyro may change from window to window: hard driving. Estimated."""
+
+_EXCESS_SEEN = 0.15
+"""m/s by which the way of a window may be off what gravity shows of the spin: braking that begins or ends in
+it. Estimated."""
+
+_LOST_ANGLE = 1.0
+"""rad, 1 sigma of the wheel angle over a clipped window, from which on gravity's phase may be a turn off."""
+
+_ASTRAY = 3
+"""Windows in a row with gravity elsewhere; a hole in the road fills one. Estimated."""
+
+
+def carried(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Window, list[int]]:
+    """The window turned by the spin that it is believed to have; x and p, in place, with that spin.
+
+    The spin that a clipped gyro did not see is a state while it clips, and nothing else: in each window anew,
+    about what gravity shows of it. Returns the states that were begun anew, too.
+    """
+    at, follower = wheel.at, wheel.follower
+    place, angle = at[EXCESS], at[WHEEL_ANGLE]
+    if not window.all_clipped:
+        follower.roll(window)
+        if window.spin_clipped == 0.0 and p[place, place] == 0.0:
+            return window, []
+        # Beyond the limit for less than a window it is not far beyond.
+        x[place] = 0.0
+        step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
+        renew(p, place, (step * window.spin_clipped) ** 2)
+        return unclipped(window, 0.0), [place]
+    arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
+    follower.follow(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
+    renewed = []
+    if follower.seen:
+        x[place] = follower.excess
+        renew(p, place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
+        renewed.append(place)
+    else:
+        x[place] += follower.slope * WINDOW
+        p[place, place] += (_EXCESS_PUSH * WINDOW / wheel.geometry.radius) ** 2
+    far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
+    if wheel.joined and far > _LOST_ANGLE**2:
+        wheel.lost += 1
+        wheel.forget()
+    return unclipped(window, x[place], follower.slope), renewed
+
+
+def keep_upright(x: list[float], p: Array, wheel: Wheel, window: Window) -> list[int]:
+    """Begins the wheel angle anew, in place, where gravity has long been elsewhere: half a turn off, or more.
+
+    The way may be off by that turn. Returns the states that were begun anew.
+    """
+    at, change = wheel.at, wheel.follower.slope * wheel.geometry.radius
+    wheel.view.look(x, window, resting=False)
+    off = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
+    wheel.astray = wheel.astray + 1 if wheel.follower.seen and abs(off) > _LOST_ANGLE else 0
+    if wheel.astray < _ASTRAY:
+        return []
+    wheel.astray, wheel.lost = 0, wheel.lost + 1
+    x[at[WHEEL_ANGLE]] -= off
+    renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+    course, turn = x[at[HEADING]], 2.0 * math.pi * wheel.geometry.radius
+    way = np.array([turn * math.cos(course), turn * math.sin(course)])
+    places = [at[X], at[Y]]
+    p[np.ix_(places, places)] += np.outer(way, way)
+    return [at[WHEEL_ANGLE]]
