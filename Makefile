@@ -4,6 +4,8 @@ BIN := .venv/bin
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more than they bring.
 export OPENBLAS_NUM_THREADS := 1
+# Hundreds of processes import the same files: they are compiled once.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test check chip bench papers accuracy road gap-matrix gap-rides mutants browser setup clean
 .DEFAULT_GOAL := demo
