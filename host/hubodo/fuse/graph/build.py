@@ -27,6 +27,8 @@ _ANY_HEADING = math.pi / math.sqrt(3.0)
 """rad; 1 sigma of a heading of which nothing is known: even over a turn."""
 _HERE = 1e-3
 """m; without fixes the first pose is where the map begins."""
+_SILENCE = 2.0
+"""s between poses of the odometry, from which on nothing was heard of the wheels. Estimated."""
 
 
 def build(
@@ -37,12 +39,13 @@ def build(
 ) -> DriveGraph:
     """The graph of a drive.
 
-    It has a pose at each mark of what was measured, at both ends, and where they would be further apart than
-    `knot`. solution: of a graph with the same poses, in place of a first guess.
+    It has a pose at each mark of what was measured, at both ends of the odometry and of its silences, and
+    where they would be further apart than `knot`, but for a silence. solution: of a graph with the same
+    poses, in place of a first guess.
     """
     marks = np.concatenate([path.t[:0], *(item.marks for item in measured)])
     marks = marks[(marks >= path.t[0]) & (marks <= path.t[-1])]
-    cut = cut_path(path, _state_times(path.t[0], path.t[-1], marks, config.knot), config.noise)
+    cut = cut_path(path, _state_times(path.t, marks, config.knot), config.noise)
     factors = [factor for item in measured if (factor := item.factors(cut, config)) is not None]
     local = next((item for item in measured if isinstance(item, LocalFixes)), None)
     headings = next((factor for factor in factors if isinstance(factor, HeadingFactors)), None)
@@ -105,11 +108,16 @@ def _laid_on(local: LocalFixes, cut: CutPath, place: Complex) -> tuple[Array, Co
     return turn, np.exp(1j * turn) * place + east + 1j * north, laid.found
 
 
-def _state_times(begin: float, end: float, marks: Array, knot: float) -> Array:
-    """Times of the poses: marks and both ends, and between them as many more as keep gaps below `knot`."""
-    t = np.union1d(marks, np.array([begin, end]))
+def _state_times(path_t: Array, marks: Array, knot: float) -> Array:
+    """Times of the poses: marks and ends, and between them as many more as keep gaps below `knot`.
+
+    path_t: (N,) s, of the odometry. In a silence of it, hours perhaps, there are the marks alone.
+    """
+    silences = np.flatnonzero(np.diff(path_t) > _SILENCE)
+    t = np.union1d(marks, path_t[np.concatenate([[0, len(path_t) - 1], silences, silences + 1])])
     gaps = np.diff(t)
-    pieces = np.maximum(np.ceil(gaps / knot - 1e-9), 1.0).astype(np.intp)
+    within = np.isin(np.searchsorted(path_t, 0.5 * (t[:-1] + t[1:])) - 1, silences)
+    pieces = np.maximum(np.ceil(np.where(within, 0.0, gaps) / knot - 1e-9), 1.0).astype(np.intp)
     first = np.repeat(t[:-1], pieces)
     number = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(first + number * np.repeat(gaps / pieces, pieces), t[-1])
