@@ -282,22 +282,29 @@ class WheelStep:
         """
         x, p, at, follower = self.x, self.p, wheel.at, wheel.follower
         place, angle = at[EXCESS], at[WHEEL_ANGLE]
+        step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
+        if window.missing >= 1.0:
+            # What is not heard begins where it is heard; what was followed until then has turned on unseen.
+            if wheel.joined and follower.following:
+                wheel.forget()
+            follower.rest()
+            x[place] = 0.0
+            self._renew(place, 0.0)
+            return window
         if not window.all_clipped:
             follower.roll(window)
             if window.spin_clipped > 0.0 or p[place, place] > 0.0:
                 # Beyond the limit for less than a window it is not far beyond.
                 x[place] = 0.0
-                step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
                 self._renew(place, (step * window.spin_clipped) ** 2)
             return unclipped(window, 0.0)
         arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
         follower.follow(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
+        x[place] = follower.excess
         if follower.seen:
-            x[place] = follower.excess
             self._renew(place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
         else:
-            x[place] += follower.slope * WINDOW
-            p[place, place] += (_EXCESS_PUSH * WINDOW / wheel.geometry.radius) ** 2
+            p[place, place] += step * step
         far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
         if wheel.joined and far > _LOST_ANGLE**2:
             wheel.lost += 1
