@@ -300,10 +300,13 @@ class WheelStep:
             return unclipped(window, 0.0)
         arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
         follower.follow(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
-        x[place] = follower.excess
         if follower.seen:
+            x[place] = follower.excess
             self._renew(place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
         else:
+            # Where gravity does not show it, the other measurements have; after a gap, what was found.
+            known = p[place, place] > 0.0
+            x[place] = x[place] + follower.slope * WINDOW if known else follower.excess
             p[place, place] += step * step
         far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
         if wheel.joined and far > _LOST_ANGLE**2:
