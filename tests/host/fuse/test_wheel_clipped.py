@@ -59,6 +59,16 @@ def test_a_drive_that_begins_beyond_the_gyro_finds_its_spin() -> None:
     assert abs(found.report.distance / drive.length - 1.0) < 0.01
 
 
+def test_a_wheel_that_is_heard_a_window_later_begins_with_the_spin_that_was_found() -> None:
+    case = CASES["20 m/s from the start"]
+    drive = clipped_drive(case, 103)
+    begins = {_windows(drive, name, 34.8)[0].number for name in BOTH}
+    assert len(begins) == 2, "seed 103: the nodes are not heard from the same window on"
+    found = run(config(drive, BOTH, limits=case.limits), tables(drive))
+    assert 100.0 * end_error(drive, found) / drive.length < 2.0
+    assert not any("gravity does not turn" in line for line in found.report.warnings)
+
+
 def test_the_search_finds_spin_and_angle_of_the_truth(fast: WheelDrive) -> None:
     """At 33 s it rolls straight on at 20 m/s."""
     node = fast.nodes["left"]

@@ -196,6 +196,16 @@ class SpinFollower:
         self.excess, self.seen = 0.0, False
         self.slope = (window.rate_end - window.rate_start) / WINDOW
 
+    @property
+    def following(self) -> bool:
+        """Whether the newest window was clipped."""
+        return bool(self._past)
+
+    def rest(self) -> None:
+        """A window that was not heard: what was found of the spin is kept."""
+        self._past.clear()
+        self.seen = False
+
     def begin(self, excess: float, slope: float) -> None:
         """Found by a search; as of the window before the next."""
         self.excess, self.slope = excess, slope

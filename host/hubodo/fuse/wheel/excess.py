@@ -46,13 +46,19 @@ def carried(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Win
     """
     at, follower = wheel.at, wheel.follower
     place, angle = at[EXCESS], at[WHEEL_ANGLE]
+    step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
     if not window.all_clipped:
-        follower.roll(window)
+        if window.missing >= 1.0:
+            # What is not heard begins where it is heard; what was followed until then has turned on unseen.
+            if wheel.joined and follower.following:
+                wheel.forget()
+            follower.rest()
+        else:
+            follower.roll(window)
         if window.spin_clipped == 0.0 and p[place, place] == 0.0:
             return window, []
         # Beyond the limit for less than a window it is not far beyond.
         x[place] = 0.0
-        step = _EXCESS_PUSH * WINDOW / wheel.geometry.radius
         renew(p, place, (step * window.spin_clipped) ** 2)
         return unclipped(window, 0.0), [place]
     arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
@@ -63,8 +69,10 @@ def carried(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Win
         renew(p, place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
         renewed.append(place)
     else:
-        x[place] += follower.slope * WINDOW
-        p[place, place] += (_EXCESS_PUSH * WINDOW / wheel.geometry.radius) ** 2
+        # Where gravity does not show it, the other measurements have; after a gap, what was found.
+        known = p[place, place] > 0.0
+        x[place] = x[place] + follower.slope * WINDOW if known else follower.excess
+        p[place, place] += step * step
     far = p[angle, angle] + WINDOW * p[angle, place] + 0.25 * WINDOW**2 * p[place, place]
     if wheel.joined and far > _LOST_ANGLE**2:
         wheel.lost += 1

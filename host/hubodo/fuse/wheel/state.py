@@ -108,7 +108,7 @@ class Wheel:
     def unhear(self, windows: int) -> None:
         """Nothing was heard, and nothing bridges it: what the wheel turned by meanwhile is not known."""
         self.unheard_in_all += windows
-        self.follower.roll(NOTHING)
+        self.follower.rest()
         self.forget()
 
     def _compare(self, window: Window) -> None:
