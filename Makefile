@@ -42,9 +42,10 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py
 
-road: setup          ## a real car, rests, calibration with positions of several kinds; some ten minutes
+road: setup          ## a real car, rests, slip and steering, calibration with positions; some fifteen minutes
 	$(BIN)/python tests/accuracy/car.py
 	$(BIN)/python tests/accuracy/rests.py
+	$(BIN)/python tests/accuracy/slip.py
 	$(BIN)/python tests/accuracy/wheel_calibration.py
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes

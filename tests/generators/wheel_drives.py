@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from generators.noise import gyro_noise
+
 RATE_HZ = 1000.0
 GRAVITY = 9.80665
 GYRO_STEP = np.radians(0.070)
@@ -28,7 +30,8 @@ class Errors:
     tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
     clock: s between the nodes. roll: rad/s of the vehicle
     while it moves. vibration: m/s² per sample. road: m per square root of
-    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities.
+    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities. flicker,
+    accel_flicker: rad/s and m/s² of bias instability (IEEE 952's B) of every axis.
     """
 
     radius: float = 0.002
@@ -46,6 +49,8 @@ class Errors:
     vibration: float = 0.2
     road: float = 0.0005
     noise: float = 1.0
+    flicker: float = 0.0
+    accel_flicker: float = 0.0
 
 
 PERFECT = Errors(*([0.0] * 15))
@@ -83,13 +88,14 @@ class WheelDrive:
 class Plan:
     """What the vehicle is made to do.
 
-    speed, yaw_rate: m/s, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond the road under
-    it.
+    speed, yaw_rate: m/s along the road, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond
+    the road under it. height: m of the road, the same under both wheels; None where it is level.
     """
 
     speed: np.ndarray
     yaw_rate: np.ndarray
     slip: dict[str, np.ndarray] = field(default_factory=dict)
+    height: np.ndarray | None = None
 
 
 def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
@@ -146,8 +152,12 @@ def drive(
     dt = 1.0 / RATE_HZ
     t = np.arange(len(plan.speed)) * dt
     heading = _integral(plan.yaw_rate)
-    x = _integral(plan.speed * np.cos(heading))
-    y = _integral(plan.speed * np.sin(heading))
+    height = np.zeros(len(t)) if plan.height is None else plan.height
+    # A hub goes up and down with the road: its wheel rolls along the slope, the map sees less of it.
+    level = np.sqrt(np.maximum(plan.speed**2 - (np.gradient(height) * RATE_HZ) ** 2, 0.0))
+    level = np.copysign(level, plan.speed)
+    x = _integral(level * np.cos(heading))
+    y = _integral(level * np.sin(heading))
     true_track = track * (1.0 + errors.track * rng.standard_normal())
     roll = _wander(errors.roll, len(t), rng) * _smooth(np.minimum(1.0, np.abs(plan.speed) / 0.5))
     made = {}
@@ -161,7 +171,15 @@ def drive(
         )
         sensing = np.array(arm) if arm else errors.arm * rng.standard_normal(2)
         rate, force = _rigid_wheel(
-            x, y, heading, roll, theta, side, true_track, true_radius, camber, np.append(sensing, 0.0)
+            (x, y, height),
+            heading,
+            roll,
+            theta,
+            side,
+            true_track,
+            true_radius,
+            camber,
+            np.append(sensing, 0.0),
         )
         turned = -1.0 if (facing or {}).get(name, "left") == "right" else 1.0
         flip = np.array([1.0, turned, turned])
@@ -191,7 +209,7 @@ def _wander(rate: float, count: int, rng: np.random.Generator) -> np.ndarray:
     return white * rate / np.std(np.gradient(white) * RATE_HZ)
 
 
-def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
+def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm):
     """(N, 3) rate and specific force in node axes, by differences of rotation and position."""
     zero, one = np.zeros_like(heading), np.ones_like(heading)
     ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
@@ -205,7 +223,7 @@ def _rigid_wheel(x, y, heading, roll, theta, side, track, radius, camber, arm):
     body_from_node = np.stack([c * up + s * forward, c * forward - s * up, one * axle], 1)
     world_from_node = np.einsum("ijn,jkn->ikn", world_from_body, body_from_node)
     hub_in_body = np.array([0.0, side * (0.5 * track - radius * np.sin(camber)), radius * np.cos(camber)])
-    place = np.array([x, y, zero]) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
+    place = np.array(road) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
     place += np.einsum("ijn,j->in", world_from_node, arm)
     dt = 1.0 / RATE_HZ
     change = np.gradient(world_from_node, dt, axis=2, edge_order=2)
@@ -235,6 +253,9 @@ def _sensor(t, rate, force, rng, errors, rate_hz) -> Node:
     gyro = gyro + accel @ gravity_in_gyro.T
     accel = accel * (1.0 + accel_scale) + errors.accel_bias * normal(3)
     bandwidth = np.sqrt(0.5 * rate_hz)
+    for axes, size in ((gyro, errors.flicker), (accel, errors.accel_flicker)):
+        for axis in range(3 if size else 0):
+            axes[:, axis] += gyro_noise(len(taken), period, rng, b=size)
     gyro = gyro + errors.noise * GYRO_DENSITY * bandwidth * normal(gyro.shape)
     moving = np.interp(taken, t, np.abs(rate[:, 2])) > 0.1
     shake = np.where(moving, errors.vibration, 0.0)[:, None]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -37,9 +37,14 @@ class _Record(NamedTuple):
     transition: Array
 
 
-def smooth(config: WheelConfig, steps: Sequence[Step], needed: int) -> list[Pose]:
-    """Poses of all steps, each from the whole log. needed: windows the filter began with."""
-    core = WheelStep(config)
+def smooth(
+    config: WheelConfig, steps: Sequence[Step], needed: int, slipped: Mapping[int, tuple[bool, ...]]
+) -> list[Pose]:
+    """Poses of all steps, each from the whole log.
+
+    needed: windows the filter began with; slipped: as it found them.
+    """
+    core = WheelStep(config, slipped)
     core.begin([step.windows for step in steps if not step.listen])
     copies = []
     for index, step in enumerate(steps):

@@ -10,6 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
@@ -20,8 +21,9 @@ from hubodo.fuse.wheel.entries import (
     Columns,
     Entry,
 )
+from hubodo.fuse.wheel.grip import Grip
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
-from hubodo.fuse.wheel.preintegration import Window
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.stillness import RestDetector
 from hubodo.vehicle import side_sign
 
@@ -46,13 +48,23 @@ _OLD, _NEW = 0.8, 0.2
 Half a second of memory, shorter than a manoeuvre and longer than a bump. Estimated.
 """
 
+_ENOUGH, _TURNING = 300, 1.0
+"""How many windows, with a wheel faster than so many rad/s, tell whether gravity turns with it.
+
+Half a minute. Estimated.
+"""
+
+_UNHEARD = 0.5
+"""Share of a window without samples from which on it says nothing at all."""
+
 
 @dataclass
 class Wheel:
     """One wheel: where its entries stand in the state, and counts that a report is made of.
 
     at: column of each entry, its own and the vehicle's. view: its present window, for the measurements.
-    joined: its angle is known. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
+    joined: its angle is known. grip: whether it rolls with the road; away: whether it is taken not to in the
+    present window. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
     the force that points up, in units of g. slips, clipped, unheard_in_all: windows. lost: times that the
     wheel angle was lost over a gap.
     """
@@ -63,7 +75,9 @@ class Wheel:
     rest: RestDetector
     at: dict[Entry, int]
     view: WheelWindow
+    grip: Grip = field(default_factory=Grip)
     joined: bool = False
+    away: bool = False
     trusted: bool = True
     heard: int = 0
     unheard: int = 0
@@ -82,6 +96,20 @@ class Wheel:
     _before: complex = 0j
     _after: complex = 0j
     _looked: int | None = None
+
+    def rolls(self, window: Window) -> bool:
+        """Whether the window tells the speed of the vehicle."""
+        return self.joined and self.trusted and not self.away and window.missing < _UNHEARD
+
+    def watch(self, window: Window, rate: float, angle: float) -> None:
+        """Counts for the report; rate: rad/s at which it turns, angle: at the beginning of the window."""
+        self.turned += abs(rate) * WINDOW
+        self.forwards += rate * WINDOW
+        self.clipped += window.spin_clipped > 0.0
+        if self.moving < _ENOUGH and abs(rate) > _TURNING and self.joined and window.force_clipped == 0.0:
+            middle = cmath.exp(1j * (angle + 0.5 * rate * WINDOW))
+            self.upright += (window.force * middle).real / (STANDARD_GRAVITY * WINDOW)
+            self.moving += 1
 
     def listen(self, window: Window) -> None:
         """Gathers gravity, carried along with the spin, until the wheel angle can be read from it."""

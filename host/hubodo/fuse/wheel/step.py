@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Mapping, Sequence
 from operator import itemgetter
@@ -12,13 +11,10 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
-    EXCESS,
     HEADING,
-    SLOPE,
     SPEED,
     WHEEL_ANGLE,
     YAW_RATE,
@@ -26,39 +22,18 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.measurements import Row, centripetal, position, zero_velocity
+from hubodo.fuse.wheel.hindsight import Hindsight, Past
+from hubodo.fuse.wheel.measurements import Row, WindowNoise, centripetal, position
 from hubodo.fuse.wheel.measurements.position import Position
-from hubodo.fuse.wheel.prediction import forward_force, least_still
+from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
 from hubodo.fuse.wheel.state import Wheel, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.update import Pairs, WheelUpdate
-
-_SPEED_STEP, _YAW_STEP = 0.5, 0.5
-"""m/s and rad/s by which speed and yaw rate may step from window to window.
-
-So far that what is measured decides. Estimated.
-"""
-
-_EXCESS_STEP = 2.0
-"""rad/s by which the spin beyond a clipped gyro may step from window to window: 3 m/s² on a wheel of 0.15 m.
-Estimated."""
-
-_HARDEST = 5.0
-"""m/s²; no wheel drives or brakes a vehicle harder.
-
-Half of gravity, the grip of a good tyre on a dry road.
-"""
+from hubodo.fuse.wheel.update import Pairs, Updated, WheelUpdate
 
 _SYMMETRIC = 16
 """Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""
-
-_ENOUGH, _TURNING = 300, 1.0
-"""How many windows, with a wheel faster than so many rad/s, tell whether gravity turns with it.
-
-Half a minute. Estimated.
-"""
 
 POSE = (X, Y, HEADING, SPEED, YAW_RATE)
 
@@ -86,7 +61,8 @@ class Pose(NamedTuple):
 class Kept(NamedTuple):
     """Both sides of a step's measurements: states and covariance before and after.
 
-    renewed: the states that the step began anew, without memory.
+    renewed: the states that the step began anew, without memory. carried: the place of the one that it made
+    from others before anything else, and the derivatives (n,) of it by them, if any.
     """
 
     prior_x: list[float]
@@ -94,6 +70,7 @@ class Kept(NamedTuple):
     renewed: list[int]
     x: list[float]
     p: Array
+    carried: tuple[int, Array] | None = None
 
 
 class Innovation(NamedTuple):
@@ -121,7 +98,8 @@ class WheelStep:
     ways.
     """
 
-    def __init__(self, config: WheelConfig) -> None:
+    def __init__(self, config: WheelConfig, slipped: Mapping[int, tuple[bool, ...]] | None = None) -> None:
+        """slipped: which wheels spin by themselves, by number of the window; None: that is to be found."""
         begin = initial_state(config)
         self.config, self.x, self.p, self.wheels = config, begin.x, begin.p, begin.wheels
         self.columns, self._at = begin.columns, begin.columns.vehicle
@@ -129,14 +107,18 @@ class WheelStep:
         self.steps = 0
         self.keep = False
         self.kept = Kept([], np.empty(0), [], [], np.empty(0))
+        self.slipped: dict[int, tuple[bool, ...]] = {}
         self._update = WheelUpdate(config, begin.columns)
+        self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
         self._motion = WheelMotion(config, begin)
         self.pose = [self._at[entry] for entry in POSE]
         self._of_pose = itemgetter(*self.pose)
         self._covariance = np.array(
             [[row * len(self.x) + column for column in self.pose] for row in self.pose]
         )
-        self._renewed: list[int] = []
+        self._told = slipped
+        self._hindsight = Hindsight(WindowNoise(config.noise, config.radius))
+        self.carrying = False
 
     def begin(self, windows: Sequence[Sequence[Window]]) -> None:
         """Look at the first windows as a whole for the wheel angles; `step` follows with each of them."""
@@ -154,36 +136,39 @@ class WheelStep:
 
         listen: look for the angle of wheels that were not heard, in `needed` windows.
         """
-        self._renewed = []
         pairs = tuple(zip(self.wheels, windows, strict=True))
-        if listen:
-            for wheel, window in pairs:
-                if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
-                    wheel.join(self.x, self.p, at_begin=False)
-                    self._renewed.append(wheel.at[WHEEL_ANGLE])
-                wheel.listen(window)
-        stillness = least_still(pairs, self.x, self.p)
-        if stillness is Stillness.MOVING:
-            self._predict_rates(pairs)
+        joined = self._listen(pairs, needed) if listen else []
+        if joined:
+            self._hindsight.forget()
+        stills = each_still(pairs, self.x, self.p)
+        if self._told is None:
+            self._hindsight.keep(Past(number, pairs, stills, list(self.x), self.p.copy()))
+            lost = tuple(wheel.grip.lost for wheel in self.wheels)
         else:
-            self._stand(stillness)
-        self._predict_excess(pairs)
-        prior = (list(self.x), self.p.copy()) if self.keep else None
-        found = self._update.work_in(self.x, self.p, pairs, stillness)
-        self.x, self.p = found.x, found.p
-        for wheel, window in pairs:
-            if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
-                self._feel_spin(wheel, window)
-        self._watch(pairs, found.rates, found.yaws)
+            lost = self._told.get(number, (False,) * len(self.wheels))
+        found = self.work_in(number, pairs, stills, lost, joined)
+        if self._told is None:
+            found = self._hindsight.judge(self, found)
+        self._watch(pairs, found)
         self.steps += 1
-        if prior is not None:
-            self.kept = Kept(prior[0], prior[1], self._renewed, list(self.x), self.p.copy())
-        self._motion.advance(self.x, self.p, pairs)
+        self.advance(pairs)
         if self.steps % _SYMMETRIC == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
         end, covariance = (number + 1) * WINDOW, self.p.take(self._covariance)
         x, y, heading, speed, yaw_rate = self._of_pose(self.x)
-        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, found.nis, found.degrees)
+        motion = (x, y, heading, speed, yaw_rate)
+        return Pose(end, *motion, covariance, found.stillness, found.nis, found.degrees)
+
+    def advance(self, pairs: Pairs) -> None:
+        """To the end of a window that has been worked in."""
+        self._motion.advance(self.x, self.p, pairs)
+
+    def derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
+        """A row of the Jacobian, (n,)."""
+        h = np.zeros(len(self.x))
+        for entry, value in row[2].items():
+            h[at[entry]] = value
+        return h
 
     def transition(self) -> Array:
         """Derivatives of the states at the end of the last window by those at its beginning, (n, n)."""
@@ -193,13 +178,15 @@ class WheelStep:
         """What a position at the end of the last window would say that is new."""
         rows = position.measure(self.x, self._at, told)
         z = np.array([row[0] for row in rows])
-        h = np.array([self._derivatives(row, self._at) for row in rows])
+        h = np.array([self.derivatives(row, self._at) for row in rows])
         ph = self.p @ h.T
         s = h @ ph + np.diag([row[1] for row in rows])
         return Innovation(z, s, ph, float(z @ np.linalg.solve(s, z)))
 
     def fix(self, new: Innovation) -> None:
         """Works a position in."""
+        # Going back would lose it.
+        self._hindsight.forget()
         weight = np.linalg.solve(new.s, new.ph.T)
         self._correct(new.z @ weight, new.ph @ weight)
 
@@ -212,47 +199,53 @@ class WheelStep:
         place = at[entry]
         return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
 
-    # -- prediction -----------------------------------------------------------------------------------------
+    # -- one window -----------------------------------------------------------------------------------------
 
-    def _predict_rates(self, pairs: Pairs) -> None:
-        """Speed goes on with the mean forward acceleration that is felt; the rest is noise."""
-        x, p = self.x, self.p
-        speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
-        force = forward_force(pairs, x)
-        if force is not None:
-            force -= x[self._at[SLOPE]]
-            x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
-        p[speed, speed] += _SPEED_STEP**2
-        p[yaw_rate, yaw_rate] += _YAW_STEP**2
-
-    def _stand(self, stillness: Stillness) -> None:
-        """Speed and yaw rate of a vehicle that stands.
-
-        They are free in each window, so that what is measured takes the place of what was believed.
-        """
-        for row in zero_velocity.measure(self.x, self._at, stillness):
-            residual, variance, derivatives = row
-            for entry in derivatives:
-                place = self._at[entry]
-                self.x[place] += residual
-                self._renew(place, variance)
-
-    def _renew(self, place: int, variance: float) -> None:
-        """Begins a state anew, without memory."""
-        self.p[place, :] = 0.0
-        self.p[:, place] = 0.0
-        self.p[place, place] = variance
-        self._renewed.append(place)
-
-    def _predict_excess(self, pairs: Pairs) -> None:
-        """The spin that a clipped gyro did not see is a state while it clips, and nothing else."""
+    def _listen(self, pairs: Pairs, needed: int) -> list[int]:
+        """The places of the wheel angles that were found."""
+        found = []
         for wheel, window in pairs:
-            place = wheel.at[EXCESS]
-            if window.spin_clipped > 0.0:
-                self.p[place, place] += (_EXCESS_STEP * window.spin_clipped) ** 2
-            elif self.p[place, place] > 0.0:
-                self.x[place] = 0.0
-                self._renew(place, 0.0)
+            if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
+                wheel.join(self.x, self.p, at_begin=False)
+                found.append(wheel.at[WHEEL_ANGLE])
+            wheel.listen(window)
+        return found
+
+    def work_in(
+        self,
+        number: int,
+        pairs: Pairs,
+        stills: Sequence[Stillness],
+        lost: tuple[bool, ...],
+        joined: Sequence[int] = (),
+    ) -> Updated:
+        """Takes the states to a window, and the window into the states.
+
+        lost: which wheels spin by themselves. joined: the states that were begun anew before.
+        """
+        stillness, carried = Stillness.MOVING, False
+        for wheel, away in zip(self.wheels, lost, strict=True):
+            wheel.away = away
+        if any(lost):
+            carried = not any(wheel.rolls(window) for wheel, window in pairs)
+            self.slipped[number] = lost
+        # The window in which a wheel is back tells how wrong the speed was that was carried until then.
+        carry, self.carrying = carried or self.carrying, carried
+        if not carry:
+            stillness = least_still(stills, lost)
+        self.prediction.predict(self.x, self.p, pairs, stillness, carry)
+        prior = (list(self.x), self.p.copy()) if self.keep else None
+        found = self._update.work_in(self.x, self.p, pairs, stillness)
+        self.x, self.p = found.x, found.p
+        for wheel, window in pairs:
+            if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
+                self._feel_spin(wheel, window)
+        if prior is not None:
+            made = self.prediction
+            by = None if made.carried is None else (self._at[SPEED], made.carried)
+            renewed = [*joined, *made.renewed]
+            self.kept = Kept(prior[0], prior[1], renewed, list(self.x), self.p.copy(), by)
+        return found
 
     # -- what else the windows say --------------------------------------------------------------------------
 
@@ -262,38 +255,22 @@ class WheelStep:
         if row is None:
             return
         residual, variance, _ = row
-        h = self._derivatives(row, wheel.at)
+        h = self.derivatives(row, wheel.at)
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))
-
-    def _derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
-        """A row of the Jacobian, (n,)."""
-        h = np.zeros(len(self.x))
-        for entry, value in row[2].items():
-            h[at[entry]] = value
-        return h
 
     def _correct(self, change: Array, drop: Array) -> None:
         self.x = [a + b for a, b in zip(self.x, change.tolist(), strict=True)]
         self.p -= drop
 
-    def _watch(self, pairs: Pairs, rates: Sequence[float], yaws: Sequence[float]) -> None:
-        for (wheel, window), rate in zip(pairs, rates, strict=True):
-            wheel.turned += abs(rate) * WINDOW
-            wheel.forwards += rate * WINDOW
-            wheel.clipped += window.spin_clipped > 0.0
-            if (
-                wheel.moving < _ENOUGH
-                and abs(rate) > _TURNING
-                and wheel.joined
-                and window.force_clipped == 0.0
-            ):
-                angle = self.x[wheel.at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
-                wheel.upright += (window.force * cmath.exp(1j * angle)).real / (STANDARD_GRAVITY * WINDOW)
-                wheel.moving += 1
-        if len(pairs) == 2 and self.agreement.open and all(wheel.joined for wheel in self.wheels):
-            self._compare(rates, 0.5 * (yaws[0] + yaws[1]))
+    def _watch(self, pairs: Pairs, found: Updated) -> None:
+        if found.slipping is not None:
+            self.wheels[found.slipping].slips += 1
+        for (wheel, window), rate in zip(pairs, found.rates, strict=True):
+            wheel.watch(window, rate, self.x[wheel.at[WHEEL_ANGLE]])
+        if len(pairs) == 2 and self.agreement.open and all(wheel.rolls(window) for wheel, window in pairs):
+            self._compare(found.rates, 0.5 * (found.yaws[0] + found.yaws[1]))
 
     def _compare(self, rates: Sequence[float], yaw_rate: float) -> None:
         """Two wheels with the yaw rate that their gyros feel: is one mounted the other way round?"""

@@ -17,6 +17,7 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, SEEN_BY_TWO, Entry
 from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.grip import Slip
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.state import Wheel
@@ -59,18 +60,21 @@ class WheelTrack:
 class WheelReport:
     """What the filter learnt.
 
-    distance: m along the track. duration: s. method: in words. vehicle, and nodes by name: effect ->
-    parameter -> value and sigma, as a calibration file has them, nodes in their own axes; what one wheel
-    cannot show is not there. What the filter knows as a mean of two parameters, each has. counts: by node,
-    windows in which it slipped, clipped, was not heard; samples refused. warnings: one line each.
+    distance: m along the track. duration: s. end: s, of the last pose. method: in words. vehicle, and nodes
+    by name: effect -> parameter -> value and sigma, as a calibration file has them, nodes in their own axes;
+    what one wheel cannot show is not there. What the filter knows as a mean of two parameters, each has.
+    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. slips: by node, the
+    times in which its wheel spun by itself. warnings: one line each, of everything else.
     """
 
     distance: float
     duration: float
+    end: float
     method: str
     vehicle: Mapping[str, Mapping[str, Quantity]]
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     counts: Mapping[str, Mapping[str, int]]
+    slips: Mapping[str, tuple[Slip, ...]]
     warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -82,7 +86,15 @@ class WheelReport:
             "vehicle": _plain(self.vehicle),
             "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
-            "warnings": list(self.warnings),
+            "slips": [
+                {"node": name, "from": slip.begin, "to": min(slip.end, self.end), "speed": slip.speed}
+                for name, slips in self.slips.items()
+                for slip in slips
+            ],
+            "warnings": [
+                *(f"{name}: {slip.words}" for name, slips in self.slips.items() for slip in slips),
+                *self.warnings,
+            ],
         }
 
 
@@ -117,9 +129,10 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
     steps = made.steps or []
     if lag >= len(steps) * WINDOW > 0.0:
-        poses = smoother.smooth(config, steps, LISTENED)
+        poses = smoother.smooth(config, steps, LISTENED, made.core.slipped)
     elif lag > 0.0:
-        poses = smooth_with_lag(config, steps, LISTENED, math.ceil(lag / WINDOW - 1e-9))
+        ahead = math.ceil(lag / WINDOW - 1e-9)
+        poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
     track = collect(poses)
     alone = _without_what_jumped(config, nodes, lag, made)
     if alone is not None:
@@ -195,17 +208,19 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     nodes = {wheel.name: _quantities(made, wheel, OF_WHEEL) for wheel in wheels}
     counts = {
         wheel.name: {
-            "windows_slipping": wheel.slips,
+            "windows_slipping": wheel.slips + sum(away[index] for away in made.core.slipped.values()),
             "windows_clipped": wheel.clipped,
             "windows_unheard": wheel.unheard_in_all,
             "samples_refused": made.refused[wheel.name],
         }
-        for wheel in wheels
+        for index, wheel in enumerate(wheels)
     }
+    slips = {wheel.name: tuple(wheel.grip.slips) for wheel in wheels if wheel.grip.slips}
     path = float(np.sum(np.abs(track.speed)) * WINDOW)
     duration = float(track.t[-1] - track.t[0]) + WINDOW
-    warned = tuple(_warnings(made, track))
-    return WheelReport(path, duration, f"wheel filter on {names}, {how}", vehicle, nodes, counts, warned)
+    end, warned = float(track.t[-1]), tuple(_warnings(made, track))
+    what = f"wheel filter on {names}, {how}"
+    return WheelReport(path, duration, end, what, vehicle, nodes, counts, slips, warned)
 
 
 def _quantities(

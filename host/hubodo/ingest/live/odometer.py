@@ -119,6 +119,7 @@ class Odometer:
         self._speed = array("d")
         self._end = 0.0
         self._said: set[str] = set()
+        self._slips_said: dict[str, int] = {}
         self._looked = 0
         self._late: set[str] = set()
         self._first_ns: dict[str, int] = {}
@@ -166,11 +167,24 @@ class Odometer:
     def warnings(self, *, end: bool = False) -> list[str]:
         """What a user must know and has not been told yet.
 
-        Before the end it is looked for every few seconds, once the vehicle has gone far enough to judge.
+        A slip is told when it is over. All else is looked for every few seconds before the end, once the
+        vehicle has gone far enough to judge.
         """
         windows = len(self._speed)
         if self._filter is None or not windows:
             return []
+        return [*self._slips(self._filter, end), *self._advice(self._filter, windows, end)]
+
+    def _slips(self, wheels: WheelFilter, end: bool) -> list[str]:
+        new = []
+        for wheel in wheels.core.wheels:
+            for slip in wheel.grip.slips[self._slips_said.get(wheel.name, 0) :]:
+                if end or slip.last is not None:
+                    self._slips_said[wheel.name] = self._slips_said.get(wheel.name, 0) + 1
+                    new.append(f"{wheel.name}: {slip.words}")
+        return new
+
+    def _advice(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
         if not end and (self.distance < _JUDGED_AFTER or windows < self._looked + _LOOK_EVERY):
             return []
         self._looked = windows
@@ -180,7 +194,7 @@ class Odometer:
             for name in sorted(self._late)
         ]
         new = []
-        for line in [*lines, *report(self._filter, self._track()).warnings]:
+        for line in [*lines, *report(wheels, self._track()).warnings]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
             if kind not in self._said:
                 self._said.add(kind)
