@@ -19,10 +19,15 @@ _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
 
 @dataclass(frozen=True, slots=True)
 class NodeMount:
-    """Where a node sits. side: which wheel, None on the body; facing: where its z axis points."""
+    """Where a node sits.
+
+    side: which wheel, None on the body; facing: where its z axis points. steered: whether that wheel is
+    turned to steer, or turns by itself as a castor does.
+    """
 
     side: Side | None = None
     facing: Facing | None = None
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +80,7 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
         entries = as_table(values, where)
-        only_keys(entries, ("side", "facing", "effects"), where)
+        only_keys(entries, ("side", "facing", "steered", "effects"), where)
         nodes[name] = _mount(entries, where)
     return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, _antenna(body, f"{path}: [vehicle] antenna"))
 
@@ -96,7 +101,9 @@ def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
 
 
 def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
-    mount = read_table({key: table[key] for key in ("side", "facing") if key in table}, NodeMount, where)
+    mount = read_table(
+        {key: table[key] for key in ("side", "facing", "steered") if key in table}, NodeMount, where
+    )
     if (mount.side is None) != (mount.facing is None):
         missing = "side" if mount.side is None else "facing"
         raise ConfigError(f"{where}: {missing} is missing; a node on a wheel has both side and facing")

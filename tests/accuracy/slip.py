@@ -74,6 +74,7 @@ CASES = {
     "two wheels, 1.5 s of double spin": _spin(2, 1.5, 2.0),
     "two wheels, locked for 1.5 s": _spin(2, 1.5, 0.0),
 }
+LIFTED = "one wheel, lifted 6 s, runs out in 1 s"
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,40 @@ def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
     return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {honest:7.2f} of 3  {said}"
 
 
+def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
+    """Two nodes, one on a steered wheel, told as an axle; whether the fixed one was chosen.
+
+    found: 1 where the user is told that the two are no axle.
+    """
+    drive = slip_drives.steered(np.random.default_rng(seed), ERRORS, side)
+    made = run(config(drive), tables(drive))
+    said = any("steers" in line or "not those of an axle" in line for line in made.report.warnings)
+    right = [wheel.name for wheel in made.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
+    error = 100.0 * end_error(drive, made) / drive.length
+    return Outcome(error, nees(drive, made), int(said), 0), right
+
+
+def exchanged_outcome(seed: int) -> Outcome:
+    """The nodes of the two sides exchanged."""
+    drive, _, _ = made(CASES["two wheels, nothing happens"], seed)
+    recorded = tables(drive)
+    found = run(config(drive), {"left": recorded["right"], "right": recorded["left"]})
+    said = any("exchanged" in line for line in found.report.warnings)
+    return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), int(said), 0)
+
+
+def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
+    """% of the path at the end, of each wheel alone and of both; tape: 1 sigma of the track as measured."""
+    errors: dict[str, list[float]] = {}
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        drive = wheel_drives.drive(wheel_drives.loop(rng, 150.0, 6.0), rng, replace(ERRORS, track=tape))
+        for names in (("left",), ("right",), BOTH):
+            found = run(config(drive, names), tables(drive))
+            errors.setdefault(" and ".join(names), []).append(100.0 * end_error(drive, found) / drive.length)
+    return {name: np.array(found) for name, found in errors.items()}
+
+
 def real_alarms() -> dict[str, int]:
     """Slips found on real drives, on which nobody saw one."""
     runs: dict[str, WheelRun] = {}
@@ -147,6 +182,25 @@ def main() -> int:
     print(f"loops of 120 m, seeds {seeds[0]} to {seeds[-1]}; error at the end in % of the path: median, 90 %")
     for name, case in CASES.items():
         print("  " + line(name, case, [outcome(case, seed) for seed in seeds]), flush=True)
+    for side in BOTH:
+        found = [steered_outcome(seed, side) for seed in seeds]
+        kept = sum(right for _, right in found)
+        name = f"two wheels, the {side} one steered"
+        text = line(
+            name, Case(1, 0.0, CASES["two wheels, nothing happens"].change), [one for one, _ in found]
+        )
+        print(f"  {text}, the fixed one kept {kept}", flush=True)
+    text = line("two wheels, exchanged", CASES[LIFTED], [exchanged_outcome(seed) for seed in seeds])
+    print("  " + text, flush=True)
+    print("  a pair beside each of its wheels, loops of 150 m: median, 90 %, rms")
+    for tape in (0.005, 0.03):
+        for name, errors in pair_errors(seeds, tape).items():
+            median, most = np.percentile(errors, [50, 90])
+            rms = np.sqrt(np.mean(errors**2))
+            print(
+                f"    track measured to {tape:5.1%}, {name:15s}{median:6.2f}{most:6.2f}{rms:6.2f} %",
+                flush=True,
+            )
     for name, alarms in real_alarms().items():
         print(f"  {name}: {alarms} false alarms")
     return 0

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from generators.wheel_drives import RATE_HZ, Plan, _smooth, loop
+from generators.wheel_drives import RATE_HZ, Errors, Plan, WheelDrive, _smooth, drive, loop
 
 
 def hilly(plan: Plan, rng: np.random.Generator, grade: float = 0.06, rough: float = 0.002) -> Plan:
@@ -72,3 +72,25 @@ def spinning(plan: Plan, nodes: tuple[str, ...], start: float, duration: float, 
     share = _smooth(((t > start) & (t < start + duration)).astype(float), 0.1)
     slip = (times - 1.0) * plan.speed * share
     return replace(plan, slip={**plan.slip, **dict.fromkeys(nodes, slip)})
+
+
+def steered(
+    rng: np.random.Generator, errors: Errors, side: str, wheelbase: float = 0.6, length: float = 120.0
+) -> WheelDrive:
+    """A drive whose `side` node sits on the steered wheel in front of the other one's axle.
+
+    The vehicle turns about a point on the rear axle: the front contact at (wheelbase, y) moves with
+    (v - r y, r wheelbase), and its wheel points there. Each wheel is a drive of its own along the way of its
+    contact, with the heading of the wheel; the truth is that of the rear axle's middle.
+    """
+    plan = loop(rng, length, 6.0)
+    # Turning needs motion: the curvature of the way is what is steered.
+    curvature = np.clip(plan.yaw_rate / np.maximum(plan.speed, 0.5), -1.2, 1.2)
+    plan = replace(plan, yaw_rate=curvature * plan.speed)
+    whole = drive(plan, rng, errors)
+    y = (0.5 if side == "left" else -0.5) * whole.track
+    ahead, across = 1.0 - curvature * y, curvature * wheelbase
+    angle = np.arctan2(across, ahead)
+    own = Plan(plan.speed * np.hypot(ahead, across), plan.yaw_rate + np.gradient(angle) * RATE_HZ)
+    front = drive(own, rng, errors, track=1e-6).nodes[side]
+    return replace(whole, nodes={**whole.nodes, side: front})

@@ -8,7 +8,9 @@ import pytest
 import wanted
 from accuracy import slip
 from accuracy.slip import CASES, made, outcome, real_alarms
+from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.state import initial_state
 from hubodo.fuse.wheel.track import collect, run
 from hubodo.ingest.live.odometer import Block, Odometer
 from hubodo.vehicle import NodeMount, Vehicle
@@ -118,3 +120,29 @@ def test_the_table_counts_alarms_where_nothing_happened():
     assert "found   0 of   0, false alarms 2" in slip.line(
         "one wheel, nothing happens", case, [slip.Outcome(1.0, 3.0, 1, 1)]
     )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_wheel_that_steers_is_left_out_and_the_user_told_which(side):
+    """Seed 101: a tricycle, two nodes told to be one axle."""
+    found, fixed_kept = slip.steered_outcome(101, side)
+    print(side, found)
+    assert found.found == 1 and fixed_kept
+    assert found.error < 2.0 and found.nees < 16.0
+
+
+def test_exchanged_sides_cost_no_more_than_one_wheel():
+    """Seed 100: the node that is told to be left sits on the right wheel, and is taken as that."""
+    found = slip.exchanged_outcome(100)
+    drive, _, _ = made(CASES["two wheels, nothing happens"], 100)
+    right = run(config(drive, ("right",)), tables(drive))
+    assert found.found == 1
+    assert found.error == pytest.approx(100.0 * end_error(drive, right) / drive.length, abs=0.01)
+
+
+def test_a_declared_steered_wheel_takes_no_part_and_alone_shows_its_own_way():
+    nodes = {"left": NodeMount("left", "left"), "front": NodeMount("right", "left", steered=True)}
+    both = wheel_config(Vehicle(0.15, 0.5, nodes), list(nodes))
+    assert list(both.nodes) == ["left"]
+    alone = wheel_config(Vehicle(0.15, 0.5, {"front": nodes["front"]}), ["front"])
+    assert initial_state(alone).wheels[0].geometry.contact == 0.0

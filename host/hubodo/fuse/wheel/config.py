@@ -45,11 +45,15 @@ class WheelNoise:
 
 @dataclass(frozen=True, slots=True)
 class WheelNode:
-    """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left."""
+    """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left.
+
+    steered: it goes its own way, and the track is that of its contact, with its heading.
+    """
 
     side: Side
     facing: Facing
     known: Mapping[Entry, Quantity] = field(default_factory=dict)
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,15 +89,20 @@ def wheel_config(
 ) -> WheelConfig:
     """The filter's settings for those of a vehicle's nodes that sit on wheels and are among `names`.
 
+    Steered wheels are left out where there are others; of steered ones alone the first is taken.
+
     calibration: replaces the priors of what it holds. Raises ValueError when no wheel node is left, or two
     sit on one wheel.
     """
-    nodes = {}
-    for name, mount in vehicle.nodes.items():
-        if name in names and mount.side is not None and mount.facing is not None:
+    nodes: dict[str, WheelNode] = {}
+    mounted = {name: mount for name, mount in vehicle.nodes.items() if name in names and mount.side}
+    # A steered wheel shows its own way, not the vehicle's: it is used where there is no other, and alone.
+    fixed = {name: mount for name, mount in mounted.items() if not mount.steered}
+    for name, mount in (fixed or dict(list(mounted.items())[:1])).items():
+        if mount.side is not None and mount.facing is not None:
             found = calibration.nodes.get(name) if calibration else None
             known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
-            nodes[name] = WheelNode(mount.side, mount.facing, known)
+            nodes[name] = WheelNode(mount.side, mount.facing, known, mount.steered)
     config = WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes)
     return replace(config, known=known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
 

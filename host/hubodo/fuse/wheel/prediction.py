@@ -130,7 +130,7 @@ class Prediction:
         """
         gain, variance, by, count = 0.0, 0.0, np.zeros(len(x)), 0
         for wheel, window in pairs:
-            if not wheel.joined or window.missing > 0.0 or not forward.usable(window):
+            if not (wheel.joined and wheel.part) or window.missing > 0.0 or not forward.usable(window):
                 continue
             wheel.view.look(x, window, resting=False, gyro_noise=wheel.rest.noise)
             residual, noise, derivatives = forward.measure(wheel.view, self._noise)
@@ -178,7 +178,7 @@ def _forward_force(pairs: Pairs, x: list[float]) -> float | None:
     """
     total, count = 0.0, 0
     for wheel, window in pairs:
-        if wheel.joined and window.missing == 0.0 and window.force_clipped == 0.0:
+        if wheel.joined and wheel.part and window.missing == 0.0 and window.force_clipped == 0.0:
             at = wheel.at
             seen = window.spin / WINDOW - x[at[GYRO_BIAS_Z]]
             rate = seen / (1.0 + x[at[GYRO_SCALE_Z]])

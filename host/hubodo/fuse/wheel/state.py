@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -63,10 +63,10 @@ class Wheel:
     """One wheel: where its entries stand in the state, and counts that a report is made of.
 
     at: column of each entry, its own and the vehicle's. view: its present window, for the measurements.
-    joined: its angle is known. grip: whether it rolls with the road; away: whether it is taken not to in the
-    present window. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
-    the force that points up, in units of g. slips, clipped, unheard_in_all: windows. lost: times that the
-    wheel angle was lost over a gap.
+    joined: its angle is known. trusted: its speed is used; part: anything of it is. grip: whether it rolls
+    with the road; away: whether it is taken not to in the present window. turned: rad in all, forwards: rad
+    net. upright: sum over `moving` windows of the force that points up, in units of g. slips, clipped,
+    unheard_in_all: windows. lost: times that the wheel angle was lost over a gap.
     """
 
     name: str
@@ -79,6 +79,7 @@ class Wheel:
     joined: bool = False
     away: bool = False
     trusted: bool = True
+    part: bool = True
     heard: int = 0
     unheard: int = 0
     level: complex = 0j
@@ -96,6 +97,12 @@ class Wheel:
     _before: complex = 0j
     _after: complex = 0j
     _looked: int | None = None
+
+    def move_over(self) -> None:
+        """To the other side of the vehicle."""
+        seen = self.geometry
+        self.geometry = replace(seen, contact=-seen.contact)
+        self.view = WheelWindow(self.geometry, self.at)
 
     def rolls(self, window: Window) -> bool:
         """Whether the window tells the speed of the vehicle."""
@@ -200,7 +207,8 @@ def initial_state(config: WheelConfig) -> InitialState:
     for index, (name, node) in enumerate(config.nodes.items()):
         at = columns.wheels[index]
         side = side_sign(node.side)
-        geometry = WheelGeometry(side, config.radius, 0.5 * side * config.track_width, float(index))
+        contact = 0.0 if node.steered else 0.5 * side * config.track_width
+        geometry = WheelGeometry(side, config.radius, contact, float(index))
         wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, WheelWindow(geometry, at))
         made.wheels.append(wheel)
         for entry in OF_WHEEL:

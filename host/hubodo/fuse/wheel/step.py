@@ -16,6 +16,7 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     HEADING,
     SPEED,
+    TRACK_WIDTH,
     WHEEL_ANGLE,
     YAW_RATE,
     Entry,
@@ -119,6 +120,7 @@ class WheelStep:
         self._told = slipped
         self._hindsight = Hindsight(WindowNoise(config.noise, config.radius))
         self.carrying = False
+        self._tape = len(self.wheels) == 2 and TRACK_WIDTH not in config.known and not config.told
 
     def begin(self, windows: Sequence[Sequence[Window]]) -> None:
         """Look at the first windows as a whole for the wheel angles; `step` follows with each of them."""
@@ -240,12 +242,28 @@ class WheelStep:
         for wheel, window in pairs:
             if window.spin_clipped > 0.0 and window.force_clipped == 0.0 and wheel.joined:
                 self._feel_spin(wheel, window)
+        if self._tape:
+            self._ask_tape()
         if prior is not None:
             made = self.prediction
             by = None if made.carried is None else (self._at[SPEED], made.carried)
             renewed = [*joined, *made.renewed]
             self.kept = Kept(prior[0], prior[1], renewed, list(self.x), self.p.copy(), by)
         return found
+
+    def _ask_tape(self) -> None:
+        """Tells the track once what the vehicle file says, if the drive makes it likely."""
+        place = self._at[TRACK_WIDTH]
+        error, variance = self.x[place], self.p.item(place, place)
+        noise = two_wheels.careful_tape(error, variance, TRACK_WIDTH.prior)
+        if noise is None:
+            return
+        self._tape = False
+        self._hindsight.forget()
+        if math.isfinite(noise):
+            ph = self.p[place].copy()
+            s = variance + noise
+            self._correct(ph * (-error / s), np.outer(ph, ph / s))
 
     # -- what else the windows say --------------------------------------------------------------------------
 
@@ -269,18 +287,31 @@ class WheelStep:
             self.wheels[found.slipping].slips += 1
         for (wheel, window), rate in zip(pairs, found.rates, strict=True):
             wheel.watch(window, rate, self.x[wheel.at[WHEEL_ANGLE]])
-        if len(pairs) == 2 and self.agreement.open and all(wheel.rolls(window) for wheel, window in pairs):
-            self._compare(found.rates, 0.5 * (found.yaws[0] + found.yaws[1]))
+        if (
+            len(pairs) == 2
+            and self.agreement.open
+            and all(wheel.joined and window.missing == 0.0 for wheel, window in pairs)
+        ):
+            self._compare(found.rates, found.yaws)
 
-    def _compare(self, rates: Sequence[float], yaw_rate: float) -> None:
-        """Two wheels with the yaw rate that their gyros feel: is one mounted the other way round?"""
+    def _compare(self, rates: Sequence[float], yaws: Sequence[float]) -> None:
+        """Two wheels with the yaw rates that their gyros feel: are they the axle that was declared?"""
         speeds = [rate * wheel.geometry.radius for rate, wheel in zip(rates, self.wheels, strict=True)]
-        left, right = speeds if self.wheels[0].geometry.side > 0 else speeds[::-1]
-        blamed = self.agreement.add(yaw_rate, left, right)
-        if blamed is not None:
-            # Up to here the wrong wheel may have been believed.
-            lost = 2.0 * max(abs(way) for way in self.agreement.travel)
-            for place in (self._at[X], self._at[Y]):
-                self.p[place, place] += lost * lost
-            for wheel in self.wheels:
-                wheel.trusted &= blamed != two_wheels.BOTH and blamed != wheel.geometry.side
+        order = (0, 1) if self.wheels[0].geometry.side > 0 else (1, 0)
+        left, right = (speeds[index] for index in order)
+        blamed = self.agreement.add((yaws[order[0]], yaws[order[1]]), left, right)
+        if blamed is None:
+            return
+        # Up to here the wrong wheel may have been believed.
+        lost = 2.0 * max(abs(way) for way in self.agreement.travel)
+        for place in (self._at[X], self._at[Y]):
+            self.p[place, place] += lost * lost
+        self._hindsight.forget()
+        for wheel in self.wheels:
+            wheel.trusted &= blamed != two_wheels.BOTH and blamed != wheel.geometry.side
+            wheel.part = self.agreement.alone in (0.0, wheel.geometry.side)
+            if self.agreement.steering:
+                wheel.trusted = wheel.part
+            if wheel.part and self.agreement.exchanged:
+                wheel.trusted = True
+                wheel.move_over()

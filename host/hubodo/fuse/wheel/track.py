@@ -13,7 +13,7 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel import smoother
-from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, SEEN_BY_TWO, Entry
 from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
@@ -24,6 +24,7 @@ from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.recording import Table
+from hubodo.vehicle import side_sign
 
 _TURN = 2.0 * np.pi
 _DISAGREE = 10
@@ -134,7 +135,9 @@ def run(config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0) -> Wh
         ahead = math.ceil(lag / WINDOW - 1e-9)
         poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
     track = collect(poses)
-    alone = _without_what_jumped(config, nodes, lag, made)
+    alone = _without_what_contradicts(config, nodes, lag, made) or _without_what_jumped(
+        config, nodes, lag, made
+    )
     if alone is not None:
         return alone
     if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
@@ -163,6 +166,35 @@ def _without_what_jumped(
         return None
     said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
     return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _without_what_contradicts(
+    config: WheelConfig, nodes: Mapping[str, Table], lag: float, made: WheelFilter
+) -> WheelRun | None:
+    """The run of one wheel, from its start, where the two are not an axle; None where they are."""
+    agreement, wheels = made.core.agreement, made.core.wheels
+    if not agreement.alone:
+        return None
+    runs = {
+        wheel.name: run(
+            replace(config, nodes={wheel.name: _moved(wheel.node, agreement.exchanged)}), nodes, lag
+        )
+        for wheel in wheels
+        if agreement.steering or side_sign(wheel.node.side) == agreement.alone
+    }
+    # Each by itself feels its own yaw rate; what a wheel steers comes on top of the vehicle's turning.
+    name = min(runs, key=lambda one: float(np.sum(runs[one].track.yaw_rate ** 2)))
+    more = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
+    said = f"{agreement.verdict}{more}; the track comes from {name} alone"
+    found = runs[name]
+    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _moved(node: WheelNode, exchanged: bool) -> WheelNode:
+    """The node, on the other side where the two are exchanged."""
+    if not exchanged:
+        return node
+    return replace(node, side="right" if node.side == "left" else "left")
 
 
 def _backwards(wheel: Wheel) -> bool:

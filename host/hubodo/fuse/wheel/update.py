@@ -147,7 +147,7 @@ class WheelUpdate:
             clear.append(wheel.joined and window.missing == 0.0 and not _clipped(window))
             rates.append(view.rate)
             yaws.append(view.yaw_rate + residuals[self._yaw] / WINDOW / view.cos)
-            if not clear[index] or wheel.away or not wheel.trusted:
+            if not clear[index] or wheel.away or not (wheel.trusted and wheel.part):
                 out += self._silent(index, wheel, window)
         return values, rates, yaws, clear, out
 
@@ -167,7 +167,7 @@ class WheelUpdate:
         return [
             self._rows.of(measurement, index)
             for measurement in self._rows.measurements
-            if not wheel.joined
+            if not (wheel.joined and wheel.part)
             or window.missing >= _UNHEARD
             or not measurement.usable(window)
             or (measurement in BETWEEN_WHEELS and not wheel.trusted)
