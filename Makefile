@@ -44,12 +44,13 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py
 
-road: setup          ## a real car, rests, silences, sensors at their ends, calibration with positions; some half an hour
+road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes
 	$(BIN)/python tests/accuracy/car.py
 	$(BIN)/python tests/accuracy/car_gnss.py
 	$(BIN)/python tests/accuracy/rests.py
 	$(BIN)/python tests/accuracy/silence.py
 	$(BIN)/python tests/accuracy/clipped.py
+	$(BIN)/python tests/accuracy/slip.py
 	$(BIN)/python tests/accuracy/wheel_calibration.py
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes

@@ -20,13 +20,16 @@ _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
 
 @dataclass(frozen=True, slots=True)
 class NodeMount:
-    """Where a node sits. side: which wheel, None on the body; facing: where its z axis points.
+    """Where a node sits.
 
-    gyro_range: rad/s, accel_range: m/s², where its samples end; None where the file does not say.
+    side: which wheel, None on the body; facing: where its z axis points. steered: whether that wheel is
+    turned to steer, or turns by itself as a castor does. gyro_range: rad/s, accel_range: m/s², where its
+    samples end; None where the file does not say.
     """
 
     side: Side | None = None
     facing: Facing | None = None
+    steered: bool = False
     gyro_range: float | None = None
     accel_range: float | None = None
 
@@ -83,7 +86,7 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
         entries = as_table(values, where)
-        only_keys(entries, ("side", "facing", *RANGES, "effects"), where)
+        only_keys(entries, ("side", "facing", "steered", *RANGES, "effects"), where)
         own = common | _ranges(entries, where)
         gyro, accel = own.get("gyro_range"), own.get("accel_range")
         nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
@@ -118,7 +121,9 @@ def _ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:
 
 
 def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
-    mount = read_table({key: table[key] for key in ("side", "facing") if key in table}, NodeMount, where)
+    mount = read_table(
+        {key: table[key] for key in ("side", "facing", "steered") if key in table}, NodeMount, where
+    )
     if (mount.side is None) != (mount.facing is None):
         missing = "side" if mount.side is None else "facing"
         raise ConfigError(f"{where}: {missing} is missing; a node on a wheel has both side and facing")

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from generators.noise import gyro_noise
+
 RATE_HZ = 1000.0
 GRAVITY = 9.80665
 GYRO_STEP = np.radians(0.070)
@@ -31,7 +33,8 @@ class Errors:
     while it moves. vibration: m/s² per sample. road: m per square root of
     a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities. bumps: the
     road's roughness in units of ISO 8608 class A (16e-6 m³ at 0.1 cycles/m), which a tyre lets through up to
-    10 Hz and which throws the hub up and down.
+    10 Hz and which throws the hub up and down. flicker, accel_flicker: rad/s and m/s² of bias instability
+    (IEEE 952's B) of every axis.
     """
 
     radius: float = 0.002
@@ -50,6 +53,8 @@ class Errors:
     road: float = 0.0005
     noise: float = 1.0
     bumps: float = 0.0
+    flicker: float = 0.0
+    accel_flicker: float = 0.0
 
 
 PERFECT = Errors(*([0.0] * 16))
@@ -95,13 +100,14 @@ class WheelDrive:
 class Plan:
     """What the vehicle is made to do.
 
-    speed, yaw_rate: m/s, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond the road under
-    it.
+    speed, yaw_rate: m/s along the road, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond
+    the road under it. height: m of the road, the same under both wheels; None where it is level.
     """
 
     speed: np.ndarray
     yaw_rate: np.ndarray
     slip: dict[str, np.ndarray] = field(default_factory=dict)
+    height: np.ndarray | None = None
 
 
 def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
@@ -173,8 +179,12 @@ def drive(
     dt = 1.0 / RATE_HZ
     t = np.arange(len(plan.speed)) * dt
     heading = _integral(plan.yaw_rate)
-    x = _integral(plan.speed * np.cos(heading))
-    y = _integral(plan.speed * np.sin(heading))
+    height = np.zeros(len(t)) if plan.height is None else plan.height
+    # A hub goes up and down with the road: its wheel rolls along the slope, the map sees less of it.
+    level = np.sqrt(np.maximum(plan.speed**2 - (np.gradient(height) * RATE_HZ) ** 2, 0.0))
+    level = np.copysign(level, plan.speed)
+    x = _integral(level * np.cos(heading))
+    y = _integral(level * np.sin(heading))
     true_track = track * (1.0 + errors.track * rng.standard_normal())
     roll = _wander(errors.roll, len(t), rng) * _smooth(np.minimum(1.0, np.abs(plan.speed) / 0.5))
     made = {}
@@ -236,7 +246,7 @@ def _bumps(roughness: float, speed: np.ndarray, rng: np.random.Generator) -> np.
     return through * _smooth(np.minimum(1.0, speed / 0.5))
 
 
-def _rigid_wheel(place, heading, roll, theta, side, track, radius, camber, arm):
+def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm):
     """(N, 3) rate and specific force in node axes, by differences of rotation and position."""
     zero, one = np.zeros_like(heading), np.ones_like(heading)
     ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
@@ -250,7 +260,7 @@ def _rigid_wheel(place, heading, roll, theta, side, track, radius, camber, arm):
     body_from_node = np.stack([c * up + s * forward, c * forward - s * up, one * axle], 1)
     world_from_node = np.einsum("ijn,jkn->ikn", world_from_body, body_from_node)
     hub_in_body = np.array([0.0, side * (0.5 * track - radius * np.sin(camber)), radius * np.cos(camber)])
-    place = np.array(place) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
+    place = np.array(road) + np.einsum("ijn,j->in", world_from_body, hub_in_body)
     place += np.einsum("ijn,j->in", world_from_node, arm)
     dt = 1.0 / RATE_HZ
     change = np.gradient(world_from_node, dt, axis=2, edge_order=2)
@@ -280,6 +290,9 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends) -> Node:
     gyro = gyro + accel @ gravity_in_gyro.T
     accel = accel * (1.0 + accel_scale) + errors.accel_bias * normal(3)
     bandwidth = np.sqrt(0.5 * rate_hz)
+    for axes, size in ((gyro, errors.flicker), (accel, errors.accel_flicker)):
+        for axis in range(3 if size else 0):
+            axes[:, axis] += gyro_noise(len(taken), period, rng, b=size)
     gyro = gyro + errors.noise * GYRO_DENSITY * bandwidth * normal(gyro.shape)
     moving = np.interp(taken, t, np.abs(rate[:, 2])) > 0.1
     shake = np.where(moving, errors.vibration, 0.0)[:, None]

@@ -12,7 +12,7 @@ from fakes.fake_receiver import fake_receiver
 from fakes.script import Script
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import WGS84, geodetic
-from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_thread import LocalizerThread

@@ -9,9 +9,9 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import Effect, Estimate, Geometry, Level, parameter
 
 _TRACK = Estimate(
-    0.005,
+    0.03,
     0.0,
-    "a tape measure between the tyres' middles; walk: it is fixed",
+    "a tape measure on a wide tyre that runs on an edge, as a real car showed; walk: it is fixed",
     "drive curves: turns that add up to well over 180 degrees, to both sides",
 )
 _SLOPE = 0.15 / STANDARD_GRAVITY

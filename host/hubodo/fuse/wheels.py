@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -175,7 +175,8 @@ def _filtered(
     report = result.report.as_json()
     report["ranges"] = {name: ranges[name].as_json() for name in names}
     doubts = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
-    warnings = screenings + doubts + tuple(report.pop("warnings"))
+    warnings = screenings + doubts + _steering(vehicle, names, config.nodes) + tuple(report.pop("warnings"))
+    names = tuple(config.nodes)
     track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
     return WheelOdometry(
         track,
@@ -205,6 +206,18 @@ def _begun(track: Track, heading: float, sigma: float) -> Track:
     return Track(**{name: np.append(begin.get(name, 0.0), getattr(track, name)) for name in names})
 
 
+def _steering(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:
+    """What a user must know of wheels that steer."""
+    heard = " and ".join(used)
+    left_out = [f"{name}: steered; the track comes from {heard} alone" for name in names if name not in used]
+    own = [
+        f"{name}: steered; the track is the way of this wheel's contact, and the heading the wheel's own"
+        for name in used
+        if vehicle.nodes[name].steered
+    ]
+    return (*left_out, *own)
+
+
 def _missing(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None
 ) -> tuple[str, ...]:
@@ -212,7 +225,7 @@ def _missing(
     why = {
         name: "not in the log" if name not in recording.nodes else "no usable samples"
         for name in on_wheels
-        if name not in names
+        if name not in names and not vehicle.nodes[name].steered
     }
     heard = " and ".join([*names, "wheels.csv"] if recording.wheels is not None else names)
     return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())

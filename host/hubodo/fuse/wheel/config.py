@@ -49,7 +49,8 @@ class WheelNode:
     """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left.
 
     gyro_limit: rad/s, accel_limit: m/s², where its channels clip: just below 2000 deg/s and 16 g, the ranges
-    of the firmware, unless it is known better (`fuse/ranges.py`).
+    of the firmware, unless it is known better (`fuse/ranges.py`). steered: it goes its
+    own way, and the track is that of its contact, with its heading.
     """
 
     side: Side
@@ -57,6 +58,7 @@ class WheelNode:
     known: Mapping[Entry, Quantity] = field(default_factory=dict)
     gyro_limit: float = 34.8
     accel_limit: float = 156.0
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,16 +95,21 @@ def wheel_config(
 ) -> WheelConfig:
     """The filter's settings for those of a vehicle's nodes that sit on wheels and are among `names`.
 
+    Steered wheels are left out where there are others; of steered ones alone the first is taken.
+
     calibration: replaces the priors of what it holds. ranges: by name, where known. Raises ValueError when no
     wheel node is left, or two sit on one wheel.
     """
-    nodes = {}
-    for name, mount in vehicle.nodes.items():
-        if name in names and mount.side is not None and mount.facing is not None:
+    nodes: dict[str, WheelNode] = {}
+    mounted = {name: mount for name, mount in vehicle.nodes.items() if name in names and mount.side}
+    # A steered wheel shows its own way, not the vehicle's: it is used where there is no other, and alone.
+    fixed = {name: mount for name, mount in mounted.items() if not mount.steered}
+    for name, mount in (fixed or dict(list(mounted.items())[:1])).items():
+        if mount.side is not None and mount.facing is not None:
             found = calibration.nodes.get(name) if calibration else None
             known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
             limits = ranges[name].limits if ranges and name in ranges else {}
-            nodes[name] = WheelNode(mount.side, mount.facing, known, **limits)
+            nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     config = WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes)
     return replace(config, known=known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
 

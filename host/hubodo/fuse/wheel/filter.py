@@ -31,8 +31,9 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE_FROM_GRAVITY,
 )
 from hubodo.fuse.wheel.preintegration import NOTHING, Window, WindowBuilder
+from hubodo.fuse.wheel.records import Pose, Step
 from hubodo.fuse.wheel.state import Wheel
-from hubodo.fuse.wheel.step import Pose, Step, WheelStep
+from hubodo.fuse.wheel.step import WheelStep
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.vehicle import facing_sign

@@ -8,14 +8,15 @@ the five rows of A that a pose is made of are carried, so a longer lag costs lit
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.step import POSE, Kept, Pose, Step, WheelStep
+from hubodo.fuse.wheel.records import POSE, Kept, Pose, Step
+from hubodo.fuse.wheel.step import WheelStep
 
 _ROUNDING = 1e-10
 """Added to correlations of 1: far above the rounding of a covariance, 1e-16 of up to a hundred steps."""
@@ -87,6 +88,9 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
     if after.passed is not None:
         forward = after.passed @ forward
     forward[after.renewed] = 0.0
+    if after.carried is not None:
+        place, by = after.carried
+        forward[place] = by @ forward
     known = np.flatnonzero(np.diag(after.prior_p) > 0.0)
     scale = np.sqrt(np.diag(after.prior_p)[known])
     alike = after.prior_p[np.ix_(known, known)] / np.outer(scale, scale)
@@ -97,12 +101,14 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
     return found
 
 
-def smooth_with_lag(config: WheelConfig, steps: Sequence[Step], needed: int, lag: int) -> list[Pose]:
+def smooth_with_lag(
+    config: WheelConfig, steps: Sequence[Step], needed: int, lag: int, slipped: Mapping[int, tuple[bool, ...]]
+) -> list[Pose]:
     """Poses of all steps, each from the log up to `lag` steps after it.
 
-    needed: windows the filter began with.
+    needed: windows the filter began with; slipped: as it found them, up to two seconds late.
     """
-    core = WheelStep(config)
+    core = WheelStep(config, slipped)
     behind = FixedLag(lag, core.pose)
     core.keep = True
     core.begin([step.windows for step in steps if not step.listen])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from hubodo.fuse.wheel.entries import (
     Columns,
     Entry,
 )
+from hubodo.fuse.wheel.grip import Grip
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
 from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.stillness import RestDetector
@@ -46,15 +47,25 @@ _OLD, _NEW = 0.8, 0.2
 Half a second of memory, shorter than a manoeuvre and longer than a bump. Estimated.
 """
 
+_ENOUGH, _TURNING = 300, 1.0
+"""How many windows, with a wheel faster than so many rad/s, tell whether gravity turns with it.
+
+Half a minute. Estimated.
+"""
+
+UNHEARD = 0.5
+"""Share of a window without samples from which on it says nothing at all."""
+
 
 @dataclass
 class Wheel:
     """One wheel: where its entries stand in the state, and counts that a report is made of.
 
     at: column of each entry, its own and the vehicle's. view: its present window, for the measurements.
-    joined: its angle is known. turned: rad in all, forwards: rad net. upright: sum over `moving` windows of
-    the force that points up, in units of g. slips, clipped, unheard_in_all: windows. lost: times that the
-    wheel angle was lost over a gap.
+    joined: its angle is known. trusted: its speed is used; part: anything of it is. grip: whether it rolls
+    with the road; away: whether it is taken not to in the present window. turned: rad in all, forwards: rad
+    net. upright: sum over `moving` windows of the force that points up, in units of g. slips, clipped,
+    unheard_in_all: windows. lost: times that the wheel angle was lost over a gap.
     """
 
     name: str
@@ -64,9 +75,12 @@ class Wheel:
     at: dict[Entry, int]
     view: WheelWindow
     follower: SpinFollower
+    grip: Grip = field(default_factory=Grip)
     joined: bool = False
+    away: bool = False
     trusted: bool = True
     astray: int = 0
+    part: bool = True
     heard: int = 0
     level: complex = 0j
     axial: float = 0.0
@@ -84,6 +98,26 @@ class Wheel:
     _before: complex = 0j
     _after: complex = 0j
     _looked: int | None = None
+
+    def move_over(self) -> None:
+        """To the other side of the vehicle."""
+        seen = self.geometry
+        self.geometry = replace(seen, contact=-seen.contact)
+        self.view = WheelWindow(self.geometry, self.at)
+
+    def rolls(self, window: Window) -> bool:
+        """Whether the window tells the speed of the vehicle."""
+        return self.joined and self.trusted and not self.away and window.missing < UNHEARD
+
+    def watch(self, window: Window, rate: float, angle: float) -> None:
+        """Counts for the report; rate: rad/s at which it turns, angle: at the beginning of the window."""
+        self.turned += abs(rate) * WINDOW
+        self.forwards += rate * WINDOW
+        self.clipped += window.spin_clipped > 0.0
+        if self.moving < _ENOUGH and abs(rate) > _TURNING and self.joined and window.force_clipped == 0.0:
+            middle = cmath.exp(1j * (angle + 0.5 * rate * WINDOW))
+            self.upright += (window.force * middle).real / (STANDARD_GRAVITY * WINDOW)
+            self.moving += 1
 
     def listen(self, window: Window) -> None:
         """Gathers gravity, carried along with the spin, until the wheel angle can be read from it."""
@@ -206,16 +240,10 @@ def initial_state(config: WheelConfig) -> InitialState:
     for index, (name, node) in enumerate(config.nodes.items()):
         at = columns.wheels[index]
         side = side_sign(node.side)
-        geometry = WheelGeometry(side, config.radius, 0.5 * side * config.track_width, float(index))
-        wheel = Wheel(
-            name,
-            node,
-            geometry,
-            RestDetector(config.rest),
-            at,
-            WheelWindow(geometry, at),
-            SpinFollower(config.radius),
-        )
+        contact = 0.0 if node.steered else 0.5 * side * config.track_width
+        geometry = WheelGeometry(side, config.radius, contact, float(index))
+        view, follower = WheelWindow(geometry, at), SpinFollower(config.radius)
+        wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, view, follower)
         made.wheels.append(wheel)
         for entry in OF_WHEEL:
             _begin(made, at[entry], entry, node.known.get(entry))

@@ -2,144 +2,43 @@
 
 from __future__ import annotations
 
-import cmath
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from operator import itemgetter
-from typing import NamedTuple
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import (
-    EXCESS,
-    HEADING,
-    SLOPE,
-    SPEED,
-    WHEEL_ANGLE,
-    YAW_RATE,
-    Entry,
-    X,
-    Y,
-)
+from hubodo.fuse.wheel.entries import EXCESS, SPEED, TRACK_WIDTH, WHEEL_ANGLE, Entry, X, Y
 from hubodo.fuse.wheel.excess import carried, keep_upright
-from hubodo.fuse.wheel.measurements import Row, centripetal, position, surface_speed, zero_velocity
+from hubodo.fuse.wheel.hindsight import Hindsight, Past
+from hubodo.fuse.wheel.measurements import Row, WindowNoise, centripetal, position, surface_speed
 from hubodo.fuse.wheel.measurements.position import Position
-from hubodo.fuse.wheel.prediction import forward_force, least_still
+from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
 from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
-from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung, window_walk
+from hubodo.fuse.wheel.records import POSE, Innovation, Kept, Pose, Step
+from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung
 from hubodo.fuse.wheel.silences import Silences
 from hubodo.fuse.wheel.state import Wheel, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.update import UNHEARD, Pairs, WheelUpdate
-
-_SPEED_STEP, _YAW_STEP = 0.5, 0.5
-"""m/s and rad/s by which speed and yaw rate may step from window to window.
-
-So far that what is measured decides. Where neither is, both wander as silence.py has it. Estimated.
-"""
-
-_STARTS = 3.0
-"""m/s; a first window that is faster, three sigma of what SPEED begins with, is no start from rest."""
-
-_HARDEST = 5.0
-"""m/s²; no wheel drives or brakes a vehicle harder.
-
-Half of gravity, the grip of a good tyre on a dry road.
-"""
+from hubodo.fuse.wheel.update import Pairs, Updated, WheelUpdate
 
 _SYMMETRIC = 16
 """Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""
 
-_ENOUGH, _TURNING = 300, 1.0
-"""How many windows, with a wheel faster than so many rad/s, tell whether gravity turns with it.
-
-Half a minute. Estimated.
-"""
+_STARTS = 3.0
+"""m/s; a first window that is faster, three sigma of what SPEED begins with, is no start from rest."""
 
 _JUST_NOW = 5
 """Windows within which one wheel may be heard no more before the other, and the vehicle still rests.
 
 Estimated.
 """
-
-POSE = (X, Y, HEADING, SPEED, YAW_RATE)
-
-
-class Step(NamedTuple):
-    """What happened at once: the windows of all wheels of one number, in the order of the nodes.
-
-    Or no windows: nothing was heard of any wheel in `spans` windows up to this number. listen: look for the
-    angle of wheels that were not heard. speeds: m/s of the left and the right wheel's surface, where another
-    odometer tells them.
-    """
-
-    windows: tuple[Window, ...]
-    number: int
-    listen: bool
-    spans: int = 1
-    speeds: tuple[float, float] | None = None
-
-
-class Pose(NamedTuple):
-    """End of a step.
-
-    t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the window. covariance:
-    (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still. nis, degrees: squared
-    innovations of the step over their variance, and how many there were.
-    """
-
-    t: float
-    x: float
-    y: float
-    heading: float
-    speed: float
-    yaw_rate: float
-    covariance: Array
-    still: Stillness
-    nis: float
-    degrees: int
-
-
-class Kept(NamedTuple):
-    """Both sides of a step's measurements: states and covariance before and after.
-
-    renewed: the states that the step began anew, without memory. passed: (n, n), derivatives of the states
-    before the measurements by those at the end of the step before, None where no time lies between. swung:
-    (2, 2) m² of x and y beyond what p has.
-    """
-
-    prior_x: list[float]
-    prior_p: Array
-    renewed: list[int]
-    x: list[float]
-    p: Array
-    swung: Array
-    passed: Array | None = None
-
-
-class Innovation(NamedTuple):
-    """What a position says that is new.
-
-    z: (2,) m, the position less what was expected; s: (2, 2) m², its covariance; ph: (n, 2), its covariance
-    with the states; nis: z in units of s, squared.
-    """
-
-    z: Array
-    s: Array
-    ph: Array
-    nis: float
-
-    @property
-    def cost(self) -> float:
-        """Minus twice the logarithm of its likelihood, but for a constant."""
-        return self.nis + float(np.linalg.slogdet(self.s)[1])
 
 
 class WheelStep:
@@ -149,15 +48,19 @@ class WheelStep:
     ways.
     """
 
-    def __init__(self, config: WheelConfig) -> None:
+    def __init__(self, config: WheelConfig, slipped: Mapping[int, tuple[bool, ...]] | None = None) -> None:
+        """slipped: which wheels spin by themselves, by number of the window; None: that is to be found."""
         begin = initial_state(config)
         self.config, self.x, self.p, self.wheels = config, begin.x, begin.p, begin.wheels
         self.columns, self._at = begin.columns, begin.columns.vehicle
         self.agreement = two_wheels.Agreement(config.track_width)
         self.steps = self.windows = 0
         self.keep = False
-        self.kept = Kept([], np.empty(0), [], [], np.empty(0), np.zeros((2, 2)))
+        self.kept = Kept([], np.empty(0), [], [], np.empty(0))
+        self.slipped: dict[int, tuple[bool, ...]] = {}
         self.silences = Silences()
+        self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
+        self.carrying = False
         self._update = WheelUpdate(config, begin.columns)
         self._motion = WheelMotion(config, begin)
         self._over_silence = SilenceMotion(config, begin)
@@ -168,7 +71,9 @@ class WheelStep:
         self._covariance = np.array(
             [[row * len(self.x) + column for column in self.pose] for row in self.pose]
         )
-        self._renewed: list[int] = []
+        self._told = slipped
+        self._hindsight = Hindsight(WindowNoise(config.noise, config.radius))
+        self._tape = len(self.wheels) == 2 and TRACK_WIDTH not in config.known and not config.told
 
     def begin(self, windows: Sequence[Sequence[Window]]) -> None:
         """Look at the first windows as a whole for the wheel angles; `step` follows with each of them."""
@@ -197,93 +102,70 @@ class WheelStep:
     def step(self, step: Step, needed: int) -> Pose:
         """On to the end of a step. needed: windows in which the angle of a wheel is looked for."""
         self.windows += step.spans
-        self._renewed, self._timeless = [], False
+        self._timeless = False
         end = (step.number + 1) * WINDOW
         if not step.windows:
-            return self._pass_silence(end, step.spans)
-        pairs = tuple(zip(self.wheels, step.windows, strict=True))
-        if step.listen:
-            for wheel, window in pairs:
-                if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
-                    self._renewed += wheel.join(self.x, self.p, at_begin=False)
-                wheel.listen(window)
-        pairs = tuple((wheel, self._carried(wheel, window)) for wheel, window in pairs)
-        stillness = least_still(pairs, self.x, self.p)
-        if stillness is Stillness.RESTING:
-            self._rested = self.windows
-        if stillness is Stillness.MOVING:
-            self._predict_rates(pairs, step.speeds is not None)
+            return self._pass_silence(end, step.number, step.spans)
+        pairs: Pairs = tuple(zip(self.wheels, step.windows, strict=True))
+        renewed = self._listen(pairs, needed) if step.listen else []
+        told = step.speeds is not None
+        if renewed or told:
+            self._hindsight.forget()
+        pairs = self._carried(pairs, renewed)
+        stills = each_still(pairs, self.x, self.p)
+        if self._told is None:
+            lost = tuple(wheel.grip.lost for wheel in self.wheels)
         else:
-            self._stand(stillness)
-        prior = (list(self.x), self.p.copy()) if self.keep else None
+            lost = self._told.get(step.number, (False,) * len(self.wheels))
         if self.silences.open:
-            self.silences.look(self.p, self._at, pairs, stillness)
-        found = self._update.work_in(self.x, self.p, pairs, stillness)
-        self.x, self.p = found.x, found.p
-        for wheel, window in pairs:
-            if window.all_clipped and window.force_clipped == 0.0 and not wheel.follower.seen:
-                self._feel_spin(wheel, window)
-            if window.all_clipped and wheel.joined:
-                self._renewed += keep_upright(self.x, self.p, wheel, window)
+            self._hindsight.forget()
+            self.silences.look(self.p, self._at, pairs, least_still(stills, lost))
+        if self._told is None:
+            self._hindsight.keep(Past(step.number, pairs, stills, list(self.x), self.p.copy()))
+        found = self.work_in(step.number, pairs, stills, lost, renewed, told)
+        if self._told is None:
+            found = self._hindsight.judge(self, found)
         if step.speeds is not None:
             self._roll(step.speeds)
-        self._watch(pairs, found.rates, found.yaws)
+        if found.stillness is Stillness.RESTING:
+            self._rested = self.windows
+        self._watch(pairs, found)
         self.steps += 1
-        kept = None if prior is None else (list(self.x), self.p.copy())
-        self._motion.advance(self.x, self.p, pairs)
+        self.advance(pairs)
         if self.steps % _SYMMETRIC == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
-        if prior is not None and kept is not None:
-            self.kept = Kept(*prior, self._renewed, *kept, self._swung())
-        return self._pose(end, stillness, found.nis, found.degrees)
+        if self.keep:
+            self.kept = self.kept._replace(swung=self._swung())
+        return self._pose(end, found.stillness, found.nis, found.degrees)
+
+    def advance(self, pairs: Pairs) -> None:
+        """To the end of a window that has been worked in."""
+        self._motion.advance(self.x, self.p, pairs)
+
+    def derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
+        """A row of the Jacobian, (n,)."""
+        h = np.zeros(len(self.x))
+        for entry, value in row[2].items():
+            h[at[entry]] = value
+        return h
 
     def transition(self) -> Array:
         """Derivatives of the states at the end of the last step by those after its measurements, (n, n)."""
         return np.eye(len(self.x)) if self._timeless else self._motion.transition()
 
-    def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
-        covariance = self.p.take(self._covariance)
-        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
-        self._fastest = max(self._fastest, abs(speed))
-        if self.silences.turned:
-            covariance[:2, :2] += self._swung()
-        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
-
-    def _pass_silence(self, end: float, windows: int) -> Pose:
-        """Nothing was heard of any wheel: what vehicles do meanwhile."""
-        stood = self.windows - windows - self._rested < _JUST_NOW
-        seconds = windows * WINDOW
-        passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self._fastest), stood)
-        place = self.x[self._at[X]], self.x[self._at[Y]]
-        forces = [wheel.rest.force for wheel in self.wheels]
-        self.silences.begin(end - seconds, end, place, turned, forces if stood else None)
-        for wheel in self.wheels:
-            wheel.unhear(windows)
-            wheel.rest.forget()
-        if self.keep:
-            after = list(self.x), self.p.copy()
-            self.kept = Kept(*after, [], *after, self._swung(), passed)
-        self._timeless = True
-        return self._pose(end, Stillness.MOVING, 0.0, 0)
-
-    def _swung(self) -> Array:
-        """(2, 2) m² of x and y that headings lost in silences add beyond their derivatives."""
-        added = np.zeros((2, 2))
-        for x, y, variance in self.silences.turned:
-            added += swung(self.x[self._at[X]] - x, self.x[self._at[Y]] - y, variance)
-        return added
-
     def innovation(self, told: Position) -> Innovation:
         """What a position at the end of the last window would say that is new."""
         rows = position.measure(self.x, self._at, told)
         z = np.array([row[0] for row in rows])
-        h = np.array([self._derivatives(row, self._at) for row in rows])
+        h = np.array([self.derivatives(row, self._at) for row in rows])
         ph = self.p @ h.T
         s = h @ ph + np.diag([row[1] for row in rows])
         return Innovation(z, s, ph, float(z @ np.linalg.solve(s, z)))
 
     def fix(self, new: Innovation) -> None:
         """Works a position in."""
+        # Going back would lose it.
+        self._hindsight.forget()
         weight = np.linalg.solve(new.s, new.ph.T)
         self._correct(new.z @ weight, new.ph @ weight)
 
@@ -296,112 +178,179 @@ class WheelStep:
         place = at[entry]
         return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
 
-    # -- prediction -----------------------------------------------------------------------------------------
+    def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
+        covariance = self.p.take(self._covariance)
+        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
+        self._fastest = max(self._fastest, abs(speed))
+        if self.silences.turned:
+            covariance[:2, :2] += self._swung()
+        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
 
-    def _predict_rates(self, pairs: Pairs, told: bool) -> None:
-        """Speed goes on with the mean forward acceleration that is felt; the rest is noise.
+    # -- silence --------------------------------------------------------------------------------------------
 
-        told: whether another odometer tells what the wheels do.
+    def _pass_silence(self, end: float, number: int, windows: int) -> Pose:
+        """Nothing was heard of any wheel: what vehicles do meanwhile."""
+        stood = self.windows - windows - self._rested < _JUST_NOW
+        seconds = windows * WINDOW
+        passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self._fastest), stood)
+        place = self.x[self._at[X]], self.x[self._at[Y]]
+        forces = [wheel.rest.force for wheel in self.wheels]
+        self.silences.begin(end - seconds, end, place, turned, forces if stood else None)
+        self._hindsight.forget()
+        self.prediction.forget()
+        self.carrying = False
+        for wheel in self.wheels:
+            wheel.unhear(windows)
+            wheel.rest.forget()
+            wheel.grip.unhear(number)
+        if self.keep:
+            after = list(self.x), self.p.copy()
+            self.kept = Kept(*after, [], *after, passed=passed, swung=self._swung())
+        self._timeless = True
+        return self._pose(end, Stillness.MOVING, 0.0, 0)
+
+    def _swung(self) -> Array:
+        """(2, 2) m² of x and y that headings lost in silences add beyond their derivatives."""
+        added = np.zeros((2, 2))
+        for x, y, variance in self.silences.turned:
+            added += swung(self.x[self._at[X]] - x, self.x[self._at[Y]] - y, variance)
+        return added
+
+    # -- one window -----------------------------------------------------------------------------------------
+
+    def _listen(self, pairs: Pairs, needed: int) -> list[int]:
+        """The places of the states that were begun anew with wheel angles that were found."""
+        found = []
+        for wheel, window in pairs:
+            if not wheel.joined and wheel.heard >= needed and wheel.level != 0j:
+                found += wheel.join(self.x, self.p, at_begin=False)
+            wheel.listen(window)
+        return found
+
+    def _carried(self, pairs: Pairs, renewed: list[int]) -> Pairs:
+        """The windows with the spin that they are believed to have; adds to `renewed`."""
+        made = []
+        for wheel, window in pairs:
+            turned, anew = carried(self.x, self.p, wheel, window)
+            made.append((wheel, turned))
+            renewed += anew
+            if anew or window.all_clipped:
+                # The spin that a clipped gyro does not show is found once, and never gone back to.
+                self._hindsight.forget()
+        return tuple(made)
+
+    def work_in(
+        self,
+        number: int,
+        pairs: Pairs,
+        stills: Sequence[Stillness],
+        lost: tuple[bool, ...],
+        renewed: Sequence[int] = (),
+        told: bool = False,
+    ) -> Updated:
+        """Takes the states to a window, and the window into the states.
+
+        lost: which wheels spin by themselves. renewed: the states that were begun anew before. told: whether
+        another odometer tells what the wheels do.
         """
-        x, p = self.x, self.p
-        speed, yaw_rate = self._at[SPEED], self._at[YAW_RATE]
-        force = forward_force(pairs, x)
-        if force is not None:
-            force -= x[self._at[SLOPE]]
-            x[speed] += min(_HARDEST, max(-_HARDEST, force)) * WINDOW
-        heard = [wheel for wheel, window in pairs if window.missing < UNHEARD]
-        shows_turning = told or len(heard) == 2 or any(wheel.joined for wheel in heard)
-        along, turning = _SPEED_STEP**2, _YAW_STEP**2
-        if not shows_turning:
-            free_along, turning = window_walk(agility(self._fastest))
-            along = along if heard or told else free_along
-        p[speed, speed] += along
-        p[yaw_rate, yaw_rate] += turning
-
-    def _stand(self, stillness: Stillness) -> None:
-        """Speed and yaw rate of a vehicle that stands.
-
-        They are free in each window, so that what is measured takes the place of what was believed.
-        """
-        for row in zero_velocity.measure(self.x, self._at, stillness):
-            residual, variance, derivatives = row
-            for entry in derivatives:
-                place = self._at[entry]
-                self.x[place] += residual
-                self._renew(place, variance)
-
-    def _renew(self, place: int, variance: float) -> None:
-        """Begins a state anew, without memory."""
-        self.p[place, :] = 0.0
-        self.p[:, place] = 0.0
-        self.p[place, place] = variance
-        self._renewed.append(place)
-
-    def _carried(self, wheel: Wheel, window: Window) -> Window:
-        found, renewed = carried(self.x, self.p, wheel, window)
-        self._renewed += renewed
+        stillness, carries = Stillness.MOVING, False
+        for wheel, away in zip(self.wheels, lost, strict=True):
+            wheel.away = away
+        if any(lost):
+            carries = not any(wheel.rolls(window) for wheel, window in pairs)
+            self.slipped[number] = lost
+        # The window in which a wheel is back tells how wrong the speed was that was carried until then.
+        carry, self.carrying = carries or self.carrying, carries
+        if not carry:
+            stillness = least_still(stills, lost)
+        self.prediction.predict(self.x, self.p, pairs, stillness, carry, told, self._fastest)
+        prior = (list(self.x), self.p.copy()) if self.keep else None
+        found = self._update.work_in(self.x, self.p, pairs, stillness)
+        self.x, self.p = found.x, found.p
+        anew = [*renewed, *self.prediction.renewed]
+        for wheel, window in pairs:
+            if window.all_clipped and window.force_clipped == 0.0 and not wheel.follower.seen:
+                self._feel_spin(wheel, window)
+            if window.all_clipped and wheel.joined:
+                anew += keep_upright(self.x, self.p, wheel, window)
+        if self._tape:
+            self._ask_tape()
+        if prior is not None:
+            made = self.prediction.carried
+            by = None if made is None else (self._at[SPEED], made)
+            self.kept = Kept(*prior, anew, list(self.x), self.p.copy(), by)
         return found
 
     # -- what else the windows say --------------------------------------------------------------------------
 
+    def _ask_tape(self) -> None:
+        """Tells the track once what the vehicle file says, if the drive makes it likely."""
+        place = self._at[TRACK_WIDTH]
+        error, variance = self.x[place], self.p.item(place, place)
+        noise = two_wheels.careful_tape(error, variance, TRACK_WIDTH.prior)
+        if noise is None:
+            return
+        self._tape = False
+        self._hindsight.forget()
+        if math.isfinite(noise):
+            ph = self.p[place].copy()
+            s = variance + noise
+            self._correct(ph * (-error / s), np.outer(ph, ph / s))
+
     def _feel_spin(self, wheel: Wheel, window: Window) -> None:
         wheel.view.look(self.x, window, resting=False)
         row = centripetal.measure(wheel.view, self.config.noise)
-        if row is None:
-            return
-        self._work_in(row, wheel.at)
+        if row is not None:
+            self._work_in_row(row, wheel.at)
 
     def _roll(self, speeds: tuple[float, float]) -> None:
         """What another odometer says of the wheels' surfaces."""
         for side, speed in zip((1.0, -1.0), speeds, strict=True):
             contact = 0.5 * side * self.config.track_width
-            self._work_in(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
+            self._work_in_row(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
 
-    def _work_in(self, row: Row, at: Mapping[Entry, int]) -> None:
+    def _work_in_row(self, row: Row, at: Mapping[Entry, int]) -> None:
         """One row alone; one that stands out has the weight of one that just does not."""
         residual, variance, _ = row
-        h = self._derivatives(row, at)
+        h = self.derivatives(row, at)
         ph = self.p @ h
         s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
         self._correct(ph * (residual / s), np.outer(ph, ph / s))
-
-    def _derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
-        """A row of the Jacobian, (n,)."""
-        h = np.zeros(len(self.x))
-        for entry, value in row[2].items():
-            h[at[entry]] = value
-        return h
 
     def _correct(self, change: Array, drop: Array) -> None:
         self.x = [a + b for a, b in zip(self.x, change.tolist(), strict=True)]
         self.p -= drop
 
-    def _watch(self, pairs: Pairs, rates: Sequence[float], yaws: Sequence[float]) -> None:
-        for (wheel, window), rate in zip(pairs, rates, strict=True):
-            wheel.turned += abs(rate) * WINDOW
-            wheel.forwards += rate * WINDOW
-            wheel.clipped += window.spin_clipped > 0.0
-            if (
-                wheel.moving < _ENOUGH
-                and abs(rate) > _TURNING
-                and wheel.joined
-                and window.force_clipped == 0.0
-            ):
-                angle = self.x[wheel.at[WHEEL_ANGLE]] + 0.5 * rate * WINDOW
-                wheel.upright += (window.force * cmath.exp(1j * angle)).real / (STANDARD_GRAVITY * WINDOW)
-                wheel.moving += 1
-        if len(pairs) == 2 and self.agreement.open and all(wheel.joined for wheel in self.wheels):
-            self._compare(rates, 0.5 * (yaws[0] + yaws[1]))
+    def _watch(self, pairs: Pairs, found: Updated) -> None:
+        if found.slipping is not None:
+            self.wheels[found.slipping].slips += 1
+        for (wheel, window), rate in zip(pairs, found.rates, strict=True):
+            wheel.watch(window, rate, self.x[wheel.at[WHEEL_ANGLE]])
+        if (
+            len(pairs) == 2
+            and self.agreement.open
+            and all(wheel.joined and window.missing == 0.0 for wheel, window in pairs)
+        ):
+            self._compare(found.rates, found.yaws)
 
-    def _compare(self, rates: Sequence[float], yaw_rate: float) -> None:
-        """Two wheels with the yaw rate that their gyros feel: is one mounted the other way round?"""
+    def _compare(self, rates: Sequence[float], yaws: Sequence[float]) -> None:
+        """Two wheels with the yaw rates that their gyros feel: are they the axle that was declared?"""
         speeds = [rate * wheel.geometry.radius for rate, wheel in zip(rates, self.wheels, strict=True)]
-        left, right = speeds if self.wheels[0].geometry.side > 0 else speeds[::-1]
-        blamed = self.agreement.add(yaw_rate, left, right)
-        if blamed is not None:
-            # Up to here the wrong wheel may have been believed.
-            lost = 2.0 * max(abs(way) for way in self.agreement.travel)
-            for place in (self._at[X], self._at[Y]):
-                self.p[place, place] += lost * lost
-            for wheel in self.wheels:
-                wheel.trusted &= blamed != two_wheels.BOTH and blamed != wheel.geometry.side
+        order = (0, 1) if self.wheels[0].geometry.side > 0 else (1, 0)
+        left, right = (speeds[index] for index in order)
+        blamed = self.agreement.add((yaws[order[0]], yaws[order[1]]), left, right)
+        if blamed is None:
+            return
+        # Up to here the wrong wheel may have been believed.
+        lost = 2.0 * max(abs(way) for way in self.agreement.travel)
+        for place in (self._at[X], self._at[Y]):
+            self.p[place, place] += lost * lost
+        self._hindsight.forget()
+        for wheel in self.wheels:
+            wheel.trusted &= blamed != two_wheels.BOTH and blamed != wheel.geometry.side
+            wheel.part = self.agreement.alone in (0.0, wheel.geometry.side)
+            if self.agreement.steering:
+                wheel.trusted = wheel.part
+            if wheel.part and self.agreement.exchanged:
+                wheel.trusted = True
+                wheel.move_over()

@@ -13,18 +13,20 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel import smoother
-from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, SEEN_BY_TWO, Entry
 from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.grip import Slip
 from hubodo.fuse.wheel.node_screening import own_gaps
 from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.silences import Silence
 from hubodo.fuse.wheel.state import Wheel
-from hubodo.fuse.wheel.step import Pose
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.recording import Table
+from hubodo.vehicle import side_sign
 
 _TURN = 2.0 * np.pi
 _DISAGREE = 10
@@ -61,19 +63,22 @@ class WheelTrack:
 class WheelReport:
     """What the filter learnt.
 
-    distance: m along the track. duration: s. silences: when no wheel was heard, s, and whether the vehicle
-    stood. method: in words. vehicle, and nodes by name: effect ->
-    parameter -> value and sigma, as a calibration file has them, nodes in their own axes; what one wheel
-    cannot show is not there. What the filter knows as a mean of two parameters, each has. counts: by node,
-    windows in which it slipped, clipped, was not heard; samples refused. warnings: one line each.
+    distance: m along the track. duration: s. end: s, of the last pose. method: in words. vehicle, and nodes
+    by name: effect -> parameter -> value and sigma, as a calibration file has them, nodes in their own axes;
+    what one wheel cannot show is not there. What the filter knows as a mean of two parameters, each has.
+    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. slips: by node, the
+    times in which its wheel spun by itself. warnings: one line each, of everything else. silences: when no
+    wheel was heard, s, and whether the vehicle stood.
     """
 
     distance: float
     duration: float
+    end: float
     method: str
     vehicle: Mapping[str, Mapping[str, Quantity]]
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     counts: Mapping[str, Mapping[str, int]]
+    slips: Mapping[str, tuple[Slip, ...]]
     warnings: tuple[str, ...]
     silences: tuple[Silence, ...] = ()
 
@@ -87,7 +92,15 @@ class WheelReport:
             "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
             "silences": [asdict(silence) for silence in self.silences],
-            "warnings": list(self.warnings),
+            "slips": [
+                {"node": name, "from": slip.begin, "to": min(slip.end, self.end), "speed": slip.speed}
+                for name, slips in self.slips.items()
+                for slip in slips
+            ],
+            "warnings": [
+                *(f"{name}: {slip.words}" for name, slips in self.slips.items() for slip in slips),
+                *self.warnings,
+            ],
         }
 
 
@@ -125,11 +138,14 @@ def run(
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
     steps = made.steps or []
     if lag >= len(steps) * WINDOW > 0.0:
-        poses = smoother.smooth(config, steps, LISTENED)
+        poses = smoother.smooth(config, steps, LISTENED, made.core.slipped)
     elif lag > 0.0:
-        poses = smooth_with_lag(config, steps, LISTENED, math.ceil(lag / WINDOW - 1e-9))
+        ahead = math.ceil(lag / WINDOW - 1e-9)
+        poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
     track = collect(poses)
-    alone = _without_what_jumped(config, nodes, lag, speeds, made)
+    alone = _without_what_contradicts(config, nodes, lag, speeds, made) or _without_what_jumped(
+        config, nodes, lag, speeds, made
+    )
     if alone is not None:
         return alone
     if len(made.core.wheels) == 1 and _backwards(made.core.wheels[0]):
@@ -162,6 +178,39 @@ def _without_what_jumped(
         return None
     said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
     return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _without_what_contradicts(
+    config: WheelConfig,
+    nodes: Mapping[str, Table],
+    lag: float,
+    speeds: SurfaceSpeeds | None,
+    made: WheelFilter,
+) -> WheelRun | None:
+    """The run of one wheel, from its start, where the two are not an axle; None where they are."""
+    agreement, wheels = made.core.agreement, made.core.wheels
+    if not agreement.alone:
+        return None
+    runs = {
+        wheel.name: run(
+            replace(config, nodes={wheel.name: _moved(wheel.node, agreement.exchanged)}), nodes, lag, speeds
+        )
+        for wheel in wheels
+        if agreement.steering or side_sign(wheel.node.side) == agreement.alone
+    }
+    # Each by itself feels its own yaw rate; what a wheel steers comes on top of the vehicle's turning.
+    name = min(runs, key=lambda one: float(np.sum(runs[one].track.yaw_rate ** 2)))
+    more = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
+    said = f"{agreement.verdict}{more}; the track comes from {name} alone"
+    found = runs[name]
+    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+
+
+def _moved(node: WheelNode, exchanged: bool) -> WheelNode:
+    """The node, on the other side where the two are exchanged."""
+    if not exchanged:
+        return node
+    return replace(node, side="right" if node.side == "left" else "left")
 
 
 def _backwards(wheel: Wheel) -> bool:
@@ -207,19 +256,20 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     nodes = {wheel.name: _quantities(made, wheel, OF_WHEEL) for wheel in wheels}
     counts = {
         wheel.name: {
-            "windows_slipping": wheel.slips,
+            "windows_slipping": wheel.slips + sum(away[index] for away in made.core.slipped.values()),
             "windows_clipped": wheel.clipped,
             "windows_unheard": wheel.unheard_in_all,
             "samples_refused": made.refused[wheel.name],
         }
-        for wheel in wheels
+        for index, wheel in enumerate(wheels)
     }
-    duration = float(track.t[-1] - track.t[0]) + WINDOW
+    slips = {wheel.name: tuple(wheel.grip.slips) for wheel in wheels if wheel.grip.slips}
+    duration, end = float(track.t[-1] - track.t[0]) + WINDOW, float(track.t[-1])
     warned = tuple(warnings_of(made, track.still))
     silences = tuple(made.core.silences.told)
     told = " with the surface speeds of another odometer" if made.config.encoder else ""
     method = f"wheel filter on {names}{told}, {how}"
-    return WheelReport(_path(track), duration, method, vehicle, nodes, counts, warned, silences)
+    return WheelReport(_path(track), duration, end, method, vehicle, nodes, counts, slips, warned, silences)
 
 
 def _path(track: WheelTrack) -> float:

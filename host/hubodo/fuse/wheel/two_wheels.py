@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -31,11 +32,48 @@ _FITS, _SAME = 0.2, 0.02
 And how well the right one is sure to meet it, 1 % of brisk turns. Estimated.
 """
 
+_STEERS, _LONG, _CLEAR = (0.03, 0.1), 20, 0.5
+"""rad/s, and a share of the yaw rate, rms by which two nodes on one axle may feel another yaw.
+
+On real drives they do so by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). Windows, two seconds,
+before that is judged. By which share of the squares of that difference one wheel has to turn more than the
+other before it is named: it does by all of them in the long run, as what one wheel turns beyond the vehicle
+does not go along with the vehicle's own turning, but for where it began. Estimated.
+"""
+
+_APART, _TURNED = (0.04, 0.2), 3.0
+"""The same for the yaw that the wheels' speeds make and the one that the gyros feel; rad of turning it takes.
+Tapes are wrong by a tenth at most. Estimated."""
+
 _WORSE = 6.0
 """How many times the squares of the declared mounting must be those of another one.
 
 Two and a half times its rms. Estimated; a curve soon makes it hundreds.
 """
+
+_TAPE, _TOLD = 0.005, 0.01
+"""Fractions, 1 sigma: a track measured with care; how well a drive must show it before that is asked.
+
+A tape between the tyres' middles; turns of half a circle show so much. Estimated.
+"""
+
+
+def careful_tape(error: float, variance: float, prior: float) -> float | None:
+    """The variance with which a drive's track error is to be told that it is zero; None: not (yet).
+
+    Was the track measured with care, sigma `_TAPE`, or just anyhow, sigma `prior`? Care has to be more likely
+    by a third, given the track that the turns show: a wrong word bends every turn, one
+    that is not heard costs little. error, variance: of the track by now, a fraction, with the wide prior in
+    it.
+    """
+    shown = 1.0 / (1.0 / variance - 1.0 / prior**2) if variance < prior**2 else math.inf
+    if shown > _TOLD**2:
+        return None
+    seen = error * shown / variance
+    careful, loose = shown + _TAPE**2, shown + prior**2
+    if seen * seen * (1.0 / careful - 1.0 / loose) > math.log(loose / careful) - 0.5:
+        return math.inf
+    return _TAPE**2
 
 
 def robust_variances(
@@ -73,46 +111,98 @@ class Agreement:
     """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or another mounting's?
 
     The gyros across the axle feel the same yaw whichever way a node faces; the wheels' speeds change sign
-    with the facing and change places with the side. track: m.
+    with the facing and change places with the side. A wheel that steers turns its node besides: it feels the
+    yaw of the vehicle and its own, more than the other at every pace of turning. track: m. alone: the side,
+    +1 or -1, of the wheel that may still be used after a verdict, 0.0 for neither. exchanged: whether that
+    one sits on the other side; steering: whether the
+    other one may steer.
     """
 
     track: float
     squares: list[float] = field(default_factory=lambda: [0.0] * 4)
     travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    yaws: list[float] = field(default_factory=lambda: [0.0] * 3)
+    turned: float = 0.0
     count: int = 0
     verdict: str = ""
+    alone: float = 0.0
+    exchanged: bool = False
+    steering: bool = False
 
     @property
     def open(self) -> bool:
         """Whether more windows are wanted: no verdict yet, and not yet sure that all is as declared."""
         return not self.verdict and self.count < _SURE
 
-    def add(self, yaw_rate: float, left: float, right: float) -> float | None:
-        """One window: yaw rate of the gyros, rad/s, speeds of the wheels, m/s.
+    def add(self, yaws: tuple[float, float], left: float, right: float) -> float | None:
+        """One window: yaw rates that the gyros of the left and the right wheel feel, rad/s, speeds, m/s.
 
-        Returns once, when another mounting explains what was seen much better: the side to distrust, +1 or
-        -1, or BOTH.
+        Returns once, when the two wheels are not the axle that was declared: the side to distrust, +1 or -1,
+        or BOTH.
         """
         if max(abs(left), abs(right)) < _MOVES:
             return None
+        yaw_rate = 0.5 * (yaws[0] + yaws[1])
         self.travel[0] += left * WINDOW
         self.travel[1] += right * WINDOW
+        self.turned += abs(yaw_rate) * WINDOW
         self.count += 1
+        for index, yaw in enumerate((*yaws, yaws[0] - yaws[1])):
+            self.yaws[index] += yaw * yaw
         guesses = (right - left, right + left, -right - left, left - right)
         for index, guess in enumerate(guesses):
             self.squares[index] += (yaw_rate - guess / self.track) ** 2
         if self.count < _ENOUGH:
             return None
+        blamed = self._steering() if self.count >= _LONG else None
+        if blamed is None:
+            blamed = self._mounting()
+        if blamed is None and self.turned > _TURNED:
+            blamed = self._apart()
+        return blamed
+
+    def _steering(self) -> float | None:
+        """Two yaws that differ: the wheel that turns more is the one that steers."""
+        more, apart = abs(self.yaws[0] - self.yaws[1]), self.yaws[2]
+        if apart < _STEERS[0] ** 2 * self.count + _STEERS[1] ** 2 * min(self.yaws[:2]):
+            return None
+        if more < _CLEAR * apart:
+            return None
+        side = 1.0 if self.yaws[0] > self.yaws[1] else -1.0
+        self.alone, self.steering = -side, True
+        self.verdict = (
+            "the two wheels turn otherwise than each other: one of them steers, or they are not on one axle; "
+            "say steered = true under the [nodes] table of the one that does"
+        )
+        return side
+
+    def _apart(self) -> float | None:
+        """Speeds that make another yaw than the gyros feel: the two wheels are not one axle of that track."""
+        felt = 0.5 * (self.yaws[0] + self.yaws[1])
+        if self.squares[0] < _APART[0] ** 2 * self.count + _APART[1] ** 2 * felt:
+            return None
+        self.alone, self.steering = 1.0, True
+        self.verdict = (
+            f"the speeds of the two wheels are not those of an axle of {self.track:g} m: nodes of two axles, "
+            "or another track_width; see to the vehicle file"
+        )
+        return -1.0
+
+    def _mounting(self) -> float | None:
+        """Another mounting that explains the yaw much better."""
         best = min(range(4), key=lambda index: self.squares[index])
         fits = self.squares[best] < _FITS**2 * self.count
         if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + _SAME**2 * self.count):
             return None
         if best == 3:
-            self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
             if max(self.travel) < 0.0:
                 self.verdict = "both nodes are mounted the other way round: change both facings"
+                return BOTH
+            self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
+            self.alone, self.exchanged = 1.0, True
             return BOTH
         backwards = 0 if self.travel[0] < self.travel[1] else 1
         name = ("left", "right")[backwards]
         self.verdict = f"the node on the {name} wheel is mounted the other way round: change its facing"
-        return (1.0, -1.0)[backwards]
+        self.alone = (-1.0, 1.0)[backwards]
+        return -self.alone

@@ -13,11 +13,12 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import SEEN_ROLLING, SEEN_TURNING, Columns
-from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, WindowNoise, rolling, yaw
+from hubodo.fuse.wheel.entries import SEEN_ROLLING, SEEN_TURNING, SLOPE, YAW_RATE, Columns
+from hubodo.fuse.wheel.grip import Push
+from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, ON_THE_ROAD, WindowNoise, forward, rolling, yaw
 from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.rows import Rows
-from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.state import UNHEARD, Wheel
 from hubodo.fuse.wheel.stillness import Stillness
 
 Pairs = Sequence[tuple[Wheel, Window]]
@@ -32,15 +33,14 @@ _STANDS_OUT = two_wheels.GATE**2
 _SIGNAL = 5.0**2
 """Square of the sigmas of noise by which a wheel must turn to show what multiplies its rate. Estimated."""
 
-UNHEARD = 0.5
-"""Share of a window without samples from which on it says nothing at all."""
-
 
 class Updated(NamedTuple):
     """The states with the measurements, and what those said.
 
     x, p: the states and their covariance. nis, degrees: squared innovations over their variance, and how many
-    there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each wheel's gyro feels it.
+    there were. rates: rad/s of each wheel, yaws: rad/s of the vehicle as each wheel's gyro feels it. pushes:
+    how each wheel's acceleration differs from what its hub feels, None where the window does not tell.
+    slipping: the wheel that the other one contradicts, if any. stillness: as it was taken to be.
     """
 
     x: list[float]
@@ -49,6 +49,9 @@ class Updated(NamedTuple):
     degrees: int
     rates: list[float]
     yaws: list[float]
+    pushes: list[Push | None]
+    slipping: int | None
+    stillness: Stillness
 
 
 class WheelUpdate:
@@ -58,17 +61,21 @@ class WheelUpdate:
         self._rows = Rows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
-        self._yaw = self._rows.measurements.index(yaw)
+        self._yaw, self._forward = (self._rows.measurements.index(one) for one in (yaw, forward))
         wheels = range(len(columns.wheels))
         self._seen_rolling, self._seen_turning = (
             [np.ix_(self._rows.of_wheel(wheel), columns.of(wheel, entries)) for wheel in wheels]
             for entries in (SEEN_ROLLING, SEEN_TURNING)
         )
+        self._slope, self._yaw_rate = columns.vehicle[SLOPE], columns.vehicle[YAW_RATE]
+        by = [entry for entry in forward.STATES if entry is not YAW_RATE]
+        self._felt = [np.array(columns.of(wheel, by)) for wheel in wheels]
         self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
     def work_in(self, x: list[float], p: Array, pairs: Pairs, stillness: Stillness) -> Updated:
         """x: (n,), p: (n, n), C-contiguous; may be overwritten."""
-        values, rates, yaws, out = self._gather(x, pairs, stillness is Stillness.RESTING)
+        values, rates, yaws, clear, out = self._gather(x, pairs, stillness is Stillness.RESTING)
+        slipping = None
         h, z, r = self._rows.fill(values)
         # Noise times noise is no signal: minutes of it would make up what is to be learnt.
         still = stillness is not Stillness.MOVING
@@ -77,10 +84,14 @@ class WheelUpdate:
                 h[self._seen_rolling[index]] = 0.0
             if still:
                 h[self._seen_turning[index]] = 0.0
+        pushes = [
+            self._push((x, p), (h, z, r), wheel, index) if clear[index] else None
+            for index, (wheel, _) in enumerate(pairs)
+        ]
         if out:
             pick = np.delete(np.arange(len(z)), out)
             if not len(pick):
-                return Updated(x, p, 0.0, 0, rates, yaws)
+                return Updated(x, p, 0.0, 0, rates, yaws, pushes, None, stillness)
             h, z, r = h[pick], z[pick], r[pick]
         # `dot` spends half the time of `@` on matrices of this size.
         hp = h.dot(p)
@@ -94,8 +105,6 @@ class WheelUpdate:
             sigma = 1.0 / whiten.diagonal()
             compared = self._compared if len(pairs) == 2 and not out else None
             wider, slipping = two_wheels.robust_variances(white, sigma, z, r, compared)
-            if slipping is not None:
-                pairs[slipping][0].slips += 1
             diagonal += wider - r
             whiten = _whitening(s)
             white = whiten.dot(z)
@@ -104,15 +113,16 @@ class WheelUpdate:
         x = list(map(add, x, white.dot(root).tolist()))
         # p - root' root in one go. To BLAS, which counts by columns, `.T` is the array as it lies.
         p = dgemm(-1.0, root.T, root.T, beta=1.0, c=p.T, trans_b=1, overwrite_c=1).T
-        return Updated(x, p, nis, len(z), rates, yaws)
+        return Updated(x, p, nis, len(z), rates, yaws, pushes, slipping, stillness)
 
     def _gather(
         self, x: list[float], pairs: Pairs, resting: bool
-    ) -> tuple[list[float], list[float], list[float], list[int]]:
-        """All numbers for the rows, the wheels' rates, the yaw rates they feel, rows without a say."""
+    ) -> tuple[list[float], list[float], list[float], list[bool], list[int]]:
+        """All numbers for the rows, the wheels' rates, the yaw rates felt, what is whole, silent rows."""
         values: list[float] = []
         rates: list[float] = []
         yaws: list[float] = []
+        clear: list[bool] = []
         out: list[int] = []
         noise, measures, take = self._noise, self._measures, values.extend
         for index, (wheel, window) in enumerate(pairs):
@@ -131,11 +141,23 @@ class WheelUpdate:
                 share = 1.0 + _GAP * window.missing
                 variances = [variance * share for variance in variances]
             values += variances
+            clear.append(wheel.joined and window.missing == 0.0 and not _clipped(window))
             rates.append(view.rate)
             yaws.append(view.yaw_rate + residuals[self._yaw] / WINDOW / view.cos)
-            if not (wheel.joined and wheel.trusted) or window.missing > 0.0 or _clipped(window):
+            if not clear[index] or wheel.away or not (wheel.trusted and wheel.part):
                 out += self._silent(index, wheel, window)
-        return values, rates, yaws, out
+        return values, rates, yaws, clear, out
+
+    def _push(
+        self, states: tuple[list[float], Array], rows: tuple[Array, ...], wheel: Wheel, index: int
+    ) -> Push:
+        """What the forward row of a wheel says; the yaw rate, free in each window, counts as known."""
+        (x, p), (h, z, r) = states, rows
+        row, places = self._rows.of(forward, index), self._felt[index]
+        by = h[row, places]
+        common = float(by.dot(p[places[:, None], places]).dot(by))
+        gain = wheel.geometry.radius * wheel.view.change
+        return Push(z.item(row), r.item(row), gain, common, x[self._slope], x[self._yaw_rate])
 
     def _silent(self, index: int, wheel: Wheel, window: Window) -> list[int]:
         """The rows of a wheel that say nothing in this window; its angle does not matter to how it rolls."""
@@ -143,9 +165,11 @@ class WheelUpdate:
             self._rows.of(measurement, index)
             for measurement in self._rows.measurements
             if (not wheel.joined and measurement not in BETWEEN_WHEELS)
+            or not wheel.part
             or window.missing >= UNHEARD
             or not measurement.usable(window)
             or (measurement in BETWEEN_WHEELS and not wheel.trusted)
+            or (measurement in ON_THE_ROAD and wheel.away)
         ]
 
 

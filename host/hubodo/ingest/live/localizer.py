@@ -18,7 +18,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
-from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
 from hubodo.log.timebase import to_seconds

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.live.localizer import Antenna, FixSample, Localizer, Located
 
 _PATIENCE_S = 20.0

@@ -23,7 +23,7 @@ from hubodo.fuse.ranges import NodeRanges, node_ranges
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.preintegration import WINDOW
-from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import warnings_of
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
@@ -123,6 +123,7 @@ class Odometer:
         self._still = bytearray()
         self._pose: Pose | None = None
         self._said: set[str] = set()
+        self._slips_said: dict[str, int] = {}
         self._looked = 0
         self._late: set[str] = set()
         self._first_ns: dict[str, int] = {}
@@ -176,11 +177,24 @@ class Odometer:
     def warnings(self, *, end: bool = False) -> list[str]:
         """What a user must know and has not been told yet.
 
-        Before the end it is looked for every few seconds, once the vehicle has gone far enough to judge.
+        A slip is told when it is over. All else is looked for every few seconds before the end, once the
+        vehicle has gone far enough to judge.
         """
         windows = len(self._still)
         if self._filter is None or not windows:
             return []
+        return [*self._slips(self._filter, end), *self._advice(self._filter, windows, end)]
+
+    def _slips(self, wheels: WheelFilter, end: bool) -> list[str]:
+        new = []
+        for wheel in wheels.core.wheels:
+            for slip in wheel.grip.slips[self._slips_said.get(wheel.name, 0) :]:
+                if end or slip.last is not None:
+                    self._slips_said[wheel.name] = self._slips_said.get(wheel.name, 0) + 1
+                    new.append(f"{wheel.name}: {slip.words}")
+        return new
+
+    def _advice(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
         if not end and (self.distance < _JUDGED_AFTER or windows < self._looked + _LOOK_EVERY):
             return []
         self._looked = windows
@@ -191,7 +205,7 @@ class Odometer:
         ]
         new = []
         still = np.frombuffer(bytes(self._still), np.uint8).astype(np.float64)
-        for line in [*lines, *warnings_of(self._filter, still)]:
+        for line in [*lines, *warnings_of(wheels, still)]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
             if kind not in self._said:
                 self._said.add(kind)

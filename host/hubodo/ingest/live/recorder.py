@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from hubodo.calibration.apply import check_serial
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
-from hubodo.fuse.wheel.step import Pose
+from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkNews, LinkUp
 from hubodo.ingest.link.session import LinkSession

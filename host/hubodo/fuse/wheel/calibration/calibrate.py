@@ -28,7 +28,8 @@ from hubodo.fuse.wheel.entries import (
     Entry,
 )
 from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
-from hubodo.fuse.wheel.step import Step, WheelStep
+from hubodo.fuse.wheel.records import Step
+from hubodo.fuse.wheel.step import WheelStep
 from hubodo.fuse.wheel.track import WheelTrack, collect, report
 from hubodo.recording import Table
 

@@ -16,7 +16,8 @@ from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, PO
 from hubodo.fuse.wheel.filter import LISTENED
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.preintegration import WINDOW
-from hubodo.fuse.wheel.step import Step, WheelStep
+from hubodo.fuse.wheel.records import Step
+from hubodo.fuse.wheel.step import WheelStep
 
 _SPEED_SHARE = 0.02
 """Of the speed, by which the way from the end of a window back to a position within it is off. Estimated."""

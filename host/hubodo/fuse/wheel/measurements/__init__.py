@@ -28,12 +28,16 @@ OF_EACH_WHEEL: tuple[Measurement, ...] = (yaw, roll, forward, sideways)
 BETWEEN_WHEELS: tuple[Measurement, ...] = (rolling,)
 """By these wheels are compared: their rows stand behind all others, so that they are judged given those."""
 
+ON_THE_ROAD: tuple[Measurement, ...] = (forward, sideways, rolling)
+"""Those that take the wheel to roll as the vehicle moves."""
+
 MEASUREMENTS = OF_EACH_WHEEL + BETWEEN_WHEELS
 
 __all__ = [
     "BETWEEN_WHEELS",
     "MEASUREMENTS",
     "OF_EACH_WHEEL",
+    "ON_THE_ROAD",
     "Measurement",
     "Row",
     "WheelGeometry",

@@ -1,0 +1,228 @@
+"""Does a wheel roll along with the road? Its own acceleration against the force that its hub feels.
+
+A wheel that slips, or hangs in the air, spins up or down by itself: the accelerometer on it feels what the
+vehicle does. Sums of the forward row's residuals over the last windows, up to two seconds of them, are each
+held against their variance; the largest tells when it began (generalised likelihood ratio of a jump of
+unknown time, Willsky and Jones 1976).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from hubodo.fuse.wheel.preintegration import WINDOW
+
+BANK = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
+"""Windows that are summed up; what creeps away for longer than six seconds cannot be told from a slope."""
+
+_SURE = 3.0
+"""Sigmas by which a sum must stand out. On real drives, of a car and a wheelchair, the largest that makes
+`_LEAST` is 1.5: the variances have room for rougher roads than these."""
+
+_LEAST = 0.2
+"""m/s of slip below which nothing is called one: a bump makes as much for a moment. Estimated."""
+
+_DRIFT = 0.05
+"""m/s², 1 sigma of what stays for the windows of a sum beside what the states are unsure of. Estimated."""
+
+_LEANS = 0.1
+"""m/s² for each rad/s of yaw rate, 1 sigma: a hundredth of a radian by which an axle leans otherwise than is
+believed turns the wheel angle with the yaw, a second long. Estimated."""
+
+_SETTLED, _TURNS, _LONG = 20, 1.0, 300
+"""Windows in a row, of a wheel that turns faster than so many rad/s, in which its accelerometer has to agree
+with it before it may contradict it; so many windows of rest, and it has to again. Two seconds, half a minute,
+through which what is learnt of a noisy node may stray. Estimated."""
+
+_QUIET = 5
+"""Windows in which a wheel keeps to the speed that was carried before it is believed again: half a second,
+longer than one that spins down takes to pass through that speed. Estimated."""
+
+_AGREES, _NEAR = 3.0, 0.05
+"""Sigmas, and m/s beside them, within which it keeps to it."""
+
+_BACK, _JUMP = 0.35, 0.5
+"""Shares of its largest slip: a wheel that is back has less than the first, as what was carried may not be
+wrong by more; one that touched the road has lost more than the second at once, by itself. Estimated."""
+
+_LINGERS = 30
+"""Windows after which one is believed that came near without that, as when the vehicle stopped. Estimated."""
+
+_FOLLOWS = 20.0
+"""Logarithm of how much likelier it must be that it follows the vehicle's changes of speed than that it spins
+on as it likes, to be believed against the speed that was carried. Estimated; the variances have room."""
+
+_PATIENCE = 100
+"""Quiet windows after which it is believed even so: ten seconds, through which no wheel in the air spins on
+like one on the road. Estimated."""
+
+
+class Push(NamedTuple):
+    """What the forward row of a window says: residual, m/s, and its variance, (m/s)².
+
+    gain: m/s by which the wheel became faster. common: what the states add to the variance, from window to
+    window alike. slope: m/s², as it was taken to be. yaw_rate: rad/s.
+    """
+
+    residual: float
+    variance: float
+    gain: float
+    common: float
+    slope: float
+    yaw_rate: float
+
+
+class _Sums(NamedTuple):
+    """Before a window, in all: residuals, m/s, variances, (m/s)², 1 sigma of what is common, m/s.
+
+    slope: m/s², as the state was.
+    """
+
+    number: int
+    residual: float
+    variance: float
+    common: float
+    slope: float
+
+
+@dataclass
+class Slip:
+    """A time in which a wheel spun by itself.
+
+    first, last: numbers of its windows; last is None while it lasts. speed: m/s, the most by which it turned
+    faster than the vehicle moved, negative where slower.
+    """
+
+    first: int
+    last: int | None = None
+    speed: float = 0.0
+
+    @property
+    def begin(self) -> float:
+        """s on the log's clock."""
+        return self.first * WINDOW
+
+    @property
+    def end(self) -> float:
+        """s; infinite while it lasts."""
+        return math.inf if self.last is None else (self.last + 1) * WINDOW
+
+    @property
+    def words(self) -> str:
+        """For a user."""
+        until = "s and on" if self.last is None else f"to {self.end:.1f} s"
+        way = "faster than the road" if self.speed > 0.0 else "slower than the road"
+        return (
+            f"t = {self.begin:.1f} {until}: the wheel spun by itself, up to {abs(self.speed):.1f} m/s {way}; "
+            "slip, or it was in the air; its speed is not used there, sigmas grow"
+        )
+
+
+@dataclass
+class Grip:
+    """Whether one wheel rolls with the road, and when it did not.
+
+    slips: those found, oldest first.
+    """
+
+    slips: list[Slip] = field(default_factory=list)
+    _sums: deque[_Sums] = field(default_factory=lambda: deque(maxlen=BANK[-1] + 1))
+    _total: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    _settled: int = 0
+    _rested: int = 0
+    _near: int = 0
+    _calm: int = 0
+    _follows: float = 0.0
+    _jumped: float = 0.0
+
+    @property
+    def lost(self) -> bool:
+        """Whether it spins by itself now."""
+        return bool(self.slips) and self.slips[-1].last is None
+
+    def rest(self) -> None:
+        """A window in which the vehicle stands: what shakes it then, or is noise of a gyro, is no slip."""
+        self.forget()
+        self._rested += 1
+        if self._rested >= _LONG:
+            self._settled = 0
+
+    def add(self, number: int, push: Push | None, rate: float) -> int | None:
+        """A window of a wheel that rolls; the number of the window with which a slip began, if one is found.
+
+        push: None where the window does not tell. rate: rad/s at which it turns.
+        """
+        self._rested = 0
+        if push is None:
+            self.forget()
+            return None
+        if self._settled < _SETTLED:
+            if abs(rate) > _TURNS:
+                calm = push.residual**2 < _AGREES**2 * push.variance
+                self._settled = self._settled + 1 if calm else 0
+            return None
+        residual, variance, common = self._total
+        self._sums.append(_Sums(number, residual, variance, common, push.slope))
+        # As it would be had the slope not given way to it meanwhile.
+        residual += push.residual + push.slope * WINDOW
+        variance += push.variance
+        common += math.sqrt(max(push.common, 0.0)) + _LEANS * abs(push.yaw_rate) * WINDOW
+        self._total = residual, variance, common
+        found, most = None, _SURE**2
+        for count in BANK:
+            if count > len(self._sums):
+                break
+            then = self._sums[-count]
+            span = count * WINDOW
+            slipped = residual - then.residual - span * then.slope
+            stays = (common - then.common) ** 2 + (_DRIFT * span) ** 2
+            ratio = slipped * slipped / (variance - then.variance + stays)
+            if ratio > most and abs(slipped) > _LEAST:
+                found, most = then.number, ratio
+        return found
+
+    def begin(self, number: int) -> None:
+        """It spins by itself from that window on."""
+        self.slips.append(Slip(number))
+        self.forget()
+        self._near, self._calm, self._follows, self._jumped = 0, 0, 0.0, 0.0
+
+    def follow(self, number: int, push: Push | None, slip: float, variance: float) -> bool:
+        """A window of a wheel that spins by itself; whether it has found back to the road.
+
+        slip: m/s by which it turns faster than the vehicle moves; variance: (m/s)² of that.
+        """
+        now = self.slips[-1]
+        if abs(slip) > abs(now.speed):
+            now.speed = slip
+        if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW) ** 2:
+            self._near = self._calm = 0
+            self._follows = 0.0
+            if push is not None:
+                self._jumped = max(0.0, self._jumped - push.gain * math.copysign(1.0, slip))
+            return False
+        self._calm += 1
+        near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
+        self._near = self._near + 1 if near else 0
+        felt = push.residual + push.gain
+        self._follows = max(0.0, self._follows + 0.5 * (felt**2 - push.residual**2) / push.variance)
+        enough = _QUIET if self._jumped > _JUMP * abs(now.speed) else _LINGERS
+        if self._near < enough and self._follows < _FOLLOWS and self._calm < _PATIENCE:
+            return False
+        now.last = number - max(self._near, 1)
+        return True
+
+    def unhear(self, number: int) -> None:
+        """Up to that window nothing was heard: it begins anew as a wheel that rolls."""
+        if self.lost:
+            self.slips[-1].last = number
+        self._settled = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """What was summed up."""
+        self._sums.clear()
+        self._total = (0.0, 0.0, 0.0)

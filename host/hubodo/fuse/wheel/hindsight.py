@@ -1,0 +1,117 @@
+"""A slip that is found late: the filter goes back to where it began and takes the windows since then anew."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
+from hubodo.fuse.wheel.grip import BANK, Slip
+from hubodo.fuse.wheel.measurements import WindowNoise, rolling
+from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.update import Pairs, Updated
+
+if TYPE_CHECKING:
+    from hubodo.fuse.wheel.step import WheelStep
+
+
+class Past(NamedTuple):
+    """A window with the stillness of each wheel; x, p: states and covariance before it."""
+
+    number: int
+    pairs: Pairs
+    stills: list[Stillness]
+    x: list[float]
+    p: Array
+
+
+class Hindsight:
+    """The last windows, as many as a slip may be old when it is found."""
+
+    def __init__(self, noise: WindowNoise) -> None:
+        self._noise = noise
+        self._past: deque[Past] = deque(maxlen=BANK[-1])
+
+    def keep(self, past: Past) -> None:
+        """The window that is worked in next."""
+        self._past.append(past)
+
+    def forget(self) -> None:
+        """Nothing is gone back to beyond here: something came in that would be lost."""
+        self._past.clear()
+
+    def judge(self, core: WheelStep, found: Updated) -> Updated:
+        """Looks for slips that begin or end with the newest window, which `core` has worked in."""
+        if not self._past:
+            return found
+        now, began = self._past[-1], {}
+        for index, (wheel, window) in enumerate(now.pairs):
+            push = found.pushes[index]
+            if wheel.grip.lost:
+                slip, variance = self._slip(core, wheel, window)
+                if wheel.grip.follow(now.number, push, slip, variance):
+                    _doubt(core, slip, variance, wheel.grip.slips[-1])
+                continue
+            if found.stillness is not Stillness.MOVING:
+                wheel.grip.rest()
+                continue
+            first = wheel.grip.add(now.number, push, found.rates[index])
+            if first is not None:
+                began[index] = max(first, self._past[0].number)
+        if not began:
+            return found
+        for index, first in began.items():
+            core.wheels[index].grip.begin(first)
+        return self._go_back(core, began)
+
+    def _slip(self, core: WheelStep, wheel: Wheel, window: Window) -> tuple[float, float]:
+        """m/s by which a wheel turns faster than the vehicle moves, and the variance of that, (m/s)²."""
+        wheel.view.look(core.x, window, resting=False)
+        row = rolling.measure(wheel.view, self._noise)
+        h = core.derivatives(row, wheel.at)
+        return row[0] / WINDOW, (float(h @ core.p @ h) + row[1]) / WINDOW**2
+
+    def _go_back(self, core: WheelStep, began: Mapping[int, int]) -> Updated:
+        """Takes the last windows in anew, now that wheels are known to have spun since those in `began`.
+
+        The poses that were made meanwhile stay as they are.
+        """
+        again = [past for past in self._past if past.number >= min(began.values())]
+        self._past.clear()
+        core.x, core.p = list(again[0].x), again[0].p.copy()
+        before = core.slipped.get(again[0].number - 1)
+        core.carrying = before is not None and all(before)
+        core.prediction.forget()
+        none = (False,) * len(core.wheels)
+        for place, past in enumerate(again):
+            if place:
+                core.advance(again[place - 1].pairs)
+            lost = tuple(
+                away or (index in began and past.number >= began[index])
+                for index, away in enumerate(core.slipped.get(past.number, none))
+            )
+            self._past.append(past._replace(x=list(core.x), p=core.p.copy()))
+            found = core.work_in(past.number, past.pairs, past.stills, lost)
+        for wheel in core.wheels:
+            wheel.grip.forget()
+        return found
+
+
+def _doubt(core: WheelStep, slip: float, variance: float, spell: Slip) -> None:
+    """A wheel is back with another speed than was carried: that may have been wrong all the while."""
+    wrong = slip * slip - variance
+    if wrong <= 0.0:
+        return
+    at = core.columns.vehicle
+    heading, place, speed = core.x[at[HEADING]], (at[X], at[Y]), at[SPEED]
+    way = np.array([math.cos(heading), math.sin(heading)])
+    lasted = spell.end - spell.begin + BANK[-1] * WINDOW
+    core.p[np.ix_(place, place)] += wrong * lasted**2 * np.outer(way, way)
+    core.p[speed, speed] += wrong
