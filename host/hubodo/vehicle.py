@@ -29,9 +29,9 @@ class NodeMount:
 
     side: Side | None = None
     facing: Facing | None = None
-    steered: bool = False
     gyro_range: float | None = None
     accel_range: float | None = None
+    steered: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -219,6 +219,10 @@ class Grip:
         """Up to that window nothing was heard: it begins anew as a wheel that rolls."""
         if self.lost:
             self.slips[-1].last = number
+        self.settle_anew()
+
+    def settle_anew(self) -> None:
+        """Its accelerometer has to agree with it again before it may contradict it."""
         self._settled = 0
         self.forget()
 

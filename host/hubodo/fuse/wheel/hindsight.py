@@ -62,6 +62,10 @@ class Hindsight:
             if found.stillness is not Stillness.MOVING:
                 wheel.grip.rest()
                 continue
+            if window.spin_clipped > 0.0:
+                # Where it was a moment ago gravity alone has told.
+                wheel.grip.settle_anew()
+                continue
             first = wheel.grip.add(now.number, push, found.rates[index])
             if first is not None:
                 began[index] = max(first, self._past[0].number)
