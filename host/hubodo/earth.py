@@ -1,7 +1,14 @@
 """What the Earth does to every sensor at rest."""
 
+import math
+
 STANDARD_GRAVITY = 9.80665
 """m/s², by definition (CGPM 1901)."""
 
 EARTH_RATE = 7.2921159e-5
 """rad/s: a turn in a mean sidereal day of 86164.0905 s."""
+
+
+def rate_about_up(latitude_deg: float) -> float:
+    """rad/s by which the ground turns about the vertical, anticlockwise seen from above."""
+    return EARTH_RATE * math.sin(math.radians(latitude_deg))

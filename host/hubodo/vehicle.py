@@ -39,13 +39,15 @@ class Vehicle:
     """Geometry of a vehicle and its nodes, ``[vehicle]`` and ``[nodes.*]`` of a model file.
 
     wheel_radius, track_width (between contacts): m. nodes: by name. antenna: m forward and left of midway
-    between the wheels, of what tells positions; None where it is not known.
+    between the wheels, of what tells positions; latitude_deg: where on Earth it drives; None where these are
+    not known.
     """
 
     wheel_radius: float
     track_width: float
     nodes: Mapping[str, NodeMount] = field(default_factory=dict)
     antenna: tuple[float, float] | None = None
+    latitude_deg: float | None = None
 
     def on(self, side: Side) -> str | None:
         """The name of the first node on that wheel, None where there is none."""
@@ -76,8 +78,9 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
     body = as_table(table["vehicle"], f"{path}: [vehicle]")
-    only_keys(body, ("wheel_radius", "track_width", "antenna"), f"{path}: [vehicle]")
-    sizes = read_table({k: body[k] for k in body if k != "antenna"}, _Sizes, f"{path}: [vehicle]")
+    sizes_of = [item.name for item in fields(_Sizes)]
+    only_keys(body, (*sizes_of, "antenna", "latitude_deg"), f"{path}: [vehicle]")
+    sizes = read_table({k: body[k] for k in body if k in sizes_of}, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
     imu = as_table(table.get("imu", {}), f"{path}: [imu]")
@@ -90,7 +93,9 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         own = common | _ranges(entries, where)
         gyro, accel = own.get("gyro_range"), own.get("accel_range")
         nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
-    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, _antenna(body, f"{path}: [vehicle] antenna"))
+    antenna = _antenna(body, f"{path}: [vehicle] antenna")
+    latitude_deg = _latitude_deg(body, f"{path}: [vehicle] latitude_deg")
+    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +111,17 @@ def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
         case [int() | float() as x, int() | float() as y] if math.isfinite(x) and math.isfinite(y):
             return float(x), float(y)
     raise ConfigError(f"{where}: give [forward, left] in metres, such as [0.5, 0.0]")
+
+
+def _latitude_deg(body: Mapping[str, Any], where: str) -> float | None:
+    match body.get("latitude_deg"):
+        case None:
+            return None
+        case bool():
+            pass
+        case int() | float() as value if abs(value) <= 90.0:
+            return float(value)
+    raise ConfigError(f"{where}: give degrees north, from -90 to 90")
 
 
 def _ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:

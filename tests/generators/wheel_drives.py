@@ -169,13 +169,18 @@ def drive(
     facing: dict[str, str] | None = None,
     arm: tuple[float, float] | None = None,
     ends: Ends | None = None,
+    latitude_deg: float | None = None,
 ) -> WheelDrive:
     """Run a plan.
 
     facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm, m, instead of a
-    drawn one. ends: of the sensors' words.
+    drawn one. ends: of the sensors' words. latitude_deg: of an Earth that turns below (x east, y
+    north); None: it stands.
     """
     errors = errors or Errors()
+    latitude = np.radians(latitude_deg or 0.0)
+    earth = 0.0 if latitude_deg is None else 2.0 * np.pi / 86164.0905
+    earth_rate = earth * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     dt = 1.0 / RATE_HZ
     t = np.arange(len(plan.speed)) * dt
     heading = _integral(plan.yaw_rate)
@@ -196,11 +201,12 @@ def drive(
         theta = (
             rng.uniform(-np.pi, np.pi) + (_integral(rolled) + np.cumsum(_smooth(jitter, 0.05))) / true_radius
         )
-        height = _bumps(errors.bumps, np.abs(rolled), rng)
+        bumps = _bumps(errors.bumps, np.abs(rolled), rng)
         sensing = np.array(arm) if arm else errors.arm * rng.standard_normal(2)
         rate, force = _rigid_wheel(
-            (x, y, height),
+            (x, y, height + bumps),
             *(heading, roll, theta, side, true_track, true_radius, camber, np.append(sensing, 0.0)),
+            earth_rate,
         )
         turned = -1.0 if (facing or {}).get(name, "left") == "right" else 1.0
         flip = np.array([1.0, turned, turned])
@@ -246,8 +252,11 @@ def _bumps(roughness: float, speed: np.ndarray, rng: np.random.Generator) -> np.
     return through * _smooth(np.minimum(1.0, speed / 0.5))
 
 
-def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm):
-    """(N, 3) rate and specific force in node axes, by differences of rotation and position."""
+def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm, earth_rate):
+    """(N, 3) rate and specific force in node axes, by differences of rotation and position.
+
+    earth_rate: (3,) rad/s east, north, up.
+    """
     zero, one = np.zeros_like(heading), np.ones_like(heading)
     ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
     # Rotations are (3, 3, N): numpy goes along the last axis fastest.
@@ -266,6 +275,7 @@ def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm):
     change = np.gradient(world_from_node, dt, axis=2, edge_order=2)
     skew = np.einsum("jin,jkn->ikn", world_from_node, change)
     rate = 0.5 * np.array([skew[2, 1] - skew[1, 2], skew[0, 2] - skew[2, 0], skew[1, 0] - skew[0, 1]])
+    rate += np.einsum("jin,j->in", world_from_node, earth_rate)
     acceleration = np.zeros_like(place)
     acceleration[:, 1:-1] = (place[:, 2:] - 2.0 * place[:, 1:-1] + place[:, :-2]) / dt**2
     acceleration[:, 0], acceleration[:, -1] = acceleration[:, 1], acceleration[:, -2]

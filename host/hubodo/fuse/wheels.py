@@ -85,6 +85,14 @@ def start_heading(recording: Recording, t: float) -> float | None:
     return None
 
 
+def located(vehicle: Vehicle, recording: Recording) -> Vehicle:
+    """The vehicle where its log's fixes are, if its file does not say where it drives."""
+    if vehicle.latitude_deg is not None or recording.gnss is None or not len(recording.gnss):
+        return vehicle
+    latitude_deg = float(np.median(recording.gnss["latitude_deg"]))
+    return replace(vehicle, latitude_deg=latitude_deg) if abs(latitude_deg) <= 90.0 else vehicle
+
+
 def wheel_odometry(
     recording: Recording,
     vehicle: Vehicle,
@@ -166,7 +174,7 @@ def _filtered(
         # The filter begins at the first edge of a window.
         first = min(table.t[0] for table in used_nodes.values() if len(table))
         first = math.ceil(first / WINDOW - 1e-9) * WINDOW
-        config = wheel_config(vehicle, list(names), calibration, ranges)
+        config = wheel_config(located(vehicle, recording), list(names), calibration, ranges)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
         result = run(replace(config, encoder=bool(speeds)), used_nodes, lag, speeds)

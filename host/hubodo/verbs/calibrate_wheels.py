@@ -27,7 +27,7 @@ from hubodo.fuse.wheel.calibration.findings import plain
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.fuse.wheels import log_ranges
+from hubodo.fuse.wheels import located, log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
@@ -117,7 +117,9 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))
     try:
         there = [name for name in vehicle.nodes if name in recording.nodes]
-        config = wheel_config(vehicle, there, ranges=log_ranges(recording, vehicle, there))
+        config = wheel_config(
+            located(vehicle, recording), there, ranges=log_ranges(recording, vehicle, there)
+        )
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
     check_times({name: recording.nodes[name] for name in config.nodes}, str(args.log))

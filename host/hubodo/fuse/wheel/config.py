@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
+from hubodo.earth import rate_about_up
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.ranges import NodeRanges
@@ -68,6 +69,7 @@ class WheelConfig:
     radius, track_width: m. nodes: by name, one of each side at most. known: what replaces the priors of the
     vehicle's entries. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it is told positions by
     somebody else; encoder: whether another odometer tells the wheels' surface speeds.
+    ground_rate: rad/s by which the ground turns about up with the Earth.
     """
 
     radius: float
@@ -79,6 +81,7 @@ class WheelConfig:
     start_heading: float = 0.0
     heading_sigma: float = 0.0
     told: bool = False
+    ground_rate: float = 0.0
     encoder: bool = False
 
     def __post_init__(self) -> None:
@@ -110,8 +113,9 @@ def wheel_config(
             known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
             limits = ranges[name].limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
-    config = WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes)
-    return replace(config, known=known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left"))
+    known = known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left")
+    ground_rate = 0.0 if vehicle.latitude_deg is None else rate_about_up(vehicle.latitude_deg)
+    return WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes, known=known, ground_rate=ground_rate)
 
 
 def known_of(

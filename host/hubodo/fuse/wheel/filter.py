@@ -206,7 +206,7 @@ class WheelFilter:
         across -= complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]) * spin
         angle = x[at[WHEEL_ANGLE]] + spin * (sample.t - self._pose.t)
         felt = (across * cmath.exp(1j * angle)).real - x[at[YAW_RATE_FROM_GRAVITY]]
-        yaw_rate = felt / ((1.0 + x[at[GYRO_SCALE_ACROSS]]) * math.cos(lean))
+        yaw_rate = felt / ((1.0 + x[at[GYRO_SCALE_ACROSS]]) * math.cos(lean)) - wheel.geometry.ground_rate
         rate = spin - wheel.geometry.side * yaw_rate * math.sin(lean)
         speed = wheel.geometry.radius * (1.0 + x[at[WHEEL_RADIUS]]) * rate
         contact = wheel.geometry.contact * (1.0 + x[at[TRACK_WIDTH]])

@@ -241,7 +241,7 @@ def initial_state(config: WheelConfig) -> InitialState:
         at = columns.wheels[index]
         side = side_sign(node.side)
         contact = 0.0 if node.steered else 0.5 * side * config.track_width
-        geometry = WheelGeometry(side, config.radius, contact, float(index))
+        geometry = WheelGeometry(side, config.radius, contact, float(index), config.ground_rate)
         view, follower = WheelWindow(geometry, at), SpinFollower(config.radius)
         wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, view, follower)
         made.wheels.append(wheel)

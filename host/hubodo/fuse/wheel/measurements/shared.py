@@ -51,13 +51,15 @@ class WheelGeometry:
     """How a wheel stands on the vehicle.
 
     side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the entry
-    TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0.
+    TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0. ground_rate: rad/s by which the
+    ground turns about up with the Earth.
     """
 
     side: float
     radius: float
     contact: float
     clocked: float = 0.0
+    ground_rate: float = 0.0
 
 
 class WindowNoise:

@@ -1,11 +1,11 @@
 """Yaw: the rates across the axle, turned upright by the wheel angle, show how fast the vehicle turns.
 
-    Re[(W - b E - tau G) e^(i theta_m)] = (1 + s) cos(camber) r T + b_r T
+    Re[(W - b E - tau G) e^(i theta_m)] = (1 + s) cos(camber) (r + g) T + b_r T
 
 The angular rate of the model's README (rigid wheel, Omega = theta' a + r z) along hub up, summed up over the
 window: W = int (gx + i gy) e^(ic), E = int e^(ic), G = int gz e^(ic), c the angle since the middle. b is the
 bias of the gyros across the axle, s their scale, tau the tilt that lets the spin into them, b_r the constant
-yaw rate that gravity makes in a gyro that feels it.
+yaw rate that gravity makes in a gyro that feels it, g the rate at which the ground turns with the Earth.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -38,7 +38,7 @@ def usable(window: Window) -> bool:
 
 def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     """Residual in rad. Variance: white noise of the gyros; while driving, what vibration adds to them."""
-    x, at, r = w.x, w.at, w.yaw_rate
+    x, at, r = w.x, w.at, w.yaw_rate + w.geometry.ground_rate
     scale, level, roll = 1.0 + x[at[GYRO_SCALE_ACROSS]], w.cos * r, w.across.imag
     residual = w.across.real - (scale * w.cos * r + x[at[YAW_RATE_FROM_GRAVITY]]) * WINDOW
     variance = max(noise.gyro, w.gyro_noise)
