@@ -22,9 +22,9 @@ from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import screened
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.surface_speeds import surface_speeds
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
+from hubodo.fuse.wheel.window import WINDOW
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Side, Vehicle
 

@@ -11,8 +11,9 @@ from generators.clipped_drives import CASES, clipped_drive
 from generators.wheel_drives import WheelDrive
 from hubodo.fuse.wheel.clipping import find_spin, unclipped
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
-from hubodo.fuse.wheel.preintegration import Window, WindowBuilder
+from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.window import Window
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 SEED = 102

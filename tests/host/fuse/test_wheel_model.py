@@ -35,9 +35,10 @@ from hubodo.fuse.wheel.measurements import (
     zero_velocity,
 )
 from hubodo.fuse.wheel.measurements.shared import Row
-from hubodo.fuse.wheel.preintegration import WINDOW, Window, WindowBuilder
+from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.sine import cosine_and_sine
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 AT = Columns(1, told=True).wheels[0]
 TOLD = position.Position(3.0, -2.0, 0.5)

@@ -9,11 +9,11 @@ import pytest
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.state import InitialState, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.two_wheels import robust_variances
 from hubodo.fuse.wheel.update import Updated, WheelUpdate
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 UPRIGHT = cmath.exp(-0.25j)
 """Gravity as a wheel feels it that stood upright when the window began and turns by half a radian in it."""

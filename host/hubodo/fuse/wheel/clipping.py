@@ -19,7 +19,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 _FASTEST = 240.0
 """rad/s of excess that is looked for, 8 times a gyro of 2000 deg/s."""

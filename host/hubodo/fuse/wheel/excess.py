@@ -21,8 +21,8 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.state import Wheel, renew
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 _EXCESS_PUSH = 3.0
 """m/s² by which the spin beyond a clipped gyro may change from window to window: hard driving. Estimated."""

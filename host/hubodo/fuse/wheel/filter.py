@@ -30,12 +30,13 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.preintegration import NOTHING, Window, WindowBuilder
+from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, Step
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.step import WheelStep
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
+from hubodo.fuse.wheel.window import NOTHING, Window
 from hubodo.vehicle import facing_sign
 
 LISTENED = 10

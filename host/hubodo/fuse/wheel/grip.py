@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.window import WINDOW
 
 BANK = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows that are summed up; what creeps away for longer than six seconds cannot be told from a slope."""

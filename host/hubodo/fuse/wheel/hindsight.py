@@ -13,10 +13,10 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.grip import BANK, Slip
 from hubodo.fuse.wheel.measurements import WindowNoise, rolling
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs, Updated
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 if TYPE_CHECKING:
     from hubodo.fuse.wheel.step import WheelStep

@@ -22,11 +22,11 @@ from hubodo.fuse.wheel.entries import (
     Columns,
 )
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.silence import agility, window_walk
 from hubodo.fuse.wheel.state import UNHEARD, renew
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs
+from hubodo.fuse.wheel.window import WINDOW
 
 _SPEED_STEP, _YAW_STEP = 0.5, 0.5
 """m/s and rad/s by which speed and yaw rate may step from window to window.

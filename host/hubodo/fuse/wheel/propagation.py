@@ -29,9 +29,9 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.state import InitialState, Wheel
 from hubodo.fuse.wheel.update import Pairs
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 _VEHICLE = (
     (X, (HEADING, SPEED, YAW_RATE)),

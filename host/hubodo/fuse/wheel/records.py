@@ -8,8 +8,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, YAW_RATE, X, Y
-from hubodo.fuse.wheel.preintegration import Window
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.window import Window
 
 POSE = (X, Y, HEADING, SPEED, YAW_RATE)
 

@@ -19,8 +19,8 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import EXCESS, HEADING, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.state import InitialState
+from hubodo.fuse.wheel.window import WINDOW
 
 _SPEED, _FASTER, _SPEED_TIME = 2.0, 1.5, 16.0
 """V is 2 m/s, a brisk walk, or one and a half times the fastest so far; T_v is 16 s.

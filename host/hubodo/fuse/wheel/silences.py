@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, Entry
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs
+from hubodo.fuse.wheel.window import WINDOW
 
 _SOON = 20
 """Windows after a silence within which a vehicle that stands shows it: a second that is looked at, and a

@@ -25,8 +25,8 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.grip import Grip
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
-from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.stillness import RestDetector
+from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
 from hubodo.vehicle import side_sign
 
 _LOST_ANGLE = 0.7

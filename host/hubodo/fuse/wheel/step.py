@@ -19,7 +19,6 @@ from hubodo.fuse.wheel.hindsight import Hindsight, Past
 from hubodo.fuse.wheel.measurements import Row, WindowNoise, centripetal, position, surface_speed
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
-from hubodo.fuse.wheel.preintegration import NOTHING, WINDOW, Window
 from hubodo.fuse.wheel.propagation import WheelMotion
 from hubodo.fuse.wheel.records import POSE, Innovation, Kept, Pose, Step
 from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung
@@ -27,6 +26,7 @@ from hubodo.fuse.wheel.silences import Silences
 from hubodo.fuse.wheel.state import Wheel, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs, Updated, WheelUpdate
+from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
 
 _SYMMETRIC = 16
 """Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""

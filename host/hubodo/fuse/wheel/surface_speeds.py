@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.window import WINDOW
 from hubodo.recording import Table
 
 _LONGEST = 0.5

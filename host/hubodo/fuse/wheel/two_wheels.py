@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.window import WINDOW
 
 GATE = 3.0
 """Sigma beyond which a row loses weight: of honest ones, one in 370 does."""

@@ -16,10 +16,10 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import SEEN_ROLLING, SEEN_TURNING, SLOPE, YAW_RATE, Columns
 from hubodo.fuse.wheel.grip import Push
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, ON_THE_ROAD, WindowNoise, forward, rolling, yaw
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
 from hubodo.fuse.wheel.rows import Rows
 from hubodo.fuse.wheel.state import UNHEARD, Wheel
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 Pairs = Sequence[tuple[Wheel, Window]]
 """Each wheel with its window, in the order of the nodes."""

@@ -20,11 +20,11 @@ from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, node_ranges
+from hubodo.fuse.wheel.advice import warnings_of
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.track import warnings_of
+from hubodo.fuse.wheel.window import WINDOW
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
 from hubodo.vehicle import Vehicle

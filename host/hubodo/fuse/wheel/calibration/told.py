@@ -15,9 +15,9 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, POSITION_ERROR_Y, Entry, X, Y
 from hubodo.fuse.wheel.filter import LISTENED
 from hubodo.fuse.wheel.measurements.position import Position
-from hubodo.fuse.wheel.preintegration import WINDOW
 from hubodo.fuse.wheel.records import Step
 from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.window import WINDOW
 
 _SPEED_SHARE = 0.02
 """Of the speed, by which the way from the end of a window back to a position within it is off. Estimated."""

@@ -5,7 +5,7 @@ from typing import Protocol
 from hubodo.fuse.wheel.entries import Entry
 from hubodo.fuse.wheel.measurements import forward, roll, rolling, sideways, yaw
 from hubodo.fuse.wheel.measurements.shared import Row, WheelGeometry, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.preintegration import Window
+from hubodo.fuse.wheel.window import Window
 
 
 class Measurement(Protocol):

@@ -23,7 +23,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow
-from hubodo.fuse.wheel.preintegration import WINDOW
+from hubodo.fuse.wheel.window import WINDOW
 
 STATES = (WHEEL_ANGLE, EXCESS, LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y)
 

@@ -19,7 +19,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 STATES = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, GYRO_BIAS_X, GYRO_BIAS_Y),

@@ -19,7 +19,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 STATES = (
     *(SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET),

@@ -40,7 +40,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
     Entry,
 )
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 Row = tuple[float, float, dict[Entry, float]]
 """Residual, its variance, and the derivatives of what is expected."""

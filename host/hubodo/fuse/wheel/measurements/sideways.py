@@ -27,7 +27,7 @@ from hubodo.fuse.wheel.entries import (
     YAW_RATE,
 )
 from hubodo.fuse.wheel.measurements.shared import STILL, Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.preintegration import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW, Window
 
 STATES = (
     *(YAW_RATE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, ACCEL_BIAS_Z, CAMBER),
