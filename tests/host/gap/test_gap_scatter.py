@@ -245,6 +245,10 @@ def test_a_random_walk_gains_the_density_of_window_means_with_its_covariance(see
     # The intensities that are tried: a factor of 1.46 apart.
     gain = max(log_density(k) for k in np.geomspace(1e-6, 3e-2, 28)) - log_density(0.0)
     assert found[0].gain == pytest.approx(gain, rel=1e-6)
+    # 1 sigma of ln k from the curvature there, which is taken of a parabola through three that were tried.
+    top, h = found[0].term.effect.k, np.log(1.46)
+    bend = (log_density(top * np.exp(h)) - 2.0 * log_density(top) + log_density(top * np.exp(-h))) / h**2
+    assert found[0].sigmas["k"] == pytest.approx(top / np.sqrt(-bend), rel=0.25)
 
 
 def test_a_step_of_the_bias_is_no_random_walk():

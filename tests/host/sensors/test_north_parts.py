@@ -1,5 +1,7 @@
 """The parts of north-finding: stops, filters, drift covariance, advice, tables on a wire."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.integrate import dblquad
@@ -10,6 +12,7 @@ from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError, LinkError
+from hubodo.sensors.north import report
 from hubodo.sensors.north.advice import (
     best_programme,
     ergodicity,
@@ -19,6 +22,7 @@ from hubodo.sensors.north.advice import (
 )
 from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
+from hubodo.sensors.north.ml import _closer
 from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
 from hubodo.sensors.north.stops import TableMotion, split_stops
 from hubodo.sensors.north.table import HandTable, SerialTable
@@ -177,6 +181,35 @@ def test_independent_estimates_have_slope_minus_one_half_and_drifting_ones_do_no
     bad = ergodicity(np.cumsum(rng.standard_normal(1799)))
     assert not bad.ergodic and bad.slope > 0
     assert ergodicity(rng.standard_normal(10)) is None
+
+
+def test_what_remains_after_drift_from_stop_to_stop_is_seen_in_means_of_four_and_more():
+    """64 estimates: means of 4, 8 and 16 of them, a quarter of all at most."""
+    rng = np.random.default_rng(5)
+    assert ergodicity(rng.standard_normal(64)).factors.tolist() == [4, 8, 16]
+
+
+def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
+    """Even coverage: sqrt(2 / T) N / horizontal."""
+    drift, horizontal = Drift(1e-5, 2e-6, 1e-7), 5e-5
+    found = SimpleNamespace(posterior=SimpleNamespace(drift=drift), horizontal=horizontal, elapsed=600.0)
+    bound = report.advice(found)["one_minute_white_noise_bound_deg"]
+    assert bound == pytest.approx(np.degrees(np.sqrt(2.0 / 60.0) * 1e-5 / horizontal))
+
+
+@pytest.mark.parametrize("sigma", [1e-2, 1e-4, 1e-7])
+def test_a_peak_narrower_than_the_grid_is_looked_at_closely(sigma):
+    """A quarter of a degree apart at first; mean and spread of a Gaussian."""
+
+    def log_density(azimuth):
+        return -0.5 * ((azimuth[None] - 0.7) / sigma) ** 2
+
+    coarse = np.radians(np.arange(-180, 180, 0.25))
+    table = log_density(coarse)
+    azimuth, density = _closer(log_density, coarse, np.exp(table - table.max()).sum(axis=0))
+    mean = np.average(azimuth, weights=density)
+    assert mean == pytest.approx(0.7, abs=0.01 * sigma)
+    assert np.sqrt(np.average((azimuth - mean) ** 2, weights=density)) == pytest.approx(sigma, rel=0.01)
 
 
 def test_advice_keeps_to_the_bound_and_prefers_short_stops_for_more_drift():
