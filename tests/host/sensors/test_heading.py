@@ -92,6 +92,14 @@ def simulated(tmp_path_factory):
     return path
 
 
+def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
+    """Up to the last time that has another so much later; beyond the record there is its scatter alone."""
+    t = np.arange(0.0, 10.0, 0.1)
+    axis = Axis(t, 0.4 * t, 0.4 * t)
+    assert _within(axis, 0.25) == pytest.approx(0.4 * 0.25)
+    assert _within(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
+
+
 def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated, tmp_path, capsys):
     bench, table = simulated / "bench.mcap", simulated / "table.mcap"
     calibration, allan = tmp_path / "c.toml", tmp_path / "allan.json"
@@ -263,14 +271,6 @@ def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp
     assert np.all(np.abs(change) < 3.0 * growth)
     # Over 75 s of road less than two degrees, which the filter says too.
     assert abs(change.sum()) < 2.0 * DEG and np.degrees(np.sqrt(np.sum(growth**2))) < 2.0
-
-
-def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
-    """Up to the last time that has another so much later; beyond the record there is its scatter alone."""
-    t = np.arange(0.0, 10.0, 0.1)
-    axis = Axis(t, 0.4 * t, 0.4 * t)
-    assert _within(axis, 0.25) == pytest.approx(0.4 * 0.25)
-    assert _within(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
 
 
 def test_the_noise_of_a_standstill_is_the_allan_deviation_there():
