@@ -96,6 +96,17 @@ def test_a_stretch_gives_the_rate_of_the_float_version():
     )
 
 
+@pytest.mark.parametrize("n", [32, 100, 512])
+def test_a_wheel_that_turns_evenly_gives_its_rates_to_the_last_bit(n):
+    """Weights that sum to one leave what does not change: 4 x 2^12 of 2^16 turns in four samples."""
+    sums = gravity_init.GravitySums(n, 0, 0, 0)
+    force = ((2048, 0), (0, 2048), (-2048, 0), (0, -2048))
+    full = [sums.take([1000, -7, 12345, *force[-k % 4], 0], 0) for k in range(n)]
+    assert full == [False] * (n - 1) + [True]
+    assert sums.mean_q14 == [1000 << 14, -7 << 14, 12345 << 14]
+    assert (sums.turns_q14, sums.turned) == (1 << 14 + 14, (n - 1) << 14)
+
+
 def test_while_driving_the_errors_along_the_axle_are_as_large_as_it_says():
     """Starts, stops, vibration, a tilted axle; 96 s each. Across the axle the doubt stays."""
     z, sigmas = [], []

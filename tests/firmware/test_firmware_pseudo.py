@@ -107,6 +107,15 @@ def test_it_is_the_float_filter_to_a_hundredth_of_a_step(kind, stretch, rate):
     assert shown == pytest.approx(sigma, rel=0.01, abs=2**-12)
 
 
+def test_on_a_table_the_variance_of_a_sample_is_that_of_the_noise_it_was_told():
+    """Filter carries it in steps squared / 256."""
+    noise_udps = 20 * 70_000
+    init = init_of(wire.BIAS_KIND_TABLE, noise_udps=noise_udps, table_rate_udps=300_000_000)
+    made = motion("table", 4096, 300_000_000 / 70_000)
+    assert fed(init, rows(made, np.zeros(3), 1, 20.0))
+    assert list(init.variance_q8) == [20**2 * 256] * 3
+
+
 def test_at_rest_its_errors_are_as_large_as_it_says():
     """Sixty biases from the prior; the normalised errors are chi-square with 180 degrees of freedom."""
     total, runs = 0.0, 60

@@ -1,4 +1,4 @@
-"""Sampler, clock and queue against the emulated chips, on CPython: holes are numbered, nothing invented."""
+"""Sampler and queue against the emulated chips, on CPython: holes are numbered, nothing invented."""
 
 import random
 import time
@@ -9,14 +9,11 @@ import numpy as np
 import outbox as outbox_module
 import polled_samples
 import pytest
-import sample_clock
 import sampler
 from drivers.lsm6ds33 import LSM6DS33
 from drivers.mpu6050 import MPU6050
 from emulated_bus import EmulatedBus
 from outbox import Outbox
-from sample_clock import SampleClock
-from small_int import SmallInt
 
 import hubowire
 from fakes import fake_port
@@ -84,6 +81,30 @@ class Rig:
             "every hole and every jump is announced"
         )
         return found[:, 0].astype(int), missing, jump, found[:, 1]
+
+
+def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(monkeypatch):
+    """Every tenth takes 0.8 periods longer: none of those tells the clock anything."""
+    rig, looks, widths = Rig(monkeypatch, "lsm6ds33", 416, 5), 0, []
+    level, seen = rig.driver.fifo_level, rig.sampler.clock.seen
+
+    def held_up():
+        nonlocal looks
+        looks += 1
+        found = level()
+        rig.bus.spend(1920 if looks > 100 and looks % 10 == 0 else 0)
+        return found
+
+    def heard(early_us, late_us, samples):
+        if looks > 100:
+            widths.append(time.ticks_diff(late_us, early_us))
+        seen(early_us, late_us, samples)
+
+    monkeypatch.setattr(rig.driver, "fifo_level", held_up)
+    monkeypatch.setattr(rig.sampler.clock, "seen", heard)
+    rig.run()
+    print(f"{looks} looks, {len(widths)} of them heard, known to {max(widths)} us")
+    assert len(widths) > 50 and max(widths) < 1202
 
 
 @pytest.mark.parametrize("seed", range(1, 5))
@@ -155,131 +176,6 @@ def test_the_native_search_for_the_end_of_the_scale_finds_what_the_plain_one_doe
         assert bool(fast.saturated([v & 0xFFFF for v in values], at, last)) == plain
         found.add(plain)
     assert found == {True, False}
-
-
-class Beat:
-    """Samples of an even beat, looked at when the clock says so.
-
-    errors: (time of the look, error of the time of the newest sample, half of its window), us.
-    """
-
-    def __init__(self, period_us, nominal_us, *, number=int, slack_us=3.0, seed=1):
-        self.rng, self.number, self.slack_us = random.Random(seed), number, slack_us
-        self.period_us, self.t_us, self.seen = period_us, 0.0, 0
-        self.zero_us = self.rng.random() * period_us
-        PORT_TICKS.now_us = 0
-        self.clock = SampleClock()
-        self.clock.start(number(round(nominal_us * 1000)))
-        self.errors: list[tuple[float, float, float]] = []
-
-    def made(self, t_us):
-        return max(0, int((t_us - self.zero_us) // self.period_us))
-
-    def time_of(self, count):
-        return self.zero_us + count * self.period_us
-
-    def look(self, after_us):
-        """A look `after_us` from now, known to `slack_us`; True when samples were new."""
-        self.t_us += after_us
-        new = self.made(self.t_us) - self.seen
-        self.seen += new
-        before = self.rng.random() * self.slack_us
-        early, late = (
-            int(t) % fake_port.TICKS for t in (self.t_us - before, self.t_us - before + self.slack_us + 1)
-        )
-        self.clock.seen(self.number(early), self.number(late), self.number(new))
-        if self.seen:
-            ticks = self.time_of(self.seen) % fake_port.TICKS
-            error = (
-                int(self.clock.t_us) - ticks + fake_port.TICKS / 2
-            ) % fake_port.TICKS - fake_port.TICKS / 2
-            self.errors.append((self.t_us, error, self.clock.half_ns / 1000))
-        return new
-
-    def aimed(self, batch):
-        """A look when a sampler would take it."""
-        clock = self.clock
-        ahead = 1 if clock.wide() else batch - (self.seen % batch)
-        due = fake_port.ticks_diff(int(clock.aim_us(self.number(ahead))), int(self.t_us) % fake_port.TICKS)
-        self.look(max(due + self.rng.uniform(-50, 80), 20))
-
-
-@pytest.mark.parametrize("seed", range(1, 4))
-@pytest.mark.parametrize("wrong", [-0.1, -0.03, 0.0, 0.05, 0.1])
-@pytest.mark.parametrize("rate", [12.5, 50, 104, 416, 1000, 1660])
-def test_the_true_time_is_in_the_window_and_the_window_becomes_narrow(rate, wrong, seed):
-    """Whatever the part's own rate, in steps of a batch, with looks that come somewhat early or late."""
-    nominal_us = 1e6 / rate
-    beat = Beat(nominal_us / (1 + wrong), nominal_us, seed=seed)
-    while beat.t_us < 6e6:
-        beat.aimed(16)
-    t, error, half = np.array(beat.errors).T
-    assert np.all(np.abs(error) <= half + 6), "within the window, but for the jitter that is allowed"
-    settled = t > max(1e6, 30 * nominal_us)
-    looks = len(t) / (6 * rate / 16)
-    print(f"seed {seed}: worst {np.abs(error[settled]).max():.0f} us, {looks:.2f} looks per 16")
-    assert np.abs(error[settled]).max() < (100 if rate > 13 else 200)
-    assert beat.clock.locked and beat.clock.period_ns / 1000 == pytest.approx(beat.period_us, rel=1e-4)
-
-
-def test_a_beat_that_wanders_is_followed():
-    """20 parts in a million faster every second, ten times what a chip does that warms up."""
-    beat = Beat(2400.0, 2403.846)
-    while beat.t_us < 20e6:
-        beat.aimed(16)
-        if beat.made(beat.t_us) == beat.seen:
-            # The beat changes from here on: the newest sample stays where it was.
-            now = beat.time_of(beat.seen)
-            beat.period_us *= 1 - 20e-6 * 0.0384
-            beat.zero_us = now - beat.seen * beat.period_us
-    t, error, _ = np.array(beat.errors).T
-    print(f"worst {np.abs(error[t > 1e6]).max():.0f} us, {beat.period_us:.2f} us in the end")
-    assert np.abs(error[t > 1e6]).max() < 150 and beat.period_us < 2400.0 * 0.9997
-
-
-@pytest.mark.parametrize("ratio", [0.98, 1.02, 1.1])
-def test_after_a_step_of_the_beat_the_window_is_found_again(ratio):
-    beat = Beat(2400.0, 2403.846)
-    while beat.t_us < 6e6:
-        beat.aimed(16)
-        if beat.t_us > 3e6 and beat.period_us == 2400.0:
-            now = beat.time_of(beat.seen)
-            beat.period_us *= ratio
-            beat.zero_us = now - beat.seen * beat.period_us
-    t, error, _ = np.array(beat.errors).T
-    print(f"worst on the way {np.abs(error[t > 3e6]).max():.0f} us")
-    assert np.abs(error[t > 4e6]).max() < 100
-    assert beat.clock.index == beat.seen - 1
-
-
-def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
-    """Slowest and fastest periods, looks up to a whole FIFO apart, over two turns of the ticks."""
-
-    def small(function):
-        return lambda *words: SmallInt.of(function(*(int(word) for word in words)))
-
-    monkeypatch.setattr(sample_clock, "ticks_add", small(fake_port.ticks_add))
-    monkeypatch.setattr(sample_clock, "ticks_diff", small(fake_port.ticks_diff))
-    rng = random.Random(5)
-    for period_us in (100_000.0, 80_000.0, 2403.846, 602.409):
-        beat = Beat(period_us * 1.1, period_us, number=SmallInt)
-        clock = beat.clock
-        while beat.t_us < 3 * 2**30:
-            at = SmallInt(int(beat.t_us) % fake_port.TICKS)
-            lost = clock.skipped(at, SmallInt(682))
-            clock.late_us(at, SmallInt(682))
-            clock.sure(at, fake_port.ticks_add(at, 50), SmallInt(682)), clock.before(at, SmallInt(682))
-            if lost and rng.random() < 0.1:
-                clock.interrupted(lost)
-            beat.look(rng.choice((period_us, 16 * period_us, 90_000.0, 682 * period_us, 3e7)))
-            beat.look(1.0)
-            for samples in (-682, -1, 1, 682, int(1e8 / period_us)):
-                clock.ahead_us(SmallInt(samples)), clock.aim_us(SmallInt(abs(samples)))
-            if rng.random() < 0.01:
-                clock.rephase()
-            # The chip's number is kept modulo 2^16 by who sends it; its own bound is years away.
-            clock.index = SmallInt(int(clock.index) & 0xFFFF)
-    assert SmallInt.widest > 1 << 28, "the test must come near the bound to mean anything"
 
 
 def filled(depth, count):

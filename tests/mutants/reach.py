@@ -7,12 +7,16 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+_UNSEEN = 4
+"""Steps to a firmware file from a test of the firmware that does not import it."""
+
 
 def nearest_tests(root: Path, paths: Iterable[str]) -> dict[str, list[str]]:
     """For each path the test files that import it, directly or through others, by the number of steps.
 
-    Tests of the firmware load its files by name: all of them reach every one of its files, those first whose
-    name shares a word with the file's. Between equals the smaller test file goes first.
+    Tests of the firmware may also load its files into another interpreter: all of them reach every one of its
+    files, behind those that import it. A name that shares words with the file's counts as so many steps less.
+    Between equals the smaller test file goes first.
     """
     files = {_module(root, path): path for path in _sources(root)}
     imports = {module: set(_imports(path, module, files)) for module, path in files.items()}
@@ -46,7 +50,7 @@ def _tests_of(root: Path, path: str, files: dict[str, Path], users: dict[str, se
         by_name = path.startswith("firmware/") and name.startswith("tests/firmware/")
         if module in steps or by_name:
             shared = len(words & set(file.stem.split("_")))
-            found.append(((steps.get(module, 1) - shared, -shared, file.stat().st_size), name))
+            found.append(((steps.get(module, _UNSEEN) - shared, -shared, file.stat().st_size), name))
     return [name for _, name in sorted(found)]
 
 
@@ -57,7 +61,7 @@ def _sources(root: Path) -> Iterator[Path]:
 
 def _module(root: Path, path: Path) -> str:
     parts = list(path.relative_to(root).with_suffix("").parts)
-    if parts[0] in ("host", "protocol", "tests"):
+    if parts[0] in ("host", "protocol", "firmware", "tests"):
         parts = parts[1:]
     return ".".join(part for part in parts if part != "__init__")
 

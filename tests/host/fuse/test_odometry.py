@@ -213,6 +213,24 @@ def test_the_covariance_covers_many_noisy_drives():
     assert 225 < total < 387, f"seed {seed}"
 
 
+def test_on_a_straight_way_a_heading_that_strays_as_a_random_walk_carries_the_place_sideways():
+    """With variance q of the heading a metre: q L at the end, q L^3 / 3 sideways, q L^2 / 2 of both."""
+    noise = OdometryNoise(
+        gyro=0.0, road=0.01, lateral=0.0, speed_walk=0.0, radius=0.0, radius_each=0.0, track=0.0
+    )
+    known = config(noise=noise, left_bias=(0.0, 0.0), right_bias=(0.0, 0.0))
+    last = drive(known, *pair(0.2, lambda t: FORWARD, lambda t: 0.0))[-1]
+    (xx, xy, xh), (_, yy, yh), (_, _, hh) = last.covariance
+    assert hh == pytest.approx(2 * 0.01**2 * last.x / B**2)
+    # Chords of 10 ms in place of the integral: 1 / 4 n^2 of it.
+    assert yy == pytest.approx(hh * last.x**2 / 3, rel=2e-3)
+    assert yh == pytest.approx(hh * last.x / 2, rel=2e-3)
+    # Wheels that err alike and each for itself: the mean of two, and their difference over the track.
+    assert xx == pytest.approx(hh * B**2 / 4) and xy == xh == 0.0
+    (speed, cross), (_, yaw_rate) = last.twist_covariance
+    assert yaw_rate == pytest.approx(speed * 4 / B**2) and cross == 0.0
+
+
 def test_a_long_silence_of_one_wheel_does_not_fill_the_memory():
     odometry = DifferentialOdometry(config())
     for k in range(15):

@@ -75,16 +75,22 @@ def test_the_live_state_is_the_truth_between_poses_too() -> None:
         ),
         key=lambda sample: sample.t,
     )
-    worst_late, worst = 0.0, 0.0
+    worst_late, worst, worst_jump = 0.0, 0.0, 0.0
+    off = None
     for sample in samples:
         made.handle(sample)
         state = made.state()
         if state is not None and sample.t > 8.0:
             x, y, _ = truth(drive, state.t)
-            worst = max(worst, float(np.hypot(state.x - x, state.y - y)))
+            before, off = off, np.array([state.x - x, state.y - y])
+            worst = max(worst, float(np.hypot(*off)))
+            if before is not None:
+                worst_jump = max(worst_jump, float(np.hypot(*(off - before))))
             worst_late = max(worst_late, sample.t - state.t)
     # 25 m; a pose carried on for a tenth of a second adds nothing to 1 %.
     assert worst < 0.25
+    # A place that stood between poses would fall behind by what is rolled in a tenth of a second.
+    assert worst_jump < 0.03
     assert worst_late <= 0.011
 
 

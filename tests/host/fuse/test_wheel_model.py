@@ -193,6 +193,20 @@ def test_a_mean_of_two_parameters_has_one_sign_and_one_belief() -> None:
     assert GYRO_SCALE_ACROSS.parameters == ("x", "y")
 
 
+def test_the_variance_along_the_axle_is_that_about_its_mean() -> None:
+    """White noise on means far from zero; the mean of a window takes the share of one sample of its 40."""
+    rng = np.random.default_rng(31)
+    count, sigma = 80_000, 0.3
+    accel = np.column_stack([np.zeros((count, 2)), 4.0 + sigma * rng.standard_normal(count)])
+    gyro = np.array([0.5, -0.2, 3.0]) + 0.02 * rng.standard_normal((count, 3))
+    windows = WindowBuilder("left", 0.0).add_many(np.arange(count) / 400.0, gyro, accel)
+    share = 1.0 - 1.0 / (400.0 * WINDOW)
+    assert np.mean([window.axial_variance for window in windows]) == pytest.approx(share * sigma**2, rel=0.02)
+    assert np.mean([window.gyro_variance for window in windows]) == pytest.approx(
+        share * 3 * 0.02**2, rel=0.02
+    )
+
+
 def test_series_for_sine_and_cosine_is_as_good_as_the_library() -> None:
     angle = np.linspace(-400.0, 400.0, 100_001)
     cosine, sine = cosine_and_sine(angle)

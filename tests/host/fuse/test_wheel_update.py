@@ -162,3 +162,24 @@ def test_of_two_yaw_rates_that_disagree_both_lose_weight_alike() -> None:
     assert wider == pytest.approx(1.0 + np.array([0.03, 0.03, 0.0, 0.0]))
     alone, _ = robust_variances(white, sigma, np.zeros(4), np.ones(4), None)
     assert alone == pytest.approx(1.0 + np.array([0.0, 0.03, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(("turned", "lost"), [(0.0, 0), (0.5, 0), (-0.5, 0), (1.2, 1), (-1.2, 1), (3.1, 1)])
+def test_an_angle_is_lost_where_gravity_has_turned_over_a_gap_by_more_than_brakes_tilt_it(
+    turned: float, lost: int
+) -> None:
+    """A wheel that turns half a radian a window, upright at clock angle 1; brakes of 0.8 g tilt it by 0.7."""
+    _, begin = _begun("left")
+    wheel = begin.wheels[0]
+
+    def heard(window: int, off: float) -> Window:
+        angle = 1.0 + 0.5 * window
+        return Window(spin=0.5, clock_angle=angle, force=0.98 * cmath.exp(-1j * (angle - 1.0 - off)))
+
+    for number in range(20):
+        wheel.listen(heard(number, 0.0))
+    wheel.listen(Window(missing=0.8))
+    for number in range(21, 24):
+        assert wheel.joined and wheel.lost == 0
+        wheel.listen(heard(number, turned))
+    assert (wheel.lost, wheel.joined) == (lost, not lost)

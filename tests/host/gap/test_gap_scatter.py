@@ -197,6 +197,21 @@ def test_outliers_gain_the_mixture_over_the_noise_alone_and_are_counted(seed):
     assert found[0].gain == pytest.approx(gain, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_of_one_wild_reading_nobody_knows_how_often_it_comes_or_how_wide_they_are(seed):
+    """A count of one: 1 sigma of a Poisson rate is the rate, of a Gaussian's sigma 1 / sqrt 2 of it.
+
+    The rates that are tried are a factor of 1.3 apart, of which the count has the root.
+    """
+    clean, y = white(np.random.default_rng(seed), 400)
+    y[4, 250] += 30.0 * SIGMA[4, 0]
+    (found,) = look_for_outliers([shown(y, clean)])
+    values = found.term.effect.values()
+    assert found.sigmas["probability"] == pytest.approx(values["probability"], rel=0.14)
+    assert found.sigmas["sigma"] == pytest.approx(values["sigma"] / np.sqrt(2.0), rel=0.14)
+    assert "about 1 lonely" in found.where
+
+
 def test_wild_readings_of_one_channel_or_side_by_side_are_no_outliers():
     rng = np.random.default_rng(1)
     clean, y = white(rng, 4000)
@@ -245,6 +260,10 @@ def test_a_random_walk_gains_the_density_of_window_means_with_its_covariance(see
     # The intensities that are tried: a factor of 1.46 apart.
     gain = max(log_density(k) for k in np.geomspace(1e-6, 3e-2, 28)) - log_density(0.0)
     assert found[0].gain == pytest.approx(gain, rel=1e-6)
+    # 1 sigma of ln k from the curvature there, which is taken of a parabola through three that were tried.
+    top, h = found[0].term.effect.k, np.log(1.46)
+    bend = (log_density(top * np.exp(h)) - 2.0 * log_density(top) + log_density(top * np.exp(-h))) / h**2
+    assert found[0].sigmas["k"] == pytest.approx(top / np.sqrt(-bend), rel=0.25)
 
 
 def test_a_step_of_the_bias_is_no_random_walk():

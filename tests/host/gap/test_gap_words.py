@@ -53,6 +53,18 @@ def test_it_is_told_below_the_noise_too(words):
     assert Regimes(COURSE).of(0.5 * change + noise, 1.0).words == words, seed
 
 
+@pytest.mark.parametrize(
+    ("share", "words"), [(0.2, "with the temperature, among others"), (0.02, "at no particular time")]
+)
+def test_what_explains_little_is_one_among_others_and_what_explains_hardly_anything_is_not_named(
+    share, words
+):
+    seed = 9
+    noise = np.random.default_rng(seed).standard_normal(len(T))
+    change = CASES["with the temperature"] / np.sqrt(np.mean(CASES["with the temperature"] ** 2))
+    assert Regimes(COURSE).of(np.sqrt(share) * change + np.sqrt(1.0 - share) * noise).words == words, seed
+
+
 def test_noise_goes_with_nothing():
     seed = 8
     noise = np.random.default_rng(seed).standard_normal(len(T))

@@ -207,6 +207,20 @@ def test_a_long_recording_with_all_that_happens_is_the_same_and_mostly_runs(seed
     assert runs > 300
 
 
+@pytest.mark.parametrize("lost", [1, 2, 7])
+def test_lost_frames_part_runs_and_do_not_end_the_taking_together(lost):
+    """Three batches, then ten single ones with frames missing before each: eleven stretches without a gap."""
+    node = Node(np.random.default_rng(lost), 1)
+    node.send(node.hello)
+    for _ in range(3):
+        node.batch(count=8)
+    for _ in range(10):
+        for _ in range(lost):
+            node.batch(count=8, lost=True)
+        node.batch(count=8)
+    assert check(node.came, [len(node.came)]) == 11
+
+
 def test_frames_of_two_nodes_are_told_apart():
     nodes = [Node(np.random.default_rng(k), k) for k in (1, 2)]
     stream, table = b"", []

@@ -107,6 +107,12 @@ def test_a_scripted_drive_goes_through_the_middle_of_its_legs():
         scripted([Leg(0.0, 1.0)])
 
 
+@pytest.mark.parametrize("durations", [(), (0.0, 5.0), (5.0, -1.0), (0.0, 0.0)])
+def test_a_drive_without_legs_or_with_one_that_takes_no_time_is_refused(durations):
+    with pytest.raises(ValueError, match="positive duration"):
+        scripted([Leg(duration, 1.0) for duration in durations])
+
+
 @pytest.mark.parametrize("seed", range(SEED, SEED + 8))
 def test_random_drives_keep_to_their_limits_and_rest_at_both_ends(seed):
     drive = random_drive(np.random.default_rng(seed), 60.0, fastest=2.5)

@@ -18,7 +18,7 @@ from hubodo.log.csv_table import read_table
 from hubodo.recording import Recording, Table
 from hubodo.sensors.allan.characterise import characterise
 from hubodo.sensors.heading.standstill import angle_random_walk
-from hubodo.sensors.heading.track import Axis, heading_track
+from hubodo.sensors.heading.track import Axis, _within, heading_track
 
 DEG = math.pi / 180.0
 DT = 0.02
@@ -90,6 +90,14 @@ def simulated(tmp_path_factory):
     words = ["--drive", "turntable", "--duration", 600, "--rate", 50, "--seed", 4, "--stop", 20, "-o", table]
     assert main(["simulate", str(model), *map(str, words), "--angles-deg", "0", "90", "180", "90"]) == 0
     return path
+
+
+def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
+    """Up to the last time that has another so much later; beyond the record there is its scatter alone."""
+    t = np.arange(0.0, 10.0, 0.1)
+    axis = Axis(t, 0.4 * t, 0.4 * t)
+    assert _within(axis, 0.25) == pytest.approx(0.4 * 0.25)
+    assert _within(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
 
 
 def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated, tmp_path, capsys):

@@ -1,4 +1,4 @@
-"""The parts of north-finding: stops, filters, drift covariance, advice, tables on a wire."""
+"""The parts of north-finding: stops, filters, drift covariance, tables on a wire."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,6 @@ from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError, LinkError
-from hubodo.sensors.north.advice import (
-    best_programme,
-    ergodicity,
-    programme_sigma,
-    time_for,
-    white_azimuth_bound,
-)
 from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
 from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
@@ -165,32 +158,6 @@ def test_the_covariance_is_that_of_simulated_drift():
         found.append(w @ np.array([x[int(10 * s) : int(10 * s) + 100].mean() for s in start]))
     # 400 values: 3.5 % on a standard deviation.
     assert np.std(found) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
-
-
-def test_independent_estimates_have_slope_minus_one_half_and_drifting_ones_do_not():
-    rng = np.random.default_rng(2)
-    good = ergodicity(rng.standard_normal(1799), shared=False)
-    assert abs(good.slope + 0.5) < 3 * good.sigma and good.sigma < 0.1
-    noise = rng.standard_normal(1800)
-    neighbours = ergodicity((noise[1:] + noise[:-1]) / 2)
-    assert abs(neighbours.slope + 0.5) < 3 * neighbours.sigma
-    bad = ergodicity(np.cumsum(rng.standard_normal(1799)))
-    assert not bad.ergodic and bad.slope > 0
-    assert ergodicity(rng.standard_normal(10)) is None
-
-
-def test_advice_keeps_to_the_bound_and_prefers_short_stops_for_more_drift():
-    horizontal = 5e-5
-    quiet, drifting = Drift(1e-5, 1e-9, 1e-9), Drift(1e-5, 2e-5, 2e-6)
-    assert programme_sigma(quiet, 34, 40, 0.0, horizontal) == pytest.approx(
-        white_azimuth_bound(quiet.n, 34 * 40, horizontal), rel=0.02
-    )
-    slow, fast = (best_programme(d, 1800, 2.0, horizontal) for d in (quiet, drifting))
-    assert fast.stop < slow.stop and fast.sigma > slow.sigma
-    enough = time_for(quiet, np.radians(1), 2.0, horizontal)
-    assert enough.sigma <= np.radians(1)
-    assert best_programme(quiet, 5.0, 2.0, horizontal) is None
-    assert time_for(drifting, np.radians(1e-4), 2.0, horizontal) is None
 
 
 def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():

@@ -159,6 +159,15 @@ def test_the_right_model_is_white_and_nothing_more_is_offered():
     assert asked <= 1
 
 
+def test_what_is_a_rate_is_told_in_degrees_per_second_too_and_a_time_is_not():
+    t, output = night(0)
+    told = characterise_warmup(t, output, "gz").as_json()
+    for name in ("c1", "c2"):
+        assert told[name]["value_deg_per_s"] == pytest.approx(np.degrees(told[name]["value"]))
+        assert told[name]["unit"] == "rad/s"
+    assert told["time_constant"]["unit"] == "s" and "value_deg_per_s" not in told["time_constant"]
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_no_number_is_given_for_a_bias_that_only_wanders_or_does_nothing(seed):
     rng = np.random.default_rng(seed)

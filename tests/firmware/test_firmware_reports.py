@@ -1,0 +1,70 @@
+"""What a node tells of itself, as its host reads it: nothing of a chip that is not there, counts that end."""
+
+from types import SimpleNamespace
+
+import reports
+from outbox import Outbox
+
+import hubowire
+from hubowire.messages import Fault
+
+
+def node(**parts):
+    """As much of a node as its reports look at."""
+    known = {
+        "chip": None,
+        "mag": None,
+        "batch": 8,
+        "found": (),
+        "faults": 0,
+        "i2c_errors": 0,
+        "recoveries": 0,
+    }
+    return SimpleNamespace(
+        parts=SimpleNamespace(**{**known, **parts}),
+        board=SimpleNamespace(serial=bytes(8), boot_id=9, kind=1, reset_cause=1, battery_mv=lambda: 3300),
+        settings={"filter_kind": 0, "low_battery_mv": 3500},
+        sampler=SimpleNamespace(clock=SimpleNamespace(bound_us=lambda: 65535), overruns=70000, missed=65535),
+        link=SimpleNamespace(reader=SimpleNamespace(damaged=3)),
+        outbox=Outbox(4, 1),
+        worst_us=1234,
+        free_heap=100_000,
+    )
+
+
+def sent(told):
+    """The one message that waited in its outbox."""
+    wire = bytes(told.outbox.oldest().raw[1 + told.outbox.sent : told.outbox.oldest().end])
+    told.outbox.took(len(wire))
+    (frame,) = hubowire.FrameDecoder().feed(wire)
+    return hubowire.decode(frame.type_id, frame.payload)
+
+
+def test_without_a_chip_hello_says_nothing_of_one():
+    told = node(found=((0x6B, 0x33, 0),))
+    reports.hello(told)
+    hello = sent(told)
+    of_a_chip = (
+        hello.rate_mhz, hello.gyro_range_dps, hello.accel_range_g, hello.gyro_lsb_ndps, hello.accel_lsb_ng,
+        hello.temperature_lsb_udegc, hello.temperature_offset_udegc, hello.mag_lsb_ft,
+    )  # fmt: skip
+    assert of_a_chip == (0,) * 8
+    assert hello.parts == ((0x6B, 0x33, 0),) and hello.stamp_bound_us == 65535
+
+
+def test_health_counts_to_the_end_of_a_counter_and_no_further_and_measures_the_longest_turn_anew():
+    told = node(i2c_errors=65534, recoveries=1 << 20)
+    reports.health(told)
+    health = sent(told)
+    assert (health.i2c_errors, health.bus_recoveries, health.fifo_overruns) == (65534, 65535, 65535)
+    assert (health.samples_missed, health.frames_damaged, health.worst_loop_us) == (65535, 3, 1234)
+    assert told.worst_us == 0
+
+
+def test_a_battery_below_what_was_set_is_a_fault_while_it_is_and_one_that_is_not_measured_is_none():
+    told = node()
+    for millivolts, fault in ((3499, Fault.LOW_BATTERY), (3500, 0), (0, 0)):
+        told.board.battery_mv = lambda volts=millivolts: volts
+        reports.health(told)
+        health = sent(told)
+        assert (health.battery_mv, health.faults) == (millivolts, fault)

@@ -1,0 +1,36 @@
+"""What steps of the wheel filter count of a drive besides its poses, in whatever order its nodes stand."""
+
+import numpy as np
+import pytest
+
+from generators import wheel_drives
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.track import run
+from wheel_runs import BOTH, config, short, tables
+
+
+def _driven(drive: wheel_drives.WheelDrive) -> WheelStep:
+    made = WheelFilter(config(drive))
+    made.handle_many({name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()})
+    made.finish()
+    return made.core
+
+
+def test_both_wheels_together_turn_by_the_way_of_the_vehicle() -> None:
+    """Around a loop what one rolls less the other rolls more; radii are not quite as declared."""
+    drive = short(21)
+    wheels = _driven(drive).wheels
+    rolled = drive.radius * np.mean([[wheel.turned, wheel.forwards] for wheel in wheels], axis=0)
+    assert rolled == pytest.approx([drive.length, drive.length], rel=0.02)
+
+
+@pytest.mark.parametrize("order", [BOTH, BOTH[::-1]])
+@pytest.mark.parametrize("wrong", [None, *BOTH])
+def test_a_node_that_faces_the_other_way_is_named_whichever_stands_first(
+    order: tuple[str, str], wrong: str | None
+) -> None:
+    drive = short(22, facing={wrong: "right"} if wrong else {})
+    said = [line for line in run(config(drive, order), tables(drive)).report.warnings if "mounted" in line]
+    assert len(said) == (wrong is not None)
+    assert all(f"on the {wrong} wheel" in line for line in said)
