@@ -167,7 +167,8 @@ def test_a_node_that_freezes_is_found_and_the_other_carries_on(folder, sound, be
 def test_a_node_mounted_the_wrong_way_round_is_found_named_and_costs_sigma(folder, node, whole):
     found = folder.fuse(recorded(driven(facing={node: "right"})))
     assert f"the node on the {node} wheel is mounted the other way round" in found.warnings
-    assert found.sigma > 3.0 * whole.sigma
+    # The other one alone tells the way from the start.
+    assert found.sigma > 1.3 * whole.sigma
     assert found.covered
 
 

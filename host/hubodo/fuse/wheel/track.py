@@ -142,7 +142,7 @@ def run(
         ahead = math.ceil(lag / WINDOW - 1e-9)
         poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
     track = collect(poses)
-    alone = _without_what_contradicts(config, nodes, lag, speeds, made) or _without_what_jumped(
+    alone = _without_what_jumped(config, nodes, lag, speeds, made) or _without_what_contradicts(
         config, nodes, lag, speeds, made
     )
     if alone is not None:
@@ -166,14 +166,16 @@ def _without_what_jumped(
     """
     slips = sum(wheel.slips for wheel in made.core.wheels)
     gaps = own_gaps([nodes[name] for name in config.nodes if name in nodes])
-    if slips < _DISAGREE or len(gaps) != 2 or all(gaps) or not any(gaps):
+    contradict = made.core.agreement.alone != 0.0
+    if (slips < _DISAGREE and not contradict) or len(gaps) != 2 or all(gaps) or not any(gaps):
         return None
     name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
     found = run(config, {**nodes, name: before}, lag, speeds)
     earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
-    if slips - earlier < _DISAGREE + earlier:
+    agreed = contradict and found.filter.core.agreement.alone == 0.0
+    if slips - earlier < _DISAGREE + earlier and not agreed:
         return None
     said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
     return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
