@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,14 +48,21 @@ class Told:
 
 
 def tell(
-    config: WheelConfig, steps: Sequence[Step], told: Positions, random: Array, slow: float, origin: complex
+    config: WheelConfig,
+    steps: Sequence[Step],
+    told: Positions,
+    random: Array,
+    slow: float,
+    origin: complex,
+    slipped: Mapping[int, tuple[bool, ...]],
 ) -> Told:
     """Runs the steps with each position worked in at the end of its window.
 
     random: (M,) m, 1 sigma of what is random in each position; slow: m, 1 sigma of what changes slowly.
-    origin: x + iy, m, where the first step begins, but for the antenna.
+    origin: x + iy, m, where the first step begins, but for the antenna. slipped: which wheels spin by
+    themselves, by number of the window.
     """
-    core = WheelStep(replace(config, told=True, known={**config.known, **_around(told, slow)}))
+    core = WheelStep(replace(config, told=True, known={**config.known, **_around(told, slow)}), slipped)
     ends = _at_their_windows(steps, told)
     for entry, value in ((X, origin.real), (Y, origin.imag)):
         place = core.columns.vehicle[entry]
