@@ -164,17 +164,20 @@ class _Samples(NamedTuple):
         The force across the axle is g e^(-i theta): the maximum-likelihood estimate of a complex chirp in
         white noise (Abatzoglou 1986).
         """
-        t, basis, found = self.t, self.basis, _Chirp(-1.0, 0.0, 0.0, 0j)
-        for slope in slopes.tolist():
-            tone = np.exp(-1j * (self.carried + 0.5 * slope * t * t + rates[:, None] * t))
-            tone -= (tone @ basis) @ basis.T
-            size = np.maximum(np.sum(tone.real**2 + tone.imag**2, axis=1), 0.1 * len(t))
-            fit = (tone.conj() @ self.force) / size
-            power = np.abs(fit) ** 2 * size
-            place = int(np.argmax(power))
-            if power[place] > found.power:
-                found = _Chirp(float(power[place]), float(rates[place]), slope, complex(fit[place]))
-        return found
+        t, count = self.t, len(self.t)
+        bent = np.exp(-1j * (self.carried + 0.5 * slopes[:, None] * t * t))
+        # The force has nothing of the basis in it: what a tone has, counts for its size alone.
+        against = np.column_stack([self.basis, self.force.conj()])
+        columns = (bent[:, :, None] * against).transpose(1, 0, 2).reshape(count, -1)
+        seen = np.exp(-1j * np.outer(rates, t)) @ columns
+        seen = seen.reshape(len(rates), len(slopes), -1)
+        size = count - np.sum(np.abs(seen[:, :, :-1]) ** 2, axis=2)
+        fit = seen[:, :, -1].conj() / np.maximum(size, 0.1 * count)
+        power = np.abs(fit) ** 2 * np.maximum(size, 0.1 * count)
+        rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
+        return _Chirp(
+            float(power[rate, slope]), float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope])
+        )
 
 
 @dataclass
