@@ -171,9 +171,9 @@ class _Samples(NamedTuple):
         columns = (bent[:, :, None] * against).transpose(1, 0, 2).reshape(count, -1)
         seen = np.exp(-1j * np.outer(rates, t)) @ columns
         seen = seen.reshape(len(rates), len(slopes), -1)
-        size = count - np.sum(np.abs(seen[:, :, :-1]) ** 2, axis=2)
-        fit = seen[:, :, -1].conj() / np.maximum(size, 0.1 * count)
-        power = np.abs(fit) ** 2 * np.maximum(size, 0.1 * count)
+        size = np.maximum(count - np.sum(np.abs(seen[:, :, :-1]) ** 2, axis=2), 0.1 * count)
+        fit = seen[:, :, -1].conj() / size
+        power = np.abs(fit) ** 2 * size
         rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
         return _Chirp(
             float(power[rate, slope]), float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope])

@@ -38,7 +38,7 @@ def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, .
             (mixed, "samples of two times stand between one another: its clock went back"),
             (frozen & ~mixed, "not one bit of its samples changed while the other wheel turned: it froze"),
         ):
-            for first, last in _stretches(bad):
+            for first, last in stretches(bad):
                 span = f"from t = {table.t[first]:.1f} to {table.t[last]:.1f} s"
                 said.append(f"{name}: {span} {why}; left out, sigmas grow there")
         good = ~(mixed | frozen)
@@ -65,7 +65,7 @@ def _frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
     found = np.zeros(len(table), np.bool_)
     rows = np.hstack([table.gyro, table.accel])
     alike = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
-    for first, last in _stretches(alike):
+    for first, last in stretches(alike):
         begin, end = table.t[first], table.t[last]
         if end - begin < _FROZEN:
             continue
@@ -90,7 +90,7 @@ def _mixed(t: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last number of each stretch of flags that are set."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return [(first, end - 1) for first, end in list(pairwise(edges.tolist()))[::2]]

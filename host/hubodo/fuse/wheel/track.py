@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -115,6 +115,10 @@ class WheelRun:
     report: WheelReport
     filter: WheelFilter = field(repr=False)
 
+    def warned(self, line: str) -> WheelRun:
+        """The same, with one more warning, before the others."""
+        return replace(self, report=replace(self.report, warnings=(line, *self.report.warnings)))
+
 
 def run(
     config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0, speeds: SurfaceSpeeds | None = None
@@ -123,8 +127,8 @@ def run(
 
     lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
     with a finite lag; one as long as the log is the same as inf, up to rounding. speeds: of another odometer,
-    where the config has an encoder. Raises ValueError when
-    there is not one window: less than a fifth of a second of samples.
+    where the config has an encoder. Raises ValueError when there is not one window: less than a fifth of a
+    second of samples.
     """
     made = WheelFilter(config, speeds)
     if lag > 0.0:
@@ -135,6 +139,13 @@ def run(
     poses = [*made.handle_many(blocks).poses, *made.finish().poses]
     if not poses:
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
+
+    def again(nodes: Mapping[str, Table], config: WheelConfig = config) -> WheelRun:
+        return run(config, nodes, lag, speeds)
+
+    alone = _without_what_jumped(nodes, made, again) or _without_what_contradicts(nodes, made, again)
+    if alone is not None:
+        return alone
     steps = made.steps or []
     if lag >= len(steps) * WINDOW > 0.0:
         poses = smoother.smooth(config, steps, LISTENED, made.core.slipped)
@@ -142,22 +153,13 @@ def run(
         ahead = math.ceil(lag / WINDOW - 1e-9)
         poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
     track = collect(poses)
-    alone = _without_what_jumped(config, nodes, lag, speeds, made) or _without_what_contradicts(
-        config, nodes, lag, speeds, made
-    )
-    if alone is not None:
-        return alone
     if len(made.core.wheels) == 1 and backwards(made.core.wheels[0]):
         track = replace(track, covariance=_mirrored(track))
     return WheelRun(track, report(made, track, lag), made)
 
 
 def _without_what_jumped(
-    config: WheelConfig,
-    nodes: Mapping[str, Table],
-    lag: float,
-    speeds: SurfaceSpeeds | None,
-    made: WheelFilter,
+    nodes: Mapping[str, Table], made: WheelFilter, again: Callable[..., WheelRun]
 ) -> WheelRun | None:
     """The run without what came after a gap in one node alone, when since then the wheels disagree.
 
@@ -165,36 +167,33 @@ def _without_what_jumped(
     between leave wheels that agree.
     """
     slips = sum(wheel.slips for wheel in made.core.wheels)
-    gaps = own_gaps([nodes[name] for name in config.nodes if name in nodes])
+    gaps = own_gaps([nodes[name] for name in made.config.nodes if name in nodes])
     contradict = made.core.agreement.alone != 0.0
     if (slips < _DISAGREE and not contradict) or len(gaps) != 2 or all(gaps) or not any(gaps):
         return None
-    name, t = next((name, gap[0]) for name, gap in zip(config.nodes, gaps, strict=True) if gap)
+    name, t = next((name, gap[0]) for name, gap in zip(made.config.nodes, gaps, strict=True) if gap)
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
-    found = run(config, {**nodes, name: before}, lag, speeds)
+    found = again({**nodes, name: before})
     earlier = sum(wheel.slips for wheel in found.filter.core.wheels)
     agreed = contradict and found.filter.core.agreement.alone == 0.0
     if slips - earlier < _DISAGREE + earlier and not agreed:
         return None
-    said = f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
-    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+    return found.warned(
+        f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
+    )
 
 
 def _without_what_contradicts(
-    config: WheelConfig,
-    nodes: Mapping[str, Table],
-    lag: float,
-    speeds: SurfaceSpeeds | None,
-    made: WheelFilter,
+    nodes: Mapping[str, Table], made: WheelFilter, again: Callable[..., WheelRun]
 ) -> WheelRun | None:
     """The run of one wheel, from its start, where the two are not an axle; None where they are."""
     agreement, wheels = made.core.agreement, made.core.wheels
     if not agreement.alone:
         return None
     runs = {
-        wheel.name: run(
-            replace(config, nodes={wheel.name: _moved(wheel.node, agreement.exchanged)}), nodes, lag, speeds
+        wheel.name: again(
+            nodes, replace(made.config, nodes={wheel.name: _moved(wheel.node, agreement.exchanged)})
         )
         for wheel in wheels
         if agreement.steering or side_sign(wheel.node.side) == agreement.alone
@@ -202,9 +201,7 @@ def _without_what_contradicts(
     # Each by itself feels its own yaw rate; what a wheel steers comes on top of the vehicle's turning.
     name = min(runs, key=lambda one: float(np.sum(runs[one].track.yaw_rate ** 2)))
     more = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
-    said = f"{agreement.verdict}{more}; the track comes from {name} alone"
-    found = runs[name]
-    return replace(found, report=replace(found.report, warnings=(said, *found.report.warnings)))
+    return runs[name].warned(f"{agreement.verdict}{more}; the track comes from {name} alone")
 
 
 def _moved(node: WheelNode, exchanged: bool) -> WheelNode:
