@@ -34,15 +34,17 @@ class TurnCalibration:
     """Gyro triad from T turns.
 
     matrix: (3, 3) M in the frame of the accelerometer triad. bias_change: (3,) rad/s, correction of the bias
-    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. used: (T,) number of each
-    turn, from 0. angle: (T,) rad, how far gravity turned. error: (T,) rad, between gravity as the gyros
-    carried it and as the accelerometers saw it, after calibration; before: the same with the bias alone
-    taken off. dropped: one line for each turn that was left out.
+    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. response: (12, T, 3) what
+    they answer to a change of each miss, the vector (3,) between gravity as carried and as seen. used: (T,)
+    number of each turn, from 0. angle: (T,) rad, how far gravity turned. error: (T,) rad, between gravity as
+    the gyros carried it and as the accelerometers saw it, after calibration; before: the same with the bias
+    alone taken off. dropped: one line for each turn that was left out.
     """
 
     matrix: Array
     bias_change: Array
     covariance: Array
+    response: Array
     used: NDArray[np.int64]
     angle: Array
     error: Array
@@ -142,7 +144,7 @@ def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
             f"({len(dropped)} clipped); turn the node about each of its axes, both ways, with rests between"
         )
     _check_unit(usable)
-    p, covariance = _fit(usable, bias_sigma)
+    p, covariance, response = _fit(usable, bias_sigma)
     error = turn_errors(usable, *_split(p))
     # Rayleigh: the median of the error is 1.18 times the deviation of each of its two components.
     bad = error > OUTLIER * max(float(np.median(error)) / 1.1774, 1e-5)
@@ -152,13 +154,14 @@ def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
             for k, e in zip(usable.number[bad], error[bad], strict=True)
         ]
         usable = usable.select(~bad)
-        p, covariance = _fit(usable, bias_sigma)
+        p, covariance, response = _fit(usable, bias_sigma)
     matrix, change = _split(p)
     order = [9, 10, 11, *range(9)]
     return TurnCalibration(
         matrix,
         change,
         covariance[np.ix_(order, order)],
+        response[order].reshape(12, -1, 3),
         usable.number,
         usable.angle,
         turn_errors(usable, matrix, change),
@@ -171,8 +174,11 @@ def _split(p: Array) -> tuple[Array, Array]:
     return np.eye(3) + p[:9].reshape(3, 3), p[9:]
 
 
-def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array]:
-    """Gauss-Newton on the miss of each turn, in units of the scatter; the bias held by its sigma."""
+def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
+    """Gauss-Newton on the miss of each turn, in units of the scatter; the bias held by its sigma.
+
+    Returns the parameters (12,), their covariance and their response (12, 3 T) to the misses.
+    """
     p, scatter = np.zeros(12), 0.01
     h = 1e-6
     for _ in range(12):
@@ -181,20 +187,23 @@ def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array]:
         jacobian = np.column_stack(columns) / scatter
         information = jacobian.T @ jacobian + np.diag([0.0] * 9 + list(bias_sigma**-2))
         _check_seen(information)
-        pull = jacobian.T @ miss.ravel() / scatter + np.concatenate([np.zeros(9), p[9:] * bias_sigma**-2])
-        step = -np.linalg.solve(information, pull)
+        response = -np.linalg.solve(information, jacobian.T) / scatter
+        held = np.concatenate([np.zeros(9), p[9:] * bias_sigma**-2])
+        step = response @ miss.ravel() - np.linalg.solve(information, held)
         p = p + step
         after = carried(turns, *_split(p)) - turns.end
         # A miss has two components, gravity being of unit length.
-        new = max(float(np.sqrt((after**2).sum() / max(1, 2 * len(after) - 9))), 1e-7)
+        used = -float(np.trace(response @ jacobian)) * scatter
+        freedom = max(1.0, 2 * len(after) - used)
+        new = max(float(np.sqrt((after**2).sum() / freedom)), 1e-7)
         settled = np.abs(step[:9]).max() < 1e-8 and abs(new / scatter - 1) < 1e-3
         scatter = new
         if settled:
-            return p, np.linalg.inv(information)
+            # The scatter is known from few misses: the variance of Student's t.
+            return p, np.linalg.inv(information) * max(freedom / max(freedom - 2.0, 1.0), 1.0), response
     raise CalibrationError(
         "the gyro calibration by turns does not settle; check that the gyro is in rad/s and that its axes "
-        "are those "
-        "of the accelerometer"
+        "are those of the accelerometer"
     )
 
 
