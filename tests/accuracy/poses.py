@@ -50,7 +50,7 @@ def trial(rng, poses):
     accel, gyro = drawn(rng, 0.3), drawn(rng, 0.02)
     data = carry(rng, gyro, accel, attitudes=poses(rng))
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    # The frame is by convention: the accelerometers' matrix is symmetric, and the gyros are told in that frame.
+    # By convention the matrix of the accelerometers is symmetric; the gyros are told in that frame.
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     frame = np.linalg.solve(symmetric, matrix(accel))
     truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}

@@ -71,7 +71,7 @@ class ImuCalibration:
         """Effect name -> parameters, for the calibration and the model file."""
         found = effects_from_triad(self.accel.triad, self.accel.sigma, "accel", self.accel.seen)
         sigma = np.sqrt(np.diag(self.gyro.covariance))
-        seen = np.concatenate([np.ones(3, bool), np.broadcast_to(self.gyro.seen.all(), 9)])
+        seen = np.append(np.ones(3, bool), self.gyro.seen)
         found.update(effects_from_triad(self.gyro.triad, sigma, "gyro", seen))
         g, s = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
         if g is not None and s is not None:
@@ -198,16 +198,19 @@ def _gyro(
             Triad(bias), covariance, np.zeros(9, bool), f"bias alone, from {len(rests)} rests", g, g_sigma
         )
     notes.extend(found.dropped)
+    if found.complaint:
+        notes.append(f"left out: {found.complaint}")
+    what = (
+        "scale and all six misalignments" if found.seen.all() else "what they show of scale and misalignments"
+    )
     method = (
-        f"turns between rests, {len(found.used)} of them, gyro against accelerometer: scale and all six "
-        f"misalignments "
-        f"in the accelerometer's frame; bias{'' if g is None else ' and g-sensitivity'} from {len(rests)} "
-        f"rests"
+        f"turns between rests, {len(found.used)} of them, gyro against accelerometer: {what} in the "
+        f"accelerometer's frame; bias{'' if g is None else ' and g-sensitivity'} from {len(rests)} rests"
     )
     return GyroCalibration(
         Triad(bias + found.bias_change, found.matrix),
         found.covariance + frame_covariance(found, turns, rests, accel),
-        np.ones(9, bool),
+        found.seen,
         method,
         g,
         g_sigma,
@@ -249,6 +252,8 @@ def _by_table(
     bias_sigma = found.sigma[:3]
     try:
         turns = calibrate_by_turns(collect_turns(t, gyro, found.triad.bias, rests, force), bias_sigma)
+        if turns.complaint:
+            raise CalibrationError(turns.complaint)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
         return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method, scalar=found)
