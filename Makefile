@@ -36,6 +36,7 @@ papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/shah.py
 	$(BIN)/python tests/papers/barshan.py
 	$(BIN)/python tests/papers/avrutov.py
+	$(BIN)/python tests/papers/avrutov_separation.py
 	$(BIN)/python tests/papers/robert.py
 
 accuracy: setup      ## accuracy over many seeded drives and records; some ten minutes

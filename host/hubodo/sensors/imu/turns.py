@@ -218,7 +218,8 @@ def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
         scatter = new
         if settled:
             # The scatter is known from few misses: the variance of Student's t.
-            return p, np.linalg.inv(information) * (freedom / max(freedom - 2.0, 0.5)), response
+            widened = np.asarray(np.linalg.inv(information) * (freedom / max(freedom - 2.0, 0.5)))
+            return p, widened, np.asarray(response)
     raise CalibrationError(
         "the gyro calibration by turns does not settle; check that the gyro is in rad/s and that its axes "
         "are those of the accelerometer"
