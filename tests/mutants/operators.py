@@ -36,7 +36,8 @@ class Mutant:
 def mutants(path: str, source: str) -> Iterator[Mutant]:
     """All mutants of a file, in its order; nothing in annotations, docstrings, defaults or error texts.
 
-    An assertion that holds, `zip(..., strict=True)` among them, changes nothing by its absence. Numbers that stand outside functions are left alone: settings and usual sizes, which no test should pin.
+    An assertion that holds, `zip(..., strict=True)` among them, changes nothing by its absence. Numbers that
+    stand outside functions are left alone: settings and usual sizes, which no test should pin.
     """
     starts = [0]
     for line in source.encode().splitlines(keepends=True):
