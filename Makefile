@@ -29,6 +29,7 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_filters.py
 	$(BIN)/python tests/bench/bench_hour.py
 	$(BIN)/python tests/bench/bench_fuse.py
+	$(BIN)/python tests/bench/bench_live.py
 	$(BIN)/python tests/bench/bench_allan.py
 	$(BIN)/python tests/bench/bench_gap.py
 
