@@ -42,6 +42,7 @@ papers: setup        ## four papers, their figures beside ours
 
 accuracy: setup      ## accuracy over many seeded drives and records; some ten minutes
 	$(BIN)/python tests/accuracy/odometry.py
+	$(BIN)/python tests/accuracy/mixed.py
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py

@@ -8,8 +8,10 @@ import pytest
 import wanted
 from accuracy import slip
 from accuracy.slip import CASES, made, outcome, real_alarms
+from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.grip import Grip, Push
 from hubodo.fuse.wheel.state import initial_state
 from hubodo.fuse.wheel.track import collect, run
 from hubodo.ingest.live.odometer import Block, Odometer
@@ -146,3 +148,41 @@ def test_a_declared_steered_wheel_takes_no_part_and_alone_shows_its_own_way():
     assert list(both.nodes) == ["left"]
     alone = wheel_config(Vehicle(0.15, 0.5, {"front": nodes["front"]}), ["front"])
     assert initial_state(alone).wheels[0].geometry.contact == 0.0
+
+
+@pytest.mark.parametrize("seed", [5068, 5092, 5126, 5133])
+def test_a_slow_wheel_whose_accelerometer_is_uneven_is_not_said_to_slip(seed):
+    # The scales of the two axes and the bias turn with the wheel: below a turn in ten seconds like a slope.
+    drawn = mixed_drives.drawn(seed)
+    assert drawn.top_speed < 0.5 and not drawn.slips
+    found = run(config(drawn.drive, ("left",)), tables(drawn.drive))
+    assert found.filter.core.wheels[0].grip.slips == []
+    assert end_error(drawn.drive, found) < 0.1 * drawn.drive.length
+
+
+@pytest.mark.parametrize("seed", [5012, 5100])
+def test_a_wheel_that_slips_for_seconds_is_no_wheel_of_another_axle(seed):
+    drawn = mixed_drives.drawn(seed)
+    found = run(config(drawn.drive), tables(drawn.drive))
+    assert len(found.filter.core.wheels) == 2
+    assert [len(wheel.grip.slips) for wheel in found.filter.core.wheels] == [0, 1]
+    assert end_error(drawn.drive, found) < 0.01 * drawn.drive.length
+
+
+def test_a_speed_that_was_carried_beyond_all_the_vehicle_ever_did_is_given_up_for_the_wheel():
+    grip = Grip()
+    grip.begin(100)
+    calm = Push(0.0, 1e-4, 0.0, 1e-6, 0.0, 0.0)
+    assert not grip.follow(101, calm, slip=-1.0, variance=0.01, carried=2.0, fastest=2.0)
+    assert grip.lost
+    # The wheel turns as it always did, the carried speed is twice that of any time before.
+    assert grip.follow(102, calm, slip=-3.0, variance=0.01, carried=4.0, fastest=2.0)
+    assert not grip.lost and grip.slips[-1].last == 101
+
+
+def test_no_slip_lasts_for_ever():
+    grip = Grip()
+    grip.begin(0)
+    shaken = Push(1.0, 1e-4, 1.0, 1e-6, 0.0, 0.0)
+    ended = [n for n in range(1, 300) if grip.lost and grip.follow(n, shaken, 1.0, 0.01, 1.0, 2.0)]
+    assert ended == [200]

@@ -18,9 +18,8 @@ from hubodo.fuse.wheel.window import WINDOW
 BANK = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows that are summed up; what creeps away for longer than six seconds cannot be told from a slope."""
 
-_SURE = 3.0
-"""Sigmas by which a sum must stand out. On real drives, of a car and a wheelchair, the largest that makes
-`_LEAST` is 1.5: the variances have room for rougher roads than these."""
+_SURE = 4.5
+"""Sigmas by which a sum must stand out: twelve sums a window, thousands of windows, and none by chance."""
 
 _LEAST = 0.2
 """m/s of slip below which nothing is called one: a bump makes as much for a moment. Estimated."""
@@ -31,6 +30,11 @@ _DRIFT = 0.05
 _LEANS = 0.1
 """m/s² for each rad/s of yaw rate, 1 sigma: a hundredth of a radian by which an axle leans otherwise than is
 believed turns the wheel angle with the yaw, a second long. Estimated."""
+
+_UNEVEN, _GIVES_WAY = 0.15, 2.0
+"""m/s², 1 sigma of what an accelerometer across the axle makes up as it turns, twice a turn by scales that
+differ (1 % of gravity), once by a bias; s in which the slope gives way to it: on a wheel that turns slower
+than that it looks like a slope, and then like none. Estimated."""
 
 _SETTLED, _TURNS, _LONG = 20, 1.0, 300
 """Windows in a row, of a wheel that turns faster than so many rad/s, in which its accelerometer has to agree
@@ -55,9 +59,14 @@ _FOLLOWS = 20.0
 """Logarithm of how much likelier it must be that it follows the vehicle's changes of speed than that it spins
 on as it likes, to be believed against the speed that was carried. Estimated; the variances have room."""
 
-_PATIENCE = 100
-"""Quiet windows after which it is believed even so: ten seconds, through which no wheel in the air spins on
-like one on the road. Estimated."""
+_PATIENCE, _LONGEST = 100, 200
+"""Quiet windows after which it is believed even so, and windows in any case: ten seconds, through which no
+wheel in the air spins on like one on the road; twenty, after which nothing is left of a speed that was
+carried. Estimated."""
+
+_BEYOND = 1.5, 0.5
+"""Times as fast as the vehicle ever went, and m/s beside that, beyond which a carried speed is not believed
+against a wheel that turns slower, nor one that is not known that well against any. Estimated."""
 
 
 class Push(NamedTuple):
@@ -164,6 +173,7 @@ class Grip:
                 calm = push.residual**2 < _AGREES**2 * push.variance
                 self._settled = self._settled + 1 if calm else 0
             return None
+        made_up = _UNEVEN / math.hypot(1.0, _GIVES_WAY * rate)
         residual, variance, common = self._total
         self._sums.append(_Sums(number, residual, variance, common, push.slope))
         # As it would be had the slope not given way to it meanwhile.
@@ -178,7 +188,7 @@ class Grip:
             then = self._sums[-count]
             span = count * WINDOW
             slipped = residual - then.residual - span * then.slope
-            stays = (common - then.common) ** 2 + (_DRIFT * span) ** 2
+            stays = (common - then.common) ** 2 + (_DRIFT * span) ** 2 + (made_up * span) ** 2
             ratio = slipped * slipped / (variance - then.variance + stays)
             if ratio > most and abs(slipped) > _LEAST:
                 found, most = then.number, ratio
@@ -190,27 +200,50 @@ class Grip:
         self.forget()
         self._near, self._calm, self._follows, self._jumped = 0, 0, 0.0, 0.0
 
-    def follow(self, number: int, push: Push | None, slip: float, variance: float) -> bool:
+    def follow(
+        self,
+        number: int,
+        push: Push | None,
+        slip: float,
+        variance: float,
+        carried: float | None,
+        fastest: float,
+    ) -> bool:
         """A window of a wheel that spins by itself; whether it has found back to the road.
 
-        slip: m/s by which it turns faster than the vehicle moves; variance: (m/s)² of that.
+        slip: m/s by which it turns faster than the vehicle moves; variance: (m/s)² of that. carried: m/s, the
+        speed where only accelerometers tell it; None where another wheel does. fastest: m/s, that the vehicle
+        went before.
         """
         now = self.slips[-1]
+        if number - now.first >= _LONGEST or (
+            carried is not None and _absurd(carried, slip, variance, fastest)
+        ):
+            now.last = number - 1
+            self.settle_anew()
+            return True
         if abs(slip) > abs(now.speed):
             now.speed = slip
+        near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
         if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW) ** 2:
-            self._near = self._calm = 0
-            self._follows = 0.0
+            self._calm, self._follows = 0, 0.0
+            # One that keeps to what another wheel measures has no need to agree with its accelerometer.
+            self._near = self._near + 1 if near and carried is None else 0
             if push is not None:
                 self._jumped = max(0.0, self._jumped - push.gain * math.copysign(1.0, slip))
-            return False
+            return self._ends(now, number, even=False) if self._near >= _LINGERS else False
         self._calm += 1
-        near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
         self._near = self._near + 1 if near else 0
         felt = push.residual + push.gain
         self._follows = max(0.0, self._follows + 0.5 * (felt**2 - push.residual**2) / push.variance)
+        # Against what another wheel measures it helps nothing to spin evenly.
+        even = carried is not None and (self._follows >= _FOLLOWS or self._calm >= _PATIENCE)
+        return self._ends(now, number, even)
+
+    def _ends(self, now: Slip, number: int, even: bool) -> bool:
+        """Whether it has been near for long enough, or spun evenly."""
         enough = _QUIET if self._jumped > _JUMP * abs(now.speed) else _LINGERS
-        if self._near < enough and self._follows < _FOLLOWS and self._calm < _PATIENCE:
+        if self._near < enough and not even:
             return False
         now.last = number - max(self._near, 1)
         return True
@@ -230,3 +263,9 @@ class Grip:
         """What was summed up."""
         self._sums.clear()
         self._total = (0.0, 0.0, 0.0)
+
+
+def _absurd(carried: float, slip: float, variance: float, fastest: float) -> bool:
+    """Whether a speed that was carried is worth less than a wheel that may slip."""
+    limit = _BEYOND[0] * fastest + _BEYOND[1]
+    return abs(carried) > limit > abs(carried + slip) or variance > limit * limit

@@ -56,7 +56,8 @@ class Hindsight:
             push = found.pushes[index]
             if wheel.grip.lost:
                 slip, variance = self._slip(core, wheel, window)
-                if wheel.grip.follow(now.number, push, slip, variance):
+                carried = core.x[core.columns.vehicle[SPEED]] if core.carrying else None
+                if wheel.grip.follow(now.number, push, slip, variance, carried, core.fastest):
                     _doubt(core, slip, variance, wheel.grip.slips[-1])
                 continue
             if found.stillness is not Stillness.MOVING:

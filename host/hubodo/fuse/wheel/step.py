@@ -65,7 +65,9 @@ class WheelStep:
         self._motion = WheelMotion(config, begin)
         self._over_silence = SilenceMotion(config, begin)
         self._timeless = False
-        self._fastest, self._rested = 0.0, -_JUST_NOW
+        self.fastest = 0.0
+        """m/s that the vehicle has gone, by what was measured."""
+        self._rested = -_JUST_NOW
         self.pose = [self._at[entry] for entry in POSE]
         self._of_pose = itemgetter(*self.pose)
         self._covariance = np.array(
@@ -181,7 +183,8 @@ class WheelStep:
     def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
         covariance = self.p.take(self._covariance)
         x, y, heading, speed, yaw_rate = self._of_pose(self.x)
-        self._fastest = max(self._fastest, abs(speed))
+        if not self.carrying:
+            self.fastest = max(self.fastest, abs(speed))
         if self.silences.turned:
             covariance[:2, :2] += self._swung()
         return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
@@ -192,7 +195,7 @@ class WheelStep:
         """Nothing was heard of any wheel: what vehicles do meanwhile."""
         stood = self.windows - windows - self._rested < _JUST_NOW
         seconds = windows * WINDOW
-        passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self._fastest), stood)
+        passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self.fastest), stood)
         place = self.x[self._at[X]], self.x[self._at[Y]]
         forces = [wheel.rest.force for wheel in self.wheels]
         self.silences.begin(end - seconds, end, place, turned, forces if stood else None)
@@ -263,7 +266,7 @@ class WheelStep:
         carry, self.carrying = carries or self.carrying, carries
         if not carry:
             stillness = least_still(stills, lost)
-        self.prediction.predict(self.x, self.p, pairs, stillness, carry, told, self._fastest)
+        self.prediction.predict(self.x, self.p, pairs, stillness, carry, told, self.fastest)
         prior = (list(self.x), self.p.copy()) if self.keep else None
         found = self._update.work_in(self.x, self.p, pairs, stillness)
         self.x, self.p = found.x, found.p
@@ -329,7 +332,8 @@ class WheelStep:
         if (
             len(pairs) == 2
             and self.agreement.open
-            and all(wheel.joined and window.missing == 0.0 for wheel, window in pairs)
+            and all(wheel.joined and window.missing == 0.0 and not wheel.away for wheel, window in pairs)
+            and not any(window.spin_clipped + window.across_clipped for _, window in pairs)
         ):
             self._compare(found.rates, found.yaws)
 

@@ -45,6 +45,10 @@ _APART, _TURNED = (0.04, 0.2), 3.0
 """The same for the yaw that the wheels' speeds make and the one that the gyros feel; rad of turning it takes.
 Tapes are wrong by a tenth at most. Estimated."""
 
+_AT_MOST = 4.0
+"""Times that difference, which a window counts for at most: a wheel that slips for seconds is no other axle.
+Estimated."""
+
 _WORSE = 6.0
 """How many times the squares of the declared mounting must be those of another one.
 
@@ -122,6 +126,7 @@ class Agreement:
     squares: list[float] = field(default_factory=lambda: [0.0] * 4)
     travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
     yaws: list[float] = field(default_factory=lambda: [0.0] * 3)
+    apart: list[float] = field(default_factory=lambda: [0.0] * 2)
     turned: float = 0.0
     count: int = 0
     verdict: str = ""
@@ -152,6 +157,9 @@ class Agreement:
         guesses = (right - left, right + left, -right - left, left - right)
         for index, guess in enumerate(guesses):
             self.squares[index] += (yaw_rate - guess / self.track) ** 2
+        allowed = _APART[0] ** 2 + _APART[1] ** 2 * 0.5 * (yaws[0] ** 2 + yaws[1] ** 2)
+        self.apart[0] += min((yaw_rate - guesses[0] / self.track) ** 2, _AT_MOST**2 * allowed)
+        self.apart[1] += allowed
         if self.count < _ENOUGH:
             return None
         blamed = self._steering() if self.count >= _LONG else None
@@ -178,8 +186,7 @@ class Agreement:
 
     def _apart(self) -> float | None:
         """Speeds that make another yaw than the gyros feel: the two wheels are not one axle of that track."""
-        felt = 0.5 * (self.yaws[0] + self.yaws[1])
-        if self.squares[0] < _APART[0] ** 2 * self.count + _APART[1] ** 2 * felt:
+        if self.apart[0] < self.apart[1]:
             return None
         self.alone, self.steering = 1.0, True
         self.verdict = (
