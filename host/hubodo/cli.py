@@ -47,7 +47,7 @@ def _spelled(word: str) -> str:
 
 
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for the command line `words`: of all verbs the names, and all of the one that is named there.
+    """The parser for the command line `words`: the names of all verbs, and all of the one named there.
 
     `--json` and `--debug` are accepted by each verb.
     """

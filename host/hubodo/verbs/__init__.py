@@ -19,7 +19,7 @@ VERBS: dict[str, str] = {
     "warmup": "the bias of a gyro after power-on: C1 (1 - exp(-t/T)) + C2, judged for whiteness",
     "calibrate": "calibrate wheels from a drive with known positions, or a node's triads from poses",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",
-    "heading": "heading from the one gyro axis that stands upright, its warm-up taken out, with an honest sigma",
+    "heading": "heading from one upright gyro axis, its warm-up taken out, with a sigma that holds",
     "simulate": "draw a log from a model: what the nodes would measure on a drive, a table, a bench",
     "gap": "what a model lacks to explain a log: the missing effects by name, and the model with them",
     "report": "one self-contained HTML page of a log: content, losses, sensors, calibration, drive",
