@@ -18,7 +18,7 @@ def flashed(tmp_path_factory):
     return lay_flashed(tmp_path_factory.mktemp("flashed"))
 
 
-# Where a figure is judged the clock is paced: on a real one a slow computer loses samples and stretches answers.
+# Where a figure is judged the clock is paced: on a real one a slow computer loses samples and answers late.
 NODES = {
     "missing chip": (
         {"faults": [BusNack(0.0, count=10**9)]},
