@@ -1,5 +1,6 @@
 """What all tests share: one hypothesis profile, helpers that can be imported, and who goes first."""
 
+import gc
 import sys
 from pathlib import Path
 
@@ -23,3 +24,9 @@ def pytest_collection_modifyitems(items):
         return long[0] if long else len(LONGEST)
 
     items.sort(key=place)
+
+
+def pytest_collection_finish():
+    # Thousands of tests stay: the collector need not look at them again and again.
+    gc.collect()
+    gc.freeze()

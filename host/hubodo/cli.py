@@ -46,25 +46,28 @@ def _spelled(word: str) -> str:
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
-def build_parser(words: Sequence[str] = ()) -> argparse.ArgumentParser:
-    """The parser for the command line `words`: for its verb alone where it begins with one, else for all.
+def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser for the command line `words`: the names of all verbs, and all of the one named there.
 
     `--json` and `--debug` are accepted by each verb.
     """
-    verbs = [word for word in words[:1] if word in VERBS] or VERBS
+    named = next((word for word in words if word in VERBS), None)
     common = _Parser(add_help=False)
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser = _Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
     parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
     commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb in verbs:
+    for verb, does in VERBS.items():
+        if verb != named:
+            commands.add_parser(verb, help=does)
+            continue
         module = load(verb)
         command = commands.add_parser(
             verb,
             parents=[common],
-            help=module.HELP,
-            description=module.HELP,
+            help=does,
+            description=does,
             epilog=f"example:\n  {module.EXAMPLE}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )

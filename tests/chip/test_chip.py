@@ -15,10 +15,9 @@ from virtual_runs import matched, of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds)
 RUNS = {
-    "default": ({}, 3.0),
     "104 fifo": ({"rate_hz": 104, "fifo": True}, 3.0),
     "208 fifo": ({"rate_hz": 208, "fifo": True}, 3.0),
-    "416": ({"rate_hz": 416}, 3.0),
+    "default, 416": ({}, 3.0),
     "833": ({"rate_hz": 833}, 3.0),
     "1660": ({"rate_hz": 1660}, 3.0),
 }
@@ -41,7 +40,7 @@ def armv6m(folder):
     return folder
 
 
-@pytest.fixture(scope="module", params=RUNS, ids=lambda name: name.replace(" ", "-"))
+@pytest.fixture(scope="module", params=RUNS, ids=lambda name: name.replace(", ", "-").replace(" ", "-"))
 def run(request, tmp_path_factory):
     pico_or_skip()
     config, seconds = RUNS[request.param]

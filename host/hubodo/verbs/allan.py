@@ -18,7 +18,6 @@ from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.ieee952 import units
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
 
-HELP = "Allan deviation and noise terms of a sensor at rest, with sigmas and units of IEEE 952"
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
 

@@ -6,7 +6,6 @@ import argparse
 
 from hubodo.verbs import calibrate_imu, calibrate_wheels
 
-HELP = "calibrate wheels from a drive with known positions, or a node's triads from poses"
 EXAMPLE = calibrate_wheels.EXAMPLE
 
 _KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu}

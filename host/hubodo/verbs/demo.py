@@ -33,7 +33,6 @@ from hubodo.report.page import Grid
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.fuse import score_against_truth
 
-HELP = "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page"
 EXAMPLE = "hubodo demo -o out/demo --seed 7"
 
 

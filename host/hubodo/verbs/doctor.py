@@ -11,7 +11,6 @@ from hubodo.errors import InputError
 from hubodo.flash.board import CONSOLE_BAUD
 from hubodo.flash.doctor import Examination, examine
 
-HELP = "look at a board in bring-up order: port, wiring, firmware, sensor, samples, clock"
 EXAMPLE = "hubodo doctor /dev/ttyACM0 --repl"
 
 _LEAST_S = 3.0

@@ -13,7 +13,6 @@ from hubodo.log.any_log import read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.progress import progress_line
 
-HELP = "turn a log into a folder of CSV (or Parquet) files"
 EXAMPLE = "hubodo export drive.mcap -o drive/"
 
 

@@ -18,7 +18,6 @@ from hubodo.flash.node_settings import FROM_CALIBRATION, merged
 from hubowire import FINGERPRINT
 from hubowire.messages import NODE_IDS, Hello, node_name
 
-HELP = "put the firmware onto a board, compare every file and wait until it runs"
 EXAMPLE = "hubodo flash /dev/ttyACM0 --node left"
 
 _CONFIG = "config.json"

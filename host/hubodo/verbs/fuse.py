@@ -21,7 +21,6 @@ from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 
-HELP = "fuse a log into a track: where the vehicle went, with sigmas"
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
 
 TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")

@@ -35,7 +35,6 @@ from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near, write_whole
 
-HELP = "what a model lacks to explain a log: the missing effects by name, and the model with them"
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 FILES = ("gap.json", "model.toml", "report.html")
 

@@ -28,7 +28,6 @@ from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
 from hubodo.verbs.standstill import read_node, temperature_of
 
-HELP = "heading from the one gyro axis that stands upright, its warm-up taken out, with an honest sigma"
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
 UNCALIBRATED_SCALE = 0.01

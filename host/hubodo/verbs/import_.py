@@ -16,7 +16,6 @@ from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.progress import progress_line
 
-HELP = "turn a folder of CSV files into a log, or decode the raw frames of a log again"
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
 

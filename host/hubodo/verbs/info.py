@@ -20,7 +20,6 @@ from hubodo.log.any_log import as_mcap
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
 from hubodo.progress import progress_line
 
-HELP = "show streams, rates, gaps, losses, versions and health of a log"
 EXAMPLE = "hubodo info drive.mcap"
 
 _SHOWN = 20

@@ -36,7 +36,6 @@ from hubowire.messages import (
     Start,
 )
 
-HELP = "ask a node who it is, change its settings, find its gyro's bias, or restart it"
 EXAMPLE = (
     "hubodo node /dev/ttyACM0 info\n  hubodo node /dev/ttyACM0 set rate_hz=208 filter_kind=kalman\n"
     "  hubodo node /dev/ttyACM0 bias --kind mean\n  hubodo node /dev/ttyACM0 reboot"

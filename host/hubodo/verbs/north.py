@@ -29,7 +29,6 @@ from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
 from hubodo.verbs.north_live import check_live, run_live
 
-HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
 Array = NDArray[np.float64]

@@ -21,7 +21,6 @@ from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.verbs.play_view import Replayed, show
 
-HELP = "play a log: a live view, or frames on a pseudo serial port that `hubodo record` can read"
 EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --link /tmp/ttyRIDE"
 
 

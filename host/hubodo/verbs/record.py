@@ -17,7 +17,6 @@ from hubodo.vehicle import load_vehicle
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
-HELP = "record nodes into a log until ctrl-C, with live odometry"
 EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
 
 

@@ -12,7 +12,6 @@ from rich.console import Console
 from hubodo.log import recover as log_recover
 from hubodo.progress import progress_line
 
-HELP = "repair a log that was cut off mid-write or damaged"
 EXAMPLE = "hubodo recover drive.mcap -o drive-whole.mcap"
 
 

@@ -20,7 +20,6 @@ from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 
-HELP = "one self-contained HTML page of a log: content, losses, sensors, calibration, drive"
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
 

@@ -41,7 +41,6 @@ from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
 from hubowire.messages import NODE_IDS
 
-HELP = "draw a log from a model: what the nodes would measure on a drive, a table, a bench"
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
 
 DRIVES = ("random", "loop", "reference", "gnss", "rest", "turntable", "poses")

@@ -27,7 +27,6 @@ from hubodo.report.warmup import parameter_rows, warmup_lead, warmup_sections, w
 from hubodo.sensors.warmup.characterise import WarmupReport, characterise_warmup
 from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
 
-HELP = "the bias of a gyro after power-on: C1 (1 - exp(-t/T)) + C2, judged for whiteness"
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
 
 

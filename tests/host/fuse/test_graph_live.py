@@ -96,7 +96,7 @@ def test_its_end_is_the_batch_of_the_same_data(lag, apart):
     The short one linearised what it forgot before it knew the rest.
     """
     drive, fixes = drive_and_fixes(2, fix_hz=2.0)
-    state = run(drive, fixes, late=0.0, limits=LiveLimits(lag=lag))[3].state()
+    state = run(drive, fixes, late=0.0, limits=LiveLimits(lag=lag), since=np.inf)[3].state()
     path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     batch = fuse_graph(path, Fixes(*np.array(fixes).T))
     place, frame = gnss_drives.geodetic(0.0, 0.0, *drive.origin), (state.frame, batch.frame)
@@ -122,7 +122,7 @@ def test_a_jump_and_an_outage_are_ridden_out_and_said():
 
 def test_fixes_refused_for_long_start_the_graph_anew():
     drive, fixes = drive_and_fixes(5, jump=(40.0, 1e9), fix_hz=3.0)
-    *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0))
+    *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0), since=np.inf)
     assert any("starts anew" in text for text in live.warnings)
     state = live.state()
     x, y = state.frame.to_local(*gnss_drives.geodetic(0.0, 100.0, *drive.origin))
@@ -137,7 +137,8 @@ def test_a_heading_and_a_fix_of_one_time_both_count():
     headings = [
         (row[0], heading_of(drive, row[0]) + 0.01 * rng.standard_normal(), 0.01) for row in fixes[::2]
     ]
-    plain, helped = (run(drive, fixes, late=-0.15, headings=each)[2][-1] for each in ((), headings))
+    told = {"late": -0.15, "since": drive.odo_t[-1]}
+    plain, helped = (run(drive, fixes, headings=each, **told)[2][-1] for each in ((), headings))
     # Their noise averages out; at worst they lack their offset, known to 0.03 rad and better by the fixes.
     assert helped[2, 2] < 1.0 / (1.0 / plain[2, 2] + 0.03**-2)
 
@@ -148,7 +149,7 @@ def heading_of(drive, t):
 
 def test_what_cannot_be_used_is_refused_with_its_reason():
     drive, fixes = drive_and_fixes(4, fix_hz=2.0)
-    *_, live = run(drive, fixes, seconds=60.0)
+    *_, live = run(drive, fixes, seconds=60.0, since=np.inf)
     assert live.fix(30.0, 47.0, 8.0) is Reception.LATE
     assert live.fix(61.0, 95.0, 8.0) is Reception.IMPOSSIBLE
     assert live.fix(61.0, 47.0, 361.0) is Reception.IMPOSSIBLE

@@ -119,7 +119,7 @@ def test_what_cannot_be_is_refused_with_the_likely_reason(
 
 def test_priors_can_be_told() -> None:
     """A track that is known to a millimetre stays; one that is not is found."""
-    drive = _drive(77)
+    drive = _drive(77, 75.0)
     free = calibrate_wheels(config(drive), tables(drive), _exact(drive, 77))
     held = calibrate_wheels(config(drive), tables(drive), _exact(drive, 77), WheelPriors(track=0.001))
     assert "track_width" in free.vehicle and "track_width" not in held.vehicle

@@ -61,7 +61,7 @@ class WheelStep:
         self.silences = Silences()
         self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
         self.carrying = False
-        self._update = WheelUpdate(config, begin.columns)
+        self._update = WheelUpdate(config, begin.columns, pushed=slipped is None)
         self._motion = WheelMotion(config, begin)
         self._over_silence = SilenceMotion(config, begin)
         self._timeless = False

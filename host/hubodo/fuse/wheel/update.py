@@ -57,7 +57,9 @@ class Updated(NamedTuple):
 class WheelUpdate:
     """The measurements of one window of each wheel, and their Kalman update. It remembers nothing."""
 
-    def __init__(self, config: WheelConfig, columns: Columns) -> None:
+    def __init__(self, config: WheelConfig, columns: Columns, pushed: bool = True) -> None:
+        """pushed: whether anybody asks for the pushes; else they are None."""
+        self._pushed = pushed
         self._rows = Rows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
@@ -70,6 +72,8 @@ class WheelUpdate:
         self._slope, self._yaw_rate = columns.vehicle[SLOPE], columns.vehicle[YAW_RATE]
         by = [entry for entry in forward.STATES if entry is not YAW_RATE]
         self._felt = [np.array(columns.of(wheel, by)) for wheel in wheels]
+        self._felt_together = [places[:, None] * columns.size + places for places in self._felt]
+        self._forward_rows = [self._rows.of(forward, wheel) for wheel in wheels]
         self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
     def work_in(self, x: list[float], p: Array, pairs: Pairs, stillness: Stillness) -> Updated:
@@ -85,12 +89,12 @@ class WheelUpdate:
             if still:
                 h[self._seen_turning[index]] = 0.0
         pushes = [
-            self._push((x, p), (h, z, r), wheel, index) if clear[index] else None
+            self._push((x, p), (h, z, r), wheel, index) if clear[index] and self._pushed else None
             for index, (wheel, _) in enumerate(pairs)
         ]
         if out:
-            pick = np.delete(np.arange(len(z)), out)
-            if not len(pick):
+            pick = [row for row in range(len(z)) if row not in out]
+            if not pick:
                 return Updated(x, p, 0.0, 0, rates, yaws, pushes, None, stillness)
             h, z, r = h[pick], z[pick], r[pick]
         # `dot` spends half the time of `@` on matrices of this size.
@@ -153,9 +157,9 @@ class WheelUpdate:
     ) -> Push:
         """What the forward row of a wheel says; the yaw rate, free in each window, counts as known."""
         (x, p), (h, z, r) = states, rows
-        row, places = self._rows.of(forward, index), self._felt[index]
-        by = h[row, places]
-        common = float(by.dot(p[places[:, None], places]).dot(by))
+        row = self._forward_rows[index]
+        by = h[row].take(self._felt[index])
+        common = float(by.dot(p.take(self._felt_together[index])).dot(by))
         gain = wheel.geometry.radius * wheel.view.change
         return Push(z.item(row), r.item(row), gain, common, x[self._slope], x[self._yaw_rate])
 

@@ -4,8 +4,10 @@ import { Flash } from "./flash.mjs";
 import { Line } from "./line.mjs";
 import { Meter } from "./meter.mjs";
 import { Pico } from "./pico.mjs";
+import { rehearse } from "./rehearsal.mjs";
 import { readSymbols, waitLoops } from "./symbols.mjs";
 
+rehearse();
 const config = JSON.parse(process.argv[2]);
 const bootrom = fs.readFileSync(config.bootrom);
 const flash = new Flash(config.flash_image, config.unique_id, bootrom);
