@@ -48,6 +48,7 @@ DEFAULTS = {
     "bias_udps": [],  # x, y, z; without the warm-up
     "warmup_udps": [],  # C1 of x, y, z
     "warmup_s": 3600,  # T
+    "warmup_second": [],  # C1 of x, y, z and T of a second exponential
     "filter_period_ms": 200,
     "queue": 24,
     "watchdog": True,
@@ -84,7 +85,12 @@ BOUNDS = (
 )
 
 # (name, how many numbers or none, most of each)
-_LISTS = (("arm_mm", 2, 1000), ("bias_udps", 3, 30000000), ("warmup_udps", 3, 30000000))
+_LISTS = (
+    ("arm_mm", 2, 1000),
+    ("bias_udps", 3, 30000000),
+    ("warmup_udps", 3, 30000000),
+    ("warmup_second", 4, 30000000),
+)
 
 
 def load(path=PATH):
