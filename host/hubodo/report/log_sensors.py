@@ -160,13 +160,13 @@ def _warmup(
         except InputError as error:
             missing.append(f"{name} {channel}: warm-up: {error}")
             continue
-        if report.reason:
+        if report.accepted is None:
             missing.append(f"{name} {channel}: warm-up: {report.reason}")
         else:
             facts.append(f"{name} {channel}: {warmup_lead(report)}")
             detail += [
                 Section(f"{name} {channel}: {section.title}", section.text, section.tables, section.figures)
-                for section in warmup_sections(report)
+                for section in warmup_sections(report, name)
             ]
         rows.append((channel, warmup_lead(report)))
     if not rows:
