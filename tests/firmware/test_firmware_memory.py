@@ -102,7 +102,8 @@ with open("/result", "w") as file:
 
 WARM = {
     "bias_udps": [100000, -50000, 0],
-    **{"warmup_udps": [300000, 0, -200000], "warmup_s": 60},
+    "warmup_udps": [300000, 0, -200000],
+    "warmup_s": 60,
 }
 TWICE_WARM = {**WARM, "warmup_second": [-100000, 0, 50000, 500]}
 CASES = {

@@ -49,7 +49,8 @@ def test_the_bias_of_the_settings_and_the_warm_up_are_told_beside_raw_samples():
     """No initialisation: bias and warm-up come from /config.json, the samples are those of the chip."""
     config = {
         "bias_udps": [210_000, 0, -140_000],
-        **{"warmup_udps": [700_000, -1_400_000, 0], "warmup_s": 10},
+        "warmup_udps": [700_000, -1_400_000, 0],
+        "warmup_s": 10,
         "warmup_second": [0, 700_000, 350_000, 40],
     }
     sent, truth, _ = run(12, config=config)
@@ -78,7 +79,9 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
         "gyro_bias": dict(zip("xyz", bias, strict=True)),
         "gyro_warmup": {
             **dict(zip("xyz", c1, strict=True)),
-            **{"time_constant": constant, "x_second": -0.01, "time_constant_second": 30.0},
+            "time_constant": constant,
+            "x_second": -0.01,
+            "time_constant_second": 30.0,
         },
     }
     calibration = NodeCalibration(

@@ -59,6 +59,7 @@ def heading_sections(report: HeadingReport) -> list[Section]:
         ("warm-up C1", f"{report.warmup.c1:+.3g} rad/s"),
         ("warm-up time constant", f"{report.warmup.time_constant:.4g} s"),
         ("scale, 1 sigma", f"{report.scale_sigma:.3g}"),
+        ("lag", f"{report.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
     ]
     rows = score_rows(report)
