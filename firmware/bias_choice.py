@@ -3,7 +3,6 @@
 from time import ticks_ms
 
 from micropython import const
-from static_init import StaticInit
 from wire import (
     BIAS_KIND_GRAVITY,
     BIAS_KIND_MEAN,
@@ -31,6 +30,8 @@ def initialisation(s, clock):
     """A new `BiasInitialiser` as the settings say. clock: has `period_ns`."""
     kind = s["bias_kind"]
     if kind == BIAS_KIND_MEAN:
+        from static_init import StaticInit
+
         return StaticInit()
     if kind == BIAS_KIND_GRAVITY:
         from gravity_init import GravityInit
@@ -66,5 +67,7 @@ def known_bias_q18(s, axis, chip):
 
 def steps_q18(udps, chip):
     """1e-6 deg/s in 2^-18 gyro steps, held within +-2^29; by large integers, before anything samples."""
+    if not udps:
+        return 0
     steps = (udps * 524288000 // chip.gyro_lsb_ndps + 1) >> 1
     return max(min(steps, _LIMIT_Q18), -_LIMIT_Q18)

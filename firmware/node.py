@@ -62,7 +62,7 @@ class Node:
         self.leave = None
         self.estimator: Any = None
         self.init: Any = None
-        """The bias at the start: a `static_init.BiasInitialiser`."""
+        """The bias at the start: a `bias_initialiser.BiasInitialiser`."""
         self.warm: Any = ()
         self._running = True
         self._next_index = self._lsb_ndps = 0

@@ -45,6 +45,7 @@ DEFAULTS = {
     "wheel_radius_mm": 0,
     "arm_mm": [],  # x, y
     "gyro_scale_ppm": 0,  # of the z gyro
+    "gyro_scale_sigma_ppm": 10000,
     "bias_udps": [],  # x, y, z; without the warm-up
     "warmup_udps": [],  # C1 of x, y, z
     "warmup_s": 3600,  # T
@@ -80,6 +81,7 @@ BOUNDS = (
     (0, "phase_mrad", 1, 1000),
     (0, "wheel_radius_mm", 0, 10000),
     (0, "gyro_scale_ppm", -200000, 200000),
+    (0, "gyro_scale_sigma_ppm", 0, 200000),
     (0, "warmup_s", 10, 100000),
     (0, "baud", 9600, 3000000),
 )

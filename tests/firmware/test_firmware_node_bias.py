@@ -117,6 +117,7 @@ def test_the_bias_is_found_while_the_wheel_turns():
     accel = np.stack([9.80665 * np.cos(4 * t), -9.80665 * np.sin(4 * t), 0 * t], axis=1)
     gyro = np.tile([0.0, 0.0, 4.0 + np.radians(1.0)], (len(t), 1))
     config = {"bias_kind": m.BiasKind.GRAVITY, "bias_sigma_udps": 2_000_000, "phase_mrad": 5}
+    config["gyro_scale_sigma_ppm"] = 0
     init = [(1.0, request(7, m.BiasInit(5000)))]
     sent, _, _ = run(
         27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, script=init

@@ -4,9 +4,9 @@ python tests/papers/barshan.py [SEEDS]
 
 Columns of the first table: paper (its one run) | the paper's filter rebuilt, which is told C1, C2 and T as
 printed there, with sigma_w on the bias as well | the same with a bias that follows eq. 6 alone, as by the
-printed Q a step of the rate goes into the bias | the mean of the rest subtracted, and nothing else | ours: what
-`hubodo warmup` learns from one night, and `hubodo heading` with that | the bound: the same rest, told the true
-course of the bias. Degrees at the end of five minutes.
+printed Q a step of the rate goes into the bias | the mean of the rest subtracted, and nothing else | ours:
+what `hubodo warmup` learns from one night, and `hubodo heading` with that | the bound: the same rest, told
+the true course of the bias. Degrees at the end of five minutes.
 """
 
 import json

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from hubodo.calibration.file import CalibratedEffect, NodeCalibration
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.effects.triad import XYZ
 from hubodo.errors import CalibrationError
 
@@ -24,6 +24,7 @@ FROM_CALIBRATION = (
     "warmup_s",
     "warmup_second",
     "gyro_scale_ppm",
+    "gyro_scale_sigma_ppm",
     "arm_mm",
     "gain_bias_q30",
 )
@@ -48,8 +49,11 @@ def node_settings(node: NodeCalibration, config: Mapping[str, object]) -> dict[s
     if "gyro_warmup" in effects:
         made |= _warm_up(effects["gyro_warmup"])
     if "gyro_scale_factor" in effects:
-        ppm = effects["gyro_scale_factor"].value("z") * 1e6
+        scale = effects["gyro_scale_factor"].parameters.get("z", Quantity(0.0, 0.0))
+        ppm = scale.value * 1e6
         made["gyro_scale_ppm"] = _within("gyro_scale_factor z", ppm, "ppm", -_LARGEST_PPM, _LARGEST_PPM)
+        if scale.sigma:
+            made["gyro_scale_sigma_ppm"] = min(math.ceil(scale.sigma * 1e6), _LARGEST_PPM)
     if "lever_arm" in effects:
         arm = effects["lever_arm"]
         made["arm_mm"] = [

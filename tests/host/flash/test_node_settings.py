@@ -19,7 +19,7 @@ FIRMWARE = Path(__file__).parents[3] / "firmware"
 
 def calibration(**effects):
     made = {
-        name: CalibratedEffect({key: Quantity(value, 0.0) for key, value in values.items()})
+        name: CalibratedEffect({key: Quantity(value, 0.003) for key, value in values.items()})
         for name, values in effects.items()
     }
     return NodeCalibration(made)
@@ -71,7 +71,8 @@ def test_units_are_those_of_the_node():
     assert made["bias_udps"] == [210_000, -1_500_000, 0]
     assert made["warmup_udps"] == [300_000, 0, -20_000] and made["warmup_s"] == 316
     assert made["warmup_second"] == [0, 100_000, 0, 3816]
-    assert made["gyro_scale_ppm"] == 12_300 and made["arm_mm"] == [12, -8]
+    assert made["gyro_scale_ppm"] == 12_300 and made["gyro_scale_sigma_ppm"] == 3000
+    assert made["arm_mm"] == [12, -8]
 
 
 def test_the_node_takes_every_setting_as_it_is(firmware, tmp_path):
