@@ -124,6 +124,38 @@ def test_warmup_adds_the_axis_to_the_calibration_file_and_keeps_what_is_there(co
     assert "Whiteness" in (tmp_path / "w.html").read_text("utf-8")
 
 
+def test_warmup_writes_a_figure_and_a_page_below_a_megabyte_and_forecasts_where_asked(cold, tmp_path, capsys):
+    page, figure = tmp_path / "w.html", tmp_path / "w.svg"
+    found = run("warmup", cold, "--report", page, "--figure", figure, "--at", 0, "--at", 36000, capsys=capsys)
+    assert [row["age"] for row in found["prediction"]] == [0.0, 36000.0]
+    last = found["prediction"][1]
+    assert abs(last["bias"] - start.bias(36000.0) * DEG) < 3 * last["sigma"]
+    assert found["accepted"] == "exponential" and found["bias_filter"]["chosen"] in ("mean", "Kalman", "RLS")
+    text = page.read_text("utf-8")
+    assert len(text) < 1_000_000 and "What to do" in text and "residual" in text and "<svg" in text
+    assert figure.read_text("utf-8").lstrip().startswith("<?xml")
+    assert main(["warmup", str(cold), "--at", "-1"]) == 2
+    assert "--at -1.0" in capsys.readouterr().err
+
+
+def test_axes_share_a_time_constant_and_a_simpler_model_takes_the_older_out(cold, tmp_path, capsys):
+    out = tmp_path / "c.toml"
+    out.write_text(
+        "[nodes.left.effects.gyro_temperature]\nz = { value = 0.001, sigma = 1e-5 }\n"
+        "[nodes.left.effects.gyro_warmup]\nx = { value = 0.001, sigma = 1e-5 }\n"
+        "z = { value = 0.001, sigma = 1e-5 }\nz_second = { value = 0.1, sigma = 1e-5 }\n"
+        "time_constant = { value = 3800.0, sigma = 100.0 }\n"
+        "time_constant_second = { value = 100.0, sigma = 1.0 }\n"
+    )
+    found = run("warmup", cold, "-o", out, capsys=capsys)
+    effects = read_calibration(out).nodes["left"].effects
+    assert set(effects) == {"gyro_warmup", "gyro_bias"}
+    assert set(effects["gyro_warmup"].parameters) == {"x", "z", "time_constant"}
+    assert effects["gyro_warmup"].value("z") == found["c1"]["value"]
+    constant = effects["gyro_warmup"].parameters["time_constant"]
+    assert 0.0 < constant.sigma < min(100.0, found["time_constant"]["sigma"])
+
+
 def test_nothing_is_written_where_nothing_was_earned(rest, tmp_path, capsys):
     out = tmp_path / "c.toml"
     assert main(["warmup", str(rest), "-o", str(out), "--channel", "gx"]) == 2

@@ -88,6 +88,11 @@ def prediction_rows(report: WarmupReport, ages: Sequence[float] = ()) -> list[tu
 
 def advice(report: WarmupReport, node: str) -> list[str]:
     """What to do with the result, line by line."""
+    choice = [] if report.choice is None else [f"After a rest: {report.choice.why}."]
+    return [*_advice(report, node), *choice]
+
+
+def _advice(report: WarmupReport, node: str) -> list[str]:
     span = float(report.t[-1] - report.t[0])
     if report.accepted is None:
         return [

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.effects.warmup import PARAMETERS, warmed
 from hubodo.errors import InputError
 from hubodo.sensors.even_grid import EvenGrid
+from hubodo.sensors.warmup.choice import Choice, choose
 from hubodo.sensors.warmup.fit import WarmupFit
 from hubodo.sensors.warmup.forecast import Forecast, forecast
 from hubodo.sensors.warmup.judge import Judged
@@ -93,6 +94,17 @@ class WarmupReport:
         off = self.forecast.off(age, fit.model.bias(age, warm), warm)
         return np.maximum(off**2 - fit.spread(age, warm) ** 2, 0.0)
 
+    @cached_property
+    def choice(self) -> Choice | None:
+        """How to go on from such a rest, beside the accepted model: its mean or a filter; by held-out error."""
+        record = self.record
+        t = np.asarray(self.age + np.arange(len(record.values)) * record.dt, np.float64)
+        values = record.values
+        if self.accepted is not None:
+            warm = None if self.grades is None else np.asarray(np.interp(t, self.t, self.grades))
+            values = values - self.accepted.fit.model.bias(t, warm)
+        return choose(values[record.present], record.dt)
+
     def predicted(self, ages: Sequence[float] = ()) -> list[dict[str, float]]:
         """Bias, its sigma and what the accepted model says, at ages (s), else within and after the record."""
         t = np.asarray(ages, np.float64)
@@ -165,6 +177,7 @@ class WarmupReport:
             "next_model": None if self.following is None else _model(self.following),
             "accepted": None if self.accepted is None else fit.kind,
             "prediction": self.predicted(ages),
+            "bias_filter": None if self.choice is None else asdict(self.choice),
             "channel": self.channel,
             "age_at_start": self.age,
             "duration": self.record.duration,
