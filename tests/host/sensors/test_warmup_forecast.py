@@ -11,7 +11,7 @@ from hubodo.calibration.file import NodeCalibration
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.choice import choose
 from hubodo.sensors.warmup.fit import fit_warmup
-from hubodo.sensors.warmup.forms import Noise
+from hubodo.sensors.warmup.forms import RecordNoise
 
 DEG = np.pi / 180.0
 
@@ -84,10 +84,10 @@ def test_a_model_that_the_record_does_not_determine_is_not_offered():
 
 def test_the_slow_noise_is_a_walk_and_flicker_of_the_sizes_it_is_told():
     """Beside the sum of squares of foreign noise: a walk by its steps, flicker by its growth with time."""
-    noise = Noise(0.0, 0.0, 0.3, 0.0, 1.0)
+    noise = RecordNoise(0.0, 0.0, 0.3, 0.0, 1.0)
     t = np.array([0.0, 10.0, 40.0])
     assert noise.slow(t, t) == pytest.approx(0.09 * np.minimum.outer(t, t))
-    flicker = Noise(0.0, 1.0, 0.0, 0.0, 1.0)
+    flicker = RecordNoise(0.0, 1.0, 0.0, 0.0, 1.0)
     made = np.array([gyro_noise(4096, 1.0, np.random.default_rng(s), b=1.0) for s in range(60)])
     for lag in (8, 64, 512):
         theirs = np.mean((made[:, lag:] - made[:, :-lag]) ** 2)

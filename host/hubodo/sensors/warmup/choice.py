@@ -91,4 +91,5 @@ def _why(chosen: str, rms: dict[str, float], stretch: float) -> str:
         "Kalman": "the bias wanders, and following it pays",
         "RLS": "the bias wanders fast",
     }
-    return f"to know the next {stretch:.3g} s take the {chosen}: {because[chosen]} (held-out error, deg/h: {told})"
+    errors = f"held-out error, deg/h: {told}"
+    return f"to know the next {stretch:.3g} s take the {chosen}: {because[chosen]} ({errors})"

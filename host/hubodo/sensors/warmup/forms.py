@@ -45,10 +45,11 @@ _UNSEEN, _DOUBT = math.log(0.2), (-1.1, 0.0, 1.1)
 
 
 @dataclass(frozen=True)
-class Noise:
-    """1 sigma: white of a mean, rad/s; flicker B, rad/s; walk K, rad/s/√s. begin: s, where the walk is zero.
+class RecordNoise:
+    """What stands beside a form in a record, 1 sigma.
 
-    shortest: s, the shortest time constant of the flicker.
+    white: of a mean, rad/s. flicker: B, rad/s. walk: K, rad/s/√s. begin: s, where the walk is zero. shortest:
+    s, the shortest time constant of the flicker.
     """
 
     white: float
@@ -92,7 +93,7 @@ class FittedForm:
     slopes: tuple[float, ...]
     mean: FloatArray
     covariance: FloatArray
-    noise: Noise
+    noise: RecordNoise
     evidence: float
 
     def columns(self, t: FloatArray, temperature: FloatArray | None) -> FloatArray:
@@ -125,10 +126,10 @@ class _Record:
     def shortest(self) -> float:
         return float(np.median(np.diff(self.t)))
 
-    def noise(self, sizes: FloatArray) -> Noise:
+    def noise(self, sizes: FloatArray) -> RecordNoise:
         """sizes: (3,) white, flicker, and the walk over the whole record; in units of the scatter."""
         white, flicker, walk = (float(size) * self.scale for size in sizes)
-        return Noise(white, flicker, walk * self.span**-0.5, float(self.t[0]), self.shortest)
+        return RecordNoise(white, flicker, walk * self.span**-0.5, float(self.t[0]), self.shortest)
 
     def covariance(self, sizes: FloatArray) -> FloatArray:
         made: FloatArray = sizes[1] ** 2 * self.flicker + sizes[2] ** 2 * self.walk
@@ -175,8 +176,8 @@ def fit_form(
 def _record(t: FloatArray, values: FloatArray, temperature: FloatArray | None) -> _Record:
     scale, centre = float(np.std(values)) or 1.0, float(np.mean(values))
     span, shortest = float(t[-1] - t[0]), float(np.median(np.diff(t)))
-    flicker = Noise(0.0, 1.0, 0.0, float(t[0]), shortest).slow(t, t)
-    walk = Noise(0.0, 0.0, span**-0.5, float(t[0]), shortest).slow(t, t)
+    flicker = RecordNoise(0.0, 1.0, 0.0, float(t[0]), shortest).slow(t, t)
+    walk = RecordNoise(0.0, 0.0, span**-0.5, float(t[0]), shortest).slow(t, t)
     return _Record(t, (values - centre) / scale, temperature, scale, centre, flicker, walk)
 
 

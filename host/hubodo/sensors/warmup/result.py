@@ -96,7 +96,7 @@ class WarmupReport:
 
     @cached_property
     def choice(self) -> Choice | None:
-        """How to go on from such a rest, beside the accepted model: its mean or a filter; by held-out error."""
+        """How to go on from such a rest, beside the accepted model: by its mean or by a filter."""
         record = self.record
         t = np.asarray(self.age + np.arange(len(record.values)) * record.dt, np.float64)
         values = record.values
