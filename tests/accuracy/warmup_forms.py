@@ -78,7 +78,7 @@ def ensemble(form, added, seeds):
 
 def main(argv=None):
     arguments = sys.argv[1:] if argv is None else argv
-    seeds = range(int(arguments[0]) if arguments else 10)
+    seeds = range(int(arguments[0]) if arguments else 20)
     began = time.monotonic()
     print(__doc__.split("\n\n")[2])
     print(f"\n{'':42}" + "".join(f"{place:>25}" for place in PLACES))
