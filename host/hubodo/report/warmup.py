@@ -27,10 +27,10 @@ def warmup_lead(report: WarmupReport) -> str:
             f"The bias is {fit.values['c2'] * _DEG:+.4g} deg/s at 25 °C, follows the temperature by "
             f"{fit.values['temperature_coefficient'] * _DEG:+.3g} deg/s/°C"
         )
-    for which in ("", "_second"):
+    for which, word in (("", "changes"), ("_second", "also")):
         if f"c1{which}" in fit.values:
             made += (
-                f" and changes by {fit.values[f'c1{which}'] * _DEG:+.4g} deg/s with a time constant of "
+                f" and {word} by {fit.values[f'c1{which}'] * _DEG:+.4g} deg/s with a time constant of "
                 f"{fit.values[f'time_constant{which}'] / 60:.3g} min"
             )
     return f"{made}; the residual is {white}."
