@@ -3,7 +3,6 @@
 from time import ticks_ms
 
 from micropython import const
-from static_init import StaticInit
 from wire import (
     BIAS_KIND_GRAVITY,
     BIAS_KIND_MEAN,
@@ -31,6 +30,8 @@ def initialisation(s, clock):
     """A new `BiasInitialiser` as the settings say. clock: has `period_ns`."""
     kind = s["bias_kind"]
     if kind == BIAS_KIND_MEAN:
+        from static_init import StaticInit
+
         return StaticInit()
     if kind == BIAS_KIND_GRAVITY:
         from gravity_init import GravityInit
@@ -42,17 +43,21 @@ def initialisation(s, clock):
 
 
 def warm_up(s, chip, was_running):
-    """A new `WarmUp` as the settings say, or None. was_running: the gyro ran before the processor started.
+    """A new `WarmUp` for each exponential of the settings. was_running: the gyro ran before the processor.
 
     Its age is that of the ticks, which a reset starts anew: a gyro that ran through one is taken to be warm.
     """
     if not s["warmup_udps"]:
-        return None
+        return ()
     from warm_up import WarmUp
 
     now_ms = ticks_ms()
-    c1_q18 = [steps_q18(c1, chip) for c1 in s["warmup_udps"]]
-    return WarmUp(c1_q18, s["warmup_s"] * 1000, now_ms, -1 if was_running else now_ms)
+    age_ms = -1 if was_running else now_ms
+    second = s["warmup_second"]
+    made = WarmUp([steps_q18(x, chip) for x in s["warmup_udps"]], s["warmup_s"] * 1000, now_ms, age_ms)
+    if not second or second[3] < 10:
+        return (made,)
+    return made, WarmUp([steps_q18(x, chip) for x in second[:3]], second[3] * 1000, now_ms, age_ms)
 
 
 def known_bias_q18(s, axis, chip):
@@ -62,5 +67,7 @@ def known_bias_q18(s, axis, chip):
 
 def steps_q18(udps, chip):
     """1e-6 deg/s in 2^-18 gyro steps, held within +-2^29; by large integers, before anything samples."""
-    steps = (udps * 262144000 * 2 // chip.gyro_lsb_ndps + 1) >> 1
+    if not udps:
+        return 0
+    steps = (udps * 524288000 // chip.gyro_lsb_ndps + 1) >> 1
     return max(min(steps, _LIMIT_Q18), -_LIMIT_Q18)

@@ -5,9 +5,9 @@ from time import ticks_us
 
 import reports
 import settings
+from bias_initialiser import LEAST_SAMPLES
 from drivers.chip import nearest
 from framing import PAYLOAD
-from static_init import LEAST_SAMPLES
 from wire import (
     ACK,
     ACK_FORMAT,

@@ -62,8 +62,8 @@ class Node:
         self.leave = None
         self.estimator: Any = None
         self.init: Any = None
-        """The bias at the start: a `static_init.BiasInitialiser`."""
-        self.warm: Any = None
+        """The bias at the start: a `bias_initialiser.BiasInitialiser`."""
+        self.warm: Any = ()
         self._running = True
         self._next_index = self._lsb_ndps = 0
         self.worst_us = self._mag_waits = 0
@@ -171,14 +171,15 @@ class Node:
         for axis in range(_AXES):
             known = bias_choice.known_bias_q18(s, axis, chip)
             if known is not None:
-                grown = self.warm.grown_q18(axis) if self.warm is not None else 0
-                self.init.give(axis, known + grown >> 4)
+                for warm in self.warm:
+                    known += warm.grown_q18(axis)
+                self.init.give(axis, known >> 4)
         self._begin_filter()
 
-    def _drift(self):
-        """The warm-up has moved the bias, of what runs and of what the next filter begins with."""
+    def _drift(self, warm):
+        """A warm-up has moved the bias, of what runs and of what the next filter begins with."""
         for axis in range(_AXES):
-            step_q18 = self.warm.step_q18[axis]
+            step_q18 = warm.step_q18[axis]
             self.init.drift(axis, step_q18)
             if self.estimator is not None:
                 self.estimator.drift(axis, step_q18)
@@ -193,9 +194,9 @@ class Node:
                 self._read_mag(ms)
             if ticks_diff(self._mag_ms, self._look_ms) < 0:
                 self._look_ms = self._mag_ms
-        if self.warm is not None:
-            while self.warm.turn(ms):
-                self._drift()
+        for warm in self.warm:
+            while warm.turn(ms):
+                self._drift(warm)
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
             tracking = self.init.state == FILTER_STATE_TRACKING
             self._filter_ms = ticks_add(ms, self.settings["filter_period_ms"] if tracking else _HEALTH_MS)

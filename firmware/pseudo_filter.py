@@ -52,7 +52,8 @@ class PseudoFilter:
     def __init__(self):
         self.bias_q16 = [0, 0, 0]
         self._d = [0, 0, 0]
-        self._noise = self._fourth = 0
+        self._noise = self._fourth = self.surprise = 0
+        """surprise: sum of y^2 over its variance, about one a stretch; small floats."""
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = ONE
 
@@ -61,6 +62,7 @@ class PseudoFilter:
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = variance
         self._noise = noise
+        self.surprise = 0
         self._fourth = times(number(14, 0), times(noise, noise))
 
     def update(self, mean_q14, rate_q14, doubt):
@@ -103,7 +105,9 @@ class PseudoFilter:
         self._u23 = plus(u23, times(k2, part))
         k1 = plus(k1, times(u13, k3))
         k2 = plus(k2, times(u23, k3))
-        y = over(y, a3)
+        part = over(y, a3)
+        self.surprise = plus(self.surprise, times(y, part))
+        y = part
         self._move(0, times(k1, y))
         self._move(1, times(k2, y))
         self._move(2, times(k3, y))

@@ -1,9 +1,9 @@
 """Bias initialisation by the pseudo-measurement: a wheel at rest, or a table that turns with a known rate."""
 
+from bias_initialiser import BIAS_DPS, BiasInitialiser
 from micropython import const
 from pseudo_filter import PseudoFilter
-from small_float import integer, number, root
-from static_init import BIAS_DPS, BiasInitialiser, StaticInit
+from small_float import integer, minus, number, over, plus, root, times
 from wire import BIAS_KIND_REST, FILTER_STATE_TRACKING, REASON_WHEEL_RESTS, REASON_WHEEL_TURNS
 
 TYPE_CHECKING = False
@@ -35,39 +35,11 @@ def mean_q14(high, low, divisor):
     return (quotient << 2) + (rest % divisor << 2) // divisor
 
 
-class MeanSums:
-    """Plain means over n samples, 1 <= n <= 1024."""
-
-    def __init__(self, n):
-        self.n = n
-        self.count = 0
-        self.mean_q14 = [0, 0, 0]
-        self._sum = [0, 0, 0]
-
-    def gap(self):
-        """A mean bears it."""
-
-    def restart(self):
-        """Forgets the open stretch."""
-        self.count = self._sum[0] = self._sum[1] = self._sum[2] = 0
-
-    def take(self, values, at):
-        """Takes a row; True when a stretch is full, its means in `mean_q14` until the next row."""
-        total = self._sum
-        total[0] += values[at]
-        total[1] += values[at + 1]
-        total[2] += values[at + 2]
-        self.count += 1
-        if self.count < self.n:
-            return False
-        for axis in range(3):
-            self.mean_q14[axis] = mean_q14(total[axis] >> 15, total[axis] & _LOW_15, self.n)
-        self.restart()
-        return True
-
-
 class PseudoInit(BiasInitialiser):
     """An initialisation by `PseudoFilter` over stretches of samples: BIAS_KIND_REST or BIAS_KIND_TABLE.
+
+    Its sigma is the filter's, times how far innovations go beyond theirs (vibration), and what
+    `gyro_scale_sigma_ppm` makes of the mean rate: a constant, which no number of stretches averages out.
 
     At rest `StaticInit` watches that the wheel does not turn, and refuses; the filter begins at the mean of
     the first stretch, with its noise for a sigma (from a start wrong by d it would take (d / s)^2 stretches
@@ -85,9 +57,14 @@ class PseudoInit(BiasInitialiser):
         self.rate_q14 = 0
         self.doubt = 0
         self._settings = settings
-        self._guard = StaticInit() if kind == BIAS_KIND_REST else None
+        self._guard: Any = None
+        if kind == BIAS_KIND_REST:
+            from static_init import StaticInit
+
+            self._guard = StaticInit()
         self._sums: Any = None
-        self._noise_q8 = self._limit_q16 = 0
+        self._noise_q8 = self._limit_q16 = self._doubted = self._begun = 0
+        self._mean_q14 = [0, 0, 0]
 
     def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
         """Starts over with LEAST_SAMPLES <= samples <= 65535, from the bias that is known.
@@ -101,7 +78,10 @@ class PseudoInit(BiasInitialiser):
         noise_of_mean = real(noise * share)
         start = noise_of_mean if self._guard is not None else real((s["bias_sigma_udps"] / lsb_udps) ** 2)
         self.filter.begin(start, noise_of_mean)
+        self._begun = start
+        self._doubted = real((s["gyro_scale_sigma_ppm"] * 1e-6) ** 2)
         for axis in range(_AXES):
+            self._mean_q14[axis] = 0
             self.filter.bias_q16[axis] = self.now_q14(axis) << 2
         self._noise_q8 = min(int(noise * 256), (1 << 30) - 1)
         self._limit_q16 = min(int(BIAS_DPS * 1000000 / lsb_udps), (1 << 13) - 1) << 16
@@ -115,6 +95,8 @@ class PseudoInit(BiasInitialiser):
         n = s["bias_stretch"] or 16
         if self._guard is None:
             self.rate_q14 = min(s["table_rate_udps"] * 16384000 // gyro_lsb_ndps, (1 << 29) - 1)
+        from mean_sums import MeanSums
+
         return MeanSums(n), 1.0 / n
 
     def drift(self, axis, step_q18):
@@ -149,6 +131,8 @@ class PseudoInit(BiasInitialiser):
 
     def _stretch(self, mean_q14):
         self.used += 1
+        for axis in range(_AXES):
+            self._mean_q14[axis] += (mean_q14[axis] - self._mean_q14[axis]) // self.used
         if self.used > 1 or self._guard is None:
             self.filter.update(mean_q14, self.rate_q14, self.doubt)
             return
@@ -163,14 +147,38 @@ class PseudoInit(BiasInitialiser):
         for axis in range(_AXES):
             if not -self._limit_q16 <= bias[axis] <= self._limit_q16:
                 return self._refuse(REASON_WHEEL_TURNS)
+        doubt = self._doubt()
         for axis in range(_AXES):
             self.bias_q14[axis] = bias[axis] + 2 >> 2
             self.moved_q18[axis] = 0
-            self.sigma_q12[axis] = integer(root(self.filter.variance(axis)), 12)
+            self.sigma_q12[axis] = integer(root(self._variance(axis, doubt)), 12)
             self.variance_q8[axis] = self._noise_q8 if self._guard is None else self._guard.variance_q8[axis]
         self.samples = self._wanted
         self.state = FILTER_STATE_TRACKING
         return True
+
+    def _doubt(self):
+        """What is wrong in proportion to the mean rate, its square: the scale; and the biases across it.
+
+        Of variance p each, they make |G| longer by their squares over twice the rate.
+        """
+        square = longer = 0
+        for axis in range(_AXES):
+            mean, p = number(self._mean_q14[axis], -14), self.filter.variance(axis)
+            square = plus(square, times(mean, mean))
+            longer = plus(longer, times(p, p))
+        if self._guard is not None or not square:
+            return 0
+        return plus(self._doubted, over(longer, times(square, plus(square, square))))
+
+    def _variance(self, axis, doubt):
+        """Of the bias; what was not seen stays as it began."""
+        v, mean = self.filter.variance(axis), number(self._mean_q14[axis], -14)
+        if integer(self.filter.surprise, 0) > self.used:
+            v = over(times(v, self.filter.surprise), number(self.used, 0))
+            if integer(plus(self._begun, minus(v)), 20) < 0:
+                v = self._begun
+        return plus(v, times(doubt, times(mean, mean)))
 
 
 def real(x):

@@ -45,9 +45,11 @@ DEFAULTS = {
     "wheel_radius_mm": 0,
     "arm_mm": [],  # x, y
     "gyro_scale_ppm": 0,  # of the z gyro
+    "gyro_scale_sigma_ppm": 10000,
     "bias_udps": [],  # x, y, z; without the warm-up
     "warmup_udps": [],  # C1 of x, y, z
     "warmup_s": 3600,  # T
+    "warmup_second": [],  # C1 of x, y, z and T of a second exponential
     "filter_period_ms": 200,
     "queue": 24,
     "watchdog": True,
@@ -79,12 +81,18 @@ BOUNDS = (
     (0, "phase_mrad", 1, 1000),
     (0, "wheel_radius_mm", 0, 10000),
     (0, "gyro_scale_ppm", -200000, 200000),
+    (0, "gyro_scale_sigma_ppm", 0, 200000),
     (0, "warmup_s", 10, 100000),
     (0, "baud", 9600, 3000000),
 )
 
 # (name, how many numbers or none, most of each)
-_LISTS = (("arm_mm", 2, 1000), ("bias_udps", 3, 30000000), ("warmup_udps", 3, 30000000))
+_LISTS = (
+    ("arm_mm", 2, 1000),
+    ("bias_udps", 3, 30000000),
+    ("warmup_udps", 3, 30000000),
+    ("warmup_second", 4, 30000000),
+)
 
 
 def load(path=PATH):

@@ -13,7 +13,6 @@ from micropython import const
 
 _AXES = const(3)
 _PARTS = const(1024)
-_LIMIT = const((1 << 29) - 1)
 _LONG_AGO = const(14)
 """Time constants after which it is over: e^-14 of 2^11 steps is below 2^-9."""
 
@@ -21,15 +20,15 @@ _LONG_AGO = const(14)
 class WarmUp:
     """What the bias has moved by since power-on, and by how much it moves.
 
-    c1_q18: (3,) C1 of each axis. time_constant_ms: T, 1000 or more. now_ms: ticks. age_ms: since power-on,
-    -1: long ago.
+    c1_q18: (3,) C1 of each axis, within +-2^29; it is kept. time_constant_ms: T, 1000 or more. now_ms: ticks.
+    age_ms: since power-on, -1: long ago.
     """
 
     def __init__(self, c1_q18, time_constant_ms, now_ms, age_ms):
         self.step_q18 = [0] * _AXES
         """What the last `turn` moved the bias by."""
-        self._c1 = [max(min(c1, _LIMIT), -_LIMIT) for c1 in c1_q18]
-        self._left = list(self._c1)
+        self._c1 = c1_q18
+        self._left = list(c1_q18)
         self._step_ms, self._part = time_constant_ms // _PARTS, time_constant_ms % _PARTS
         self._late = 0
         self._next_ms = now_ms

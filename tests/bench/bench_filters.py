@@ -20,9 +20,9 @@ from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from hubodo.sensors.warmup.rate_bias_kalman import RateBiasKalman, steady_gain
+from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
 from papers.filters.pseudo_measurement import PseudoMeasurementFilter
-from papers.filters.rate_bias_kalman import RateBiasKalman, steady_gain
-from papers.filters.recursive_least_squares import RecursiveLeastSquares
 
 ROUNDS = 9
 SHARE = 1 / 30

@@ -34,6 +34,7 @@ def init_of(check=lambda x: x, samples=20_000, **changed):
         "arm_mm": [12, -7],
         "bias_sigma_udps": 300_000,
         "phase_mrad": 20,
+        "gyro_scale_sigma_ppm": 0,
         **changed,
     }
     init = gravity_init.GravityInit(wire.BIAS_KIND_GRAVITY, s, SimpleNamespace(period_ns=check(PERIOD_NS)))
@@ -134,6 +135,27 @@ def test_a_scale_error_of_the_gyro_is_no_bias_when_it_is_told():
         found[ppm] = init.bias_q14[2] / 2**14 - bias[2]
     print(f"one percent of scale: bias off by {found}")
     assert abs(found[10_000]) < 0.6 and found[0] > 10 * abs(found[10_000])
+
+
+def test_a_scale_that_is_not_known_and_vibration_beyond_the_settings_are_in_sigma():
+    """Scale 1 % off at random, told as such; then vibration sixteen times what phase_mrad says."""
+    worst = {}
+    for what in ("scale", "vibration"):
+        z = []
+        for seed in range(16):
+            table, bias = drive([7, seed], 60.0, vibration=0.8 if what == "vibration" else 0.2)
+            if what == "scale":
+                error = np.random.default_rng([8, seed]).normal(0.0, 0.01)
+                table[:, 2] = np.round(bias[2] + (table[:, 2] - bias[2]) * (1.0 + error))
+            told = {"gyro_scale_sigma_ppm": 10_000} if what == "scale" else {"phase_mrad": 5}
+            init = init_of(samples=12_000, bias_sigma_udps=5_000_000, **told)
+            assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING
+            z.append((init.bias_q14[2] / 2**14 - bias[2]) / (init.sigma_q12[2] / 2**12))
+        worst[what] = z
+        print(f"{what}, seeds [7, 0..15]: errors / sigma {np.round(z, 2)}")
+    for what, z in worst.items():
+        low, high = chi2.ppf([0.001, 0.999], len(z))
+        assert low < np.sum(np.square(z)) < high, what
 
 
 def test_a_wheel_that_rests_tells_nothing_and_is_refused():

@@ -14,7 +14,8 @@ SAMPLES, FEWER_SAMPLES = 100_000, 20_000
 HEAP = 96 * 1024
 
 MODULES = [
-    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "look", "sampler", "static_init"),
+    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "look", "sampler"),
+    "bias_initialiser",
     *("drivers.chip", "drivers.lis3mdl", "parts", "settings", "bias_choice"),
     *("board", "link", "reports", "commands", "node"),
 ]
@@ -22,6 +23,8 @@ FIFO, POLLED = ("fifo_samples",), ("polled_samples",)
 KALMAN = ("bias_filter",)
 RLS = ("small_float", "rls_filter")
 PSEUDO = ("small_float", "pseudo_filter", "pseudo_init")
+MEANS = ("mean_sums",)
+STATIC = ("static_init",)
 
 BUS = """
 import gc, json, micropython, sys, time
@@ -102,24 +105,29 @@ with open("/result", "w") as file:
         "kinds": [type(node.init).__name__, type(node.estimator).__name__]}}, file)
 """
 
-WARM = {"bias_udps": [100000, -50000, 0], "warmup_udps": [300000, 0, -200000], "warmup_s": 60}
+WARM = {
+    "bias_udps": [100000, -50000, 0],
+    "warmup_udps": [300000, 0, -200000],
+    "warmup_s": 60,
+    "warmup_second": [-100000, 0, 50000, 500],
+}
 CASES = {
     # name: (driver, rate, true period in us, whether the wheel turns, settings, what they load)
-    "lsm6ds33-416": ("lsm6ds33", 416, 2370, 0, {}, (*FIFO, *KALMAN)),
-    "lsm6ds33-208-polled": ("lsm6ds33", 208, 4700, 0, {"fifo": False}, (*POLLED, *KALMAN)),
-    "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, (*FIFO, *KALMAN)),
+    "lsm6ds33-416": ("lsm6ds33", 416, 2370, 0, {}, (*FIFO, *STATIC, *KALMAN)),
+    "lsm6ds33-208-polled": ("lsm6ds33", 208, 4700, 0, {"fifo": False}, (*POLLED, *STATIC, *KALMAN)),
+    "lsm6ds33-1660": ("lsm6ds33", 1660, 610, 0, {}, (*FIFO, *STATIC, *KALMAN)),
     "mpu6050-200-warm-rest": (
         "mpu6050",
         200,
         5050,
         0,
         {"fifo": False, "bias_kind": 1, **WARM},
-        (*POLLED, *KALMAN, *PSEUDO, "warm_up"),
+        (*POLLED, *KALMAN, *STATIC, *PSEUDO, *MEANS, "warm_up"),
     ),
     "mpu6050-1000-table-rls": (
         *("mpu6050", 1000, 1003, 0),
         {"bias_kind": 2, "table_rate_udps": 1400000, "filter_kind": 2},
-        (*FIFO, *PSEUDO, *RLS),
+        (*FIFO, *PSEUDO, *MEANS, *RLS),
     ),
     "lsm6ds33-208-warm-gravity-rls": (
         *("lsm6ds33", 208, 4700, 1),

@@ -47,7 +47,12 @@ def test_recursive_least_squares_is_chosen_by_configuration(forgetting, deviatio
 
 def test_the_bias_of_the_settings_and_the_warm_up_are_told_beside_raw_samples():
     """No initialisation: bias and warm-up come from /config.json, the samples are those of the chip."""
-    config = {"bias_udps": [210_000, 0, -140_000], "warmup_udps": [700_000, -1_400_000, 0], "warmup_s": 10}
+    config = {
+        "bias_udps": [210_000, 0, -140_000],
+        "warmup_udps": [700_000, -1_400_000, 0],
+        "warmup_s": 10,
+        "warmup_second": [0, 700_000, 350_000, 40],
+    }
     sent, truth, _ = run(12, config=config)
     found = matched(sent, truth)
     assert np.array_equal(found[:, 0], np.arange(len(found))), "not a count is touched"
@@ -56,7 +61,9 @@ def test_the_bias_of_the_settings_and_the_warm_up_are_told_beside_raw_samples():
     age = np.array([f.t_us for f in told]) * 1e-6
     bias = np.array([f.bias_q12 for f in told]) / 4096
     grown = -np.expm1(-age / 10)[:, None]
+    later = -np.expm1(-age / 40)[:, None]
     expected = np.array([3.0, 0.0, -2.0]) + grown * np.array([10.0, -20.0, 0.0])
+    expected = expected + later * np.array([0.0, 10.0, 5.0])
     # The Kalman filter moves the bias by k2 / k1 = 1e-6 of a rate of up to 7000 steps; a batch takes 40 ms.
     np.testing.assert_allclose(bias, expected, atol=0.15)
 
@@ -66,10 +73,16 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     c1, constant, bias = np.array([0.02, 0.0, -0.01]), 10.0, np.array([0.004, -np.radians(0.14), 0.0])
     t = np.arange(0, 14, 0.005)
     gyro = bias - c1 * np.expm1(-t / constant)[:, None]
+    gyro[:, 0] += 0.01 * np.expm1(-t / 30.0)
     accel = np.tile([0.0, 0.0, 9.80665], (len(t), 1))
     effects = {
         "gyro_bias": dict(zip("xyz", bias, strict=True)),
-        "gyro_warmup": {**dict(zip("xyz", c1, strict=True)), "time_constant": constant},
+        "gyro_warmup": {
+            **dict(zip("xyz", c1, strict=True)),
+            "time_constant": constant,
+            "x_second": -0.01,
+            "time_constant_second": 30.0,
+        },
     }
     calibration = NodeCalibration(
         {
@@ -91,7 +104,9 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     # Steps of 1.2e-3 rad/s, a bias that moves by ten of them: rounding stays, the warm-up does not.
     assert np.abs(true).max() < 0.52 * np.radians(0.07) and np.abs(true.mean(axis=0)).max() < 1e-4
     told = [f for f in of(sent, m.Filter) if f.state == m.FilterState.TRACKING][5:]
-    exact = bias - c1 * np.expm1(-np.array([f.t_us for f in told]) * 1e-6 / constant)[:, None]
+    ages = np.array([f.t_us for f in told]) * 1e-6
+    exact = bias - c1 * np.expm1(-ages / constant)[:, None]
+    exact[:, 0] += 0.01 * np.expm1(-ages / 30.0)
     found = np.array([f.bias_q12 for f in told]) / 4096 * np.radians(0.07)
     assert np.abs(found - exact).max() < 0.1 * np.radians(0.07)
 
@@ -102,6 +117,7 @@ def test_the_bias_is_found_while_the_wheel_turns():
     accel = np.stack([9.80665 * np.cos(4 * t), -9.80665 * np.sin(4 * t), 0 * t], axis=1)
     gyro = np.tile([0.0, 0.0, 4.0 + np.radians(1.0)], (len(t), 1))
     config = {"bias_kind": m.BiasKind.GRAVITY, "bias_sigma_udps": 2_000_000, "phase_mrad": 5}
+    config["gyro_scale_sigma_ppm"] = 0
     init = [(1.0, request(7, m.BiasInit(5000)))]
     sent, _, _ = run(
         27, motion=RecordedMotion(t, gyro, accel, temperature_c=25.0), config=config, script=init

@@ -33,7 +33,8 @@ def value(x):
 
 
 def node_settings(**changed):
-    return {**settings.DEFAULTS, "noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, **changed}
+    told = {"noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, "gyro_scale_sigma_ppm": 0}
+    return {**settings.DEFAULTS, **told, **changed}
 
 
 def init_of(kind, check=lambda x: x, samples=4096, **changed):
@@ -73,7 +74,8 @@ def float_filter(table, stretch, rate, at_rest):
     else:
         known = PseudoMeasurementFilter(noise**2 * np.eye(3), sigma=SIGMA * STEP)
     known.run(means[1 if at_rest else 0 :] * STEP, rate * STEP)
-    return np.array(known.bias) / STEP, np.sqrt(np.diag(known.covariance)) / STEP
+    variance = np.diag(known.covariance) if at_rest else known.told_variance(0.0)
+    return np.array(known.bias) / STEP, np.sqrt(variance) / STEP
 
 
 def motion(kind, count, rate):
@@ -114,6 +116,17 @@ def test_on_a_table_the_variance_of_a_sample_is_that_of_the_noise_it_was_told():
     made = motion("table", 4096, 300_000_000 / 70_000)
     assert fed(init, rows(made, np.zeros(3), 1, 20.0))
     assert list(init.variance_q8) == [20**2 * 256] * 3
+
+
+def test_on_a_table_the_doubt_of_the_scale_is_that_of_its_rate():
+    """100 deg/s and one percent: a degree a second along the axis, and nothing across."""
+    rate = 100 / 0.07
+    init = init_of(wire.BIAS_KIND_TABLE, table_rate_udps=100_000_000, gyro_scale_sigma_ppm=10_000)
+    assert fed(init, rows(motion("table", 4096, rate), np.zeros(3), 5))
+    sigma = np.array(init.sigma_q12) / 2**12
+    across = SIGMA**2 / rate
+    assert sigma[2] == pytest.approx(math.hypot(0.01 * rate, across), rel=0.01)
+    assert sigma[:2] == pytest.approx(np.full(2, SIGMA), rel=0.02)
 
 
 def test_at_rest_its_errors_are_as_large_as_it_says():

@@ -76,12 +76,14 @@ def test_the_settings_are_in_millionths_of_a_degree_per_second():
     found = [bias_choice.known_bias_q18(s, axis, CHIP) / 2**18 for axis in range(3)]
     assert found == pytest.approx([-3.0, 0.0, 29_000 / 70], abs=2**-18)
     PORT_TICKS.now_us = 0.0
-    warm = bias_choice.warm_up(s, CHIP, False)
+    (warm,) = bias_choice.warm_up(s, CHIP, False)
     assert [warm.grown_q18(axis) for axis in range(3)] == [0, 0, 0]
     assert warm._c1 == [round(30 / 7 * 2**18), 0, -(1 << 18)]
-    after = bias_choice.warm_up(s, CHIP, True)
+    (after,) = bias_choice.warm_up(s, CHIP, True)
     assert after.grown_q18(0) == after._c1[0], "a reset that left the chip its power"
-    assert bias_choice.warm_up(settings.DEFAULTS, CHIP, False) is None
+    assert bias_choice.warm_up(settings.DEFAULTS, CHIP, False) == ()
+    both = bias_choice.warm_up({**s, "warmup_second": [0, 0, 140_000, 100]}, CHIP, True)
+    assert [warm.grown_q18(2) for warm in both] == [-(1 << 18), 2 << 18]
     assert bias_choice.known_bias_q18(settings.DEFAULTS, 0, CHIP) is None
     assert time.ticks_ms() == 0
 

@@ -72,15 +72,28 @@ def test_allan_writes_a_png_and_a_page_that_needs_no_network(rest, tmp_path, cap
     assert png.read_bytes().startswith(b"\x89PNG")
     text = page.read_text("utf-8")
     assert "Allan deviation of left gz" in text
-    assert "<script src" not in text
+    assert "<script" not in text and "<svg" in text and len(text) < 500_000
 
 
-@pytest.mark.parametrize("verb", ["allan", "heading"])
-def test_a_png_without_matplotlib_is_refused_before_any_work(verb, tmp_path, capsys, monkeypatch):
+def test_without_matplotlib_the_page_is_written_and_one_line_says_what_to_install(
+    rest, tmp_path, capsys, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    log, png = tmp_path / "is not even looked for", tmp_path / "gz.png"
-    assert main([verb, str(log), "--figure", str(png)]) == 2
-    assert "pip install 'hubodo[figures]'" in capsys.readouterr().err.splitlines()[-1]
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    png, page = tmp_path / "gz.png", tmp_path / "gz.html"
+    assert main(["allan", str(rest), "--figure", str(png), "--report", str(page)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pip install 'matplotlib" in line and "defect" not in line
+    assert "angle random walk" in page.read_text("utf-8") and not png.exists()
+
+
+def test_a_figure_takes_the_form_of_its_suffix_and_another_is_refused(rest, tmp_path, capsys):
+    for suffix, begin in ((".svg", b"<?xml"), (".pdf", b"%PDF")):
+        assert main(["allan", str(rest), "--figure", str(tmp_path / f"gz{suffix}")]) == 0
+        assert (tmp_path / f"gz{suffix}").read_bytes().startswith(begin)
+    assert main(["allan", str(rest), "--figure", str(tmp_path / "gz.gif")]) == 2
+    assert ".svg" in capsys.readouterr().err
 
 
 def test_accelerometer_channels_have_their_own_names(rest, capsys):
@@ -109,6 +122,38 @@ def test_warmup_adds_the_axis_to_the_calibration_file_and_keeps_what_is_there(co
     assert effects["gyro_bias"].value("x") == 0.001
     assert len(effects["gyro_warmup"].source_sha256) == 64
     assert "Whiteness" in (tmp_path / "w.html").read_text("utf-8")
+
+
+def test_warmup_writes_a_figure_and_a_page_below_a_megabyte_and_forecasts_where_asked(cold, tmp_path, capsys):
+    page, figure = tmp_path / "w.html", tmp_path / "w.svg"
+    found = run("warmup", cold, "--report", page, "--figure", figure, "--at", 0, "--at", 36000, capsys=capsys)
+    assert [row["age"] for row in found["prediction"]] == [0.0, 36000.0]
+    last = found["prediction"][1]
+    assert abs(last["bias"] - start.bias(36000.0) * DEG) < 3 * last["sigma"]
+    assert found["accepted"] == "exponential" and found["bias_filter"]["chosen"] in ("mean", "Kalman", "RLS")
+    text = page.read_text("utf-8")
+    assert len(text) < 1_000_000 and "What to do" in text and "residual" in text and "<svg" in text
+    assert figure.read_text("utf-8").lstrip().startswith("<?xml")
+    assert main(["warmup", str(cold), "--at", "-1"]) == 2
+    assert "--at -1.0" in capsys.readouterr().err
+
+
+def test_axes_share_a_time_constant_and_a_simpler_model_takes_the_older_out(cold, tmp_path, capsys):
+    out = tmp_path / "c.toml"
+    out.write_text(
+        "[nodes.left.effects.gyro_temperature]\nz = { value = 0.001, sigma = 1e-5 }\n"
+        "[nodes.left.effects.gyro_warmup]\nx = { value = 0.001, sigma = 1e-5 }\n"
+        "z = { value = 0.001, sigma = 1e-5 }\nz_second = { value = 0.1, sigma = 1e-5 }\n"
+        "time_constant = { value = 3800.0, sigma = 100.0 }\n"
+        "time_constant_second = { value = 100.0, sigma = 1.0 }\n"
+    )
+    found = run("warmup", cold, "-o", out, capsys=capsys)
+    effects = read_calibration(out).nodes["left"].effects
+    assert set(effects) == {"gyro_warmup", "gyro_bias"}
+    assert set(effects["gyro_warmup"].parameters) == {"x", "z", "time_constant"}
+    assert effects["gyro_warmup"].value("z") == found["c1"]["value"]
+    constant = effects["gyro_warmup"].parameters["time_constant"]
+    assert 0.0 < constant.sigma < min(100.0, found["time_constant"]["sigma"])
 
 
 def test_nothing_is_written_where_nothing_was_earned(rest, tmp_path, capsys):

@@ -210,6 +210,26 @@ def test_while_driving_gravity_gives_the_rate_and_so_the_bias():
     assert low < np.sum(np.square(z)) < high
 
 
+def test_a_scale_that_is_not_known_is_in_what_it_tells_of_itself():
+    """One percent at 0.3 to 1 m/s is some 0.03 rad/s, in 24 drives; the covariance alone is far too small."""
+    z, alone = [], []
+    for seed in range(24):
+        rng = np.random.default_rng([31, seed])
+        rate = spin_drives.wheel_rate(rng, 120.0, 0.01, rest=1.0)
+        gyro, accel = spin_drives.rolling_node(rng, rate, 0.01, bias=np.zeros(3), vibration=0.8)
+        gyro *= 1.0 + rng.normal(0.0, 0.01)
+        arm, radius = 0.01 + 0j, spin_drives.RADIUS
+        known = rate_from_gravity(gyro, accel, 0.01, stretch=500, phase_sigma=0.02, radius=radius, arm=arm)
+        filter_ = PseudoMeasurementFilter(known.share * 9e-4**2 * np.eye(3), sigma=[0.02, 0.02, 0.1])
+        filter_.run(known.gyro, known.rate, known.sigma)
+        z.append(filter_.bias[2] / math.sqrt(filter_.told_variance(0.01)[2]))
+        alone.append(filter_.bias[2] / math.sqrt(filter_.covariance[2, 2]))
+    print(f"seeds [31, 0..23]: errors / sigma {np.round(z, 2)}; of the covariance alone {np.round(alone, 1)}")
+    low, high = chi2.ppf([0.001, 0.999], len(z))
+    assert low < np.sum(np.square(z)) < high
+    assert np.sum(np.square(alone)) > 10 * high
+
+
 def test_the_rate_from_gravity_is_the_weighted_mean_of_a_rate_that_changes():
     dt, rng = 0.01, np.random.default_rng(5)
     t = np.arange(4000) * dt

@@ -9,7 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from papers.filters.rate_bias_kalman import Gain, RateBiasKalman, closed_form, riccati_gain, steady_gain
+from hubodo.sensors.warmup.rate_bias_kalman import (
+    Gain,
+    RateBiasKalman,
+    closed_form,
+    riccati_gain,
+    steady_gain,
+)
 
 GAINS = st.floats(1e-6, 1e3)
 

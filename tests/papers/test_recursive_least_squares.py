@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from papers.filters.recursive_least_squares import _SPREAD, RecursiveLeastSquares
+from hubodo.sensors.warmup.recursive_least_squares import _SPREAD, RecursiveLeastSquares
 
 
 def regressors(y, rates, lagged):

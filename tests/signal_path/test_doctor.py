@@ -68,11 +68,11 @@ def test_the_wires_are_looked_at_where_this_board_has_them(tmp_path, capfd, mode
 
 def test_files_that_differ_from_this_host_are_named(flashed, tmp_path, capfd):
     shutil.copytree(flashed, tmp_path / "flash")
-    (tmp_path / "flash" / "fw_a" / "static_init.mpy").write_bytes(b"M\x06\x00\x1f" + bytes(20))
+    (tmp_path / "flash" / "fw_a" / "bias_initialiser.mpy").write_bytes(b"M\x06\x00\x1f" + bytes(20))
     with board(None, tmp_path, own_process=False) as node:
         code, found = doctor(capfd, node.port)
     assert code == 1
-    assert "1 of" in found["files"][1] and "static_init.mpy" in found["files"][1]
+    assert "1 of" in found["files"][1] and "bias_initialiser.mpy" in found["files"][1]
 
 
 def test_a_busy_port_and_a_missing_one_are_said_to_be_that(flashed, tmp_path, capfd):

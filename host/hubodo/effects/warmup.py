@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -20,9 +20,10 @@ def warmed(age: Array, time_constant: float) -> Array:
 
 @dataclass(frozen=True)
 class GyroWarmup(Effect):
-    """C1 (1 - e^(-t/T)) with t since power-on.
+    """C1 (1 - e^(-t/T)) with t since power-on, and where a bench record shows it a second one beside it.
 
-    Coordinates: C1 of each axis and ln T, so that T stays positive.
+    Coordinates: C1 of each axis and ln T, so that T stays positive. A drive does not tell two exponentials
+    apart, so no fit to one moves the second, which is absent where its time constant is 0.
     """
 
     name: ClassVar[str] = "gyro_warmup"
@@ -37,6 +38,10 @@ class GyroWarmup(Effect):
     y: float = parameter("rad/s", 0.01, turned=True)
     z: float = parameter("rad/s", 0.01, turned=True)
     time_constant: float = parameter("s", 60.0, positive=True, default=60.0)
+    x_second: float = parameter("rad/s", 0.01, fitted=False)
+    y_second: float = parameter("rad/s", 0.01, turned=True, fitted=False)
+    z_second: float = parameter("rad/s", 0.01, turned=True, fitted=False)
+    time_constant_second: float = parameter("s", 600.0, positive=True, fitted=False)
 
     @classmethod
     def seeds(cls) -> tuple[GyroWarmup, ...]:
@@ -51,7 +56,8 @@ class GyroWarmup(Effect):
 
     def at(self, coordinates: Array) -> GyroWarmup:
         x, y, z, log_t = map(float, coordinates)
-        return GyroWarmup(x, y, z, math.exp(min(max(log_t, math.log(2.0)), math.log(1e5))))
+        constant = math.exp(min(max(log_t, math.log(2.0)), math.log(1e5)))
+        return replace(self, x=x, y=y, z=z, time_constant=constant)
 
     def surprise(self) -> float:
         """A minute is usual, a factor of three is not rare; else a warm-up could pass for a bias or a ramp.
@@ -63,6 +69,14 @@ class GyroWarmup(Effect):
 
     def offset(self, chain: Chain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * warmed(chain.t, self.time_constant)
+        if self.time_constant_second > 0.0:
+            second = np.array([[self.x_second], [self.y_second], [self.z_second]])
+            chain.gyro += second * warmed(chain.t, self.time_constant_second)
+
+    def irreversible(self) -> str:
+        if self.time_constant_second == 0.0 and any((self.x_second, self.y_second, self.z_second)):
+            return "has a second exponential without time_constant_second"
+        return ""
 
 
 Kind = Literal["exponential", "two exponentials", "exponential and temperature", "temperature"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from hubodo.calibration.file import CalibratedEffect, NodeCalibration
+from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.effects.triad import XYZ
 from hubodo.errors import CalibrationError
 
@@ -18,7 +18,16 @@ Setting = int | list[int]
 # Of firmware/settings.py; a test compares.
 _NOISE_UDPS, _GAIN_RATE_Q20, _RATE_HZ = 75000, 314573, 416
 
-FROM_CALIBRATION = ("bias_udps", "warmup_udps", "warmup_s", "gyro_scale_ppm", "arm_mm", "gain_bias_q30")
+FROM_CALIBRATION = (
+    "bias_udps",
+    "warmup_udps",
+    "warmup_s",
+    "warmup_second",
+    "gyro_scale_ppm",
+    "gyro_scale_sigma_ppm",
+    "arm_mm",
+    "gain_bias_q30",
+)
 """Settings that a calibration decides: what it does not hold goes back to the default."""
 
 _LARGEST_UDPS, _LARGEST_PPM, _LARGEST_MM, _GAIN_LIMIT = 30_000_000, 200_000, 1000, (1 << 20) - 1
@@ -38,14 +47,13 @@ def node_settings(node: NodeCalibration, config: Mapping[str, object]) -> dict[s
     if "gyro_bias" in effects:
         made["bias_udps"] = _udps("gyro_bias", effects["gyro_bias"])
     if "gyro_warmup" in effects:
-        warmup = effects["gyro_warmup"]
-        made["warmup_udps"] = _udps("gyro_warmup", warmup)
-        made["warmup_s"] = _within(
-            "gyro_warmup time_constant", warmup.value("time_constant"), "s", _SHORTEST_S, _LONGEST_S
-        )
+        made |= _warm_up(effects["gyro_warmup"])
     if "gyro_scale_factor" in effects:
-        ppm = effects["gyro_scale_factor"].value("z") * 1e6
+        scale = effects["gyro_scale_factor"].parameters.get("z", Quantity(0.0, 0.0))
+        ppm = scale.value * 1e6
         made["gyro_scale_ppm"] = _within("gyro_scale_factor z", ppm, "ppm", -_LARGEST_PPM, _LARGEST_PPM)
+        if scale.sigma:
+            made["gyro_scale_sigma_ppm"] = min(math.ceil(scale.sigma * 1e6), _LARGEST_PPM)
     if "lever_arm" in effects:
         arm = effects["lever_arm"]
         made["arm_mm"] = [
@@ -55,6 +63,22 @@ def node_settings(node: NodeCalibration, config: Mapping[str, object]) -> dict[s
     if "gyro_rate_random_walk" in effects:
         gain = _bias_gain(effects["gyro_rate_random_walk"].value("k"), config)
         made["gain_bias_q30"] = min(round(gain * 2**30), _GAIN_LIMIT)
+    return made
+
+
+def _warm_up(effect: CalibratedEffect) -> dict[str, Setting]:
+    """Its first exponential, and the second where there is one."""
+
+    def constant(name: str) -> int:
+        return _within(f"gyro_warmup {name}", effect.value(name), "s", _SHORTEST_S, _LONGEST_S)
+
+    made: dict[str, Setting] = {
+        "warmup_udps": _udps("gyro_warmup", effect),
+        "warmup_s": constant("time_constant"),
+    }
+    if any(name.endswith("_second") for name in effect.parameters):
+        second = _udps("gyro_warmup", effect, "_second")
+        made["warmup_second"] = [*second, constant("time_constant_second")]
     return made
 
 
@@ -84,11 +108,11 @@ def _number(value: object, default: int) -> int:
     return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else default
 
 
-def _udps(name: str, effect: CalibratedEffect) -> list[int]:
+def _udps(name: str, effect: CalibratedEffect, suffix: str = "") -> list[int]:
     return [
         _within(
-            f"{name} {axis}",
-            math.degrees(effect.value(axis)) * 1e6,
+            f"{name} {axis}{suffix}",
+            math.degrees(effect.value(axis + suffix)) * 1e6,
             "1e-6 deg/s",
             -_LARGEST_UDPS,
             _LARGEST_UDPS,

@@ -136,12 +136,18 @@ class WarmHeading:
         course = float(model.bias(np.array([age]), grades)[0])
         h = np.ones(len(self._p))
         h[_HEADING] = 0.0
-        left = math.exp(-age / model.time_constant)
+        pairs = {
+            "": (model.c1, model.time_constant),
+            "_second": (model.c1_second, model.time_constant_second),
+        }
         for k, name in enumerate(self._errors, 2):
-            if name == "c1":
+            which = "_second" if name.endswith("_second") else ""
+            c1, constant = pairs[which]
+            left = math.exp(-age / constant)
+            if name == f"c1{which}":
                 h[k] = 1.0 - left
-            elif name == "time_constant":
-                h[k] = -model.c1 * age / model.time_constant**2 * left
+            elif name == f"time_constant{which}":
+                h[k] = -c1 * age / constant**2 * left
             elif name == "temperature_coefficient":
                 h[k] = 0.0 if temperature is None else temperature - REFERENCE_CELSIUS
             else:

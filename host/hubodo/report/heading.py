@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from hubodo.report.drawing import blank, save
 from hubodo.report.page import Grid, Section, figure
-from hubodo.report.png import blank
 from hubodo.sensors.heading.summary import HeadingReport
 
 _DEG = math.degrees(1.0)
@@ -59,6 +59,7 @@ def heading_sections(report: HeadingReport) -> list[Section]:
         ("warm-up C1", f"{report.warmup.c1:+.3g} rad/s"),
         ("warm-up time constant", f"{report.warmup.time_constant:.4g} s"),
         ("scale, 1 sigma", f"{report.scale_sigma:.3g}"),
+        ("lag", f"{report.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
     ]
     rows = score_rows(report)
@@ -78,8 +79,11 @@ def heading_sections(report: HeadingReport) -> list[Section]:
     return sections
 
 
-def heading_png(report: HeadingReport, path: Path, title: str) -> None:
-    """Course and sigma, and the error where there is a truth. Raises OSError where it cannot be written."""
+def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
+    """Course and sigma, and the error where there is a truth.
+
+    Raises OSError where it cannot be written, InputError without matplotlib.
+    """
     track, score = report.track, report.score
     made = blank(8.0, 6.0)
     upper, lower = made.subplots(2, 1, sharex=True)
@@ -101,7 +105,7 @@ def heading_png(report: HeadingReport, path: Path, title: str) -> None:
     lower.set_xlabel("t, s")
     for axes in (upper, lower):
         axes.grid(True, lw=0.3, color="#d8dce0")
-    made.savefig(path, dpi=150, format="png")
+    save(made, path)
 
 
 def _thin(count: int) -> slice:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -131,8 +131,7 @@ def _allan(
         if channel == "gz":
             facts.append(f"{name} gz: {allan_lead(report)}")
             detail = [
-                Section(f"{name} gz: {section.title}", section.text, section.tables, section.figures)
-                for section in allan_sections(report)
+                replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(report)
             ]
     if not rows:
         return []
@@ -160,13 +159,13 @@ def _warmup(
         except InputError as error:
             missing.append(f"{name} {channel}: warm-up: {error}")
             continue
-        if report.reason:
+        if report.accepted is None:
             missing.append(f"{name} {channel}: warm-up: {report.reason}")
         else:
             facts.append(f"{name} {channel}: {warmup_lead(report)}")
             detail += [
-                Section(f"{name} {channel}: {section.title}", section.text, section.tables, section.figures)
-                for section in warmup_sections(report)
+                replace(section, title=f"{name} {channel}: {section.title}")
+                for section in warmup_sections(report, name)
             ]
         rows.append((channel, warmup_lead(report)))
     if not rows:

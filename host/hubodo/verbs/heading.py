@@ -18,9 +18,9 @@ from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
-from hubodo.report.heading import heading_lead, heading_png, heading_sections, score_rows
+from hubodo.report.drawing import drawing_path
+from hubodo.report.heading import heading_figure, heading_lead, heading_sections, score_rows
 from hubodo.report.page import page
-from hubodo.report.png import png_path
 from hubodo.sensors.heading.prior import noise_of_allan, upright, warmup_upwards
 from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
@@ -32,6 +32,8 @@ EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml
 
 UNCALIBRATED_SCALE = 0.01
 """1 sigma of the scale of a MEMS gyro as it leaves the factory."""
+USUAL_LAG = 0.005
+"""s: a gyro of 30 Hz, as MEMS gyros are set for vehicles."""
 USUAL_INSTABILITY = math.radians(30.0) / 3600.0
 """rad/s, B of IEEE 952: data sheets of MEMS gyros off the shelf state 10 to 40 degrees an hour."""
 
@@ -90,15 +92,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scale-sigma", type=float, help="1 sigma of the scale (default: of the calibration, else 0.01)"
     )
+    parser.add_argument(
+        "--lag",
+        type=float,
+        help="s by which the gyro answers late (default: of the calibration, else 0.005), part of sigma",
+    )
     parser.add_argument("--step", type=float, default=0.1, help="s from row to row (default 0.1)")
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
-    parser.add_argument("--figure", type=png_path, metavar="PNG", help="write the course with its sigma")
+    parser.add_argument(
+        "--figure", type=drawing_path, metavar="PNG", help="the course with its sigma: .png, .svg or .pdf"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
 def run(args: argparse.Namespace) -> HeadingTaken:
     """Read, take the heading, score it; write course, figure and page where asked."""
-    for name, value in (("--age", args.age or 0.0), ("--scale-sigma", args.scale_sigma or 0.0)):
+    for name, value in (
+        ("--age", args.age or 0.0),
+        ("--scale-sigma", args.scale_sigma or 0.0),
+        ("--lag", args.lag or 0.0),
+    ):
         if not (math.isfinite(value) and value >= 0.0):
             raise InputError(f"{name} {value:g}: give 0 or more")
     if not 0.0 < args.step <= 60.0:
@@ -113,10 +126,10 @@ def run(args: argparse.Namespace) -> HeadingTaken:
         columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
         write_table(args.output, Table(columns))
     title = f"Heading of {node} {args.axis}"
-    if args.figure is not None:
-        heading_png(report, args.figure, title)
     if args.report is not None:
         args.report.write_text(page(title, heading_lead(report), heading_sections(report)), "utf-8")
+    if args.figure is not None:
+        heading_figure(report, args.figure, title)
     return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)
 
 
@@ -154,8 +167,9 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
         )
     noise = replace(_noise(args, effects, axis, spans, notes), warmup=sigmas)
     scale_sigma = _scale_sigma(args, effects, notes)
+    lag = _lag(args, effects)
     track = heading_track(
-        axis, spans, model, noise, age=args.age or 0.0, scale_sigma=scale_sigma, step=args.step
+        axis, spans, model, noise, age=args.age or 0.0, scale_sigma=scale_sigma, lag=lag, step=args.step
     )
     if track.gaps:
         longest = max(b - a for a, b in track.gaps)
@@ -164,7 +178,7 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
     scored = None if truth is None else score(track, truth)
     rests = tuple((float(t[i]), float(t[j - 1])) for i, j in spans)
     return HeadingReport(
-        node, args.axis, up > 0, rests, model, noise, scale_sigma, track, scored, tuple(notes)
+        node, args.axis, up > 0, rests, model, noise, scale_sigma, lag, track, scored, tuple(notes)
     )
 
 
@@ -204,3 +218,11 @@ def _scale_sigma(args: argparse.Namespace, effects: dict[str, CalibratedEffect],
         return scale.sigma
     notes.append("the scale is not calibrated: one per cent of the net turn is in sigma for it")
     return UNCALIBRATED_SCALE
+
+
+def _lag(args: argparse.Namespace, effects: dict[str, CalibratedEffect]) -> float:
+    """s, how late the gyro answers: as given, else the calibration's, else that of a gyro off the shelf."""
+    known = effects.get("gyro_lag", CalibratedEffect({})).parameters.get("time_constant")
+    if args.lag is not None:
+        return float(args.lag)
+    return USUAL_LAG if known is None else math.hypot(known.value, known.sigma)

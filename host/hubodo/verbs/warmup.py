@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,9 +23,19 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
+from hubodo.report.drawing import drawing_path, save
 from hubodo.report.page import page
-from hubodo.report.warmup import parameter_rows, warmup_lead, warmup_sections, whiteness_rows
-from hubodo.sensors.warmup.characterise import WarmupReport, characterise_warmup
+from hubodo.report.warmup import (
+    advice,
+    parameter_rows,
+    prediction_rows,
+    warmup_lead,
+    warmup_sections,
+    whiteness_rows,
+)
+from hubodo.report.warmup_figure import warmup_figure
+from hubodo.sensors.warmup.characterise import characterise_warmup
+from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
@@ -38,35 +49,38 @@ class WarmedUp:
     node: str
     output: str | None
     report: WarmupReport
+    ages: tuple[float, ...]
 
     def as_json(self) -> dict[str, Any]:
         """The fixed form that programs read, with the log and the node."""
-        return {"log": self.log, "node": self.node, "output": self.output, **self.report.as_json()}
+        made = {"log": self.log, "node": self.node, "output": self.output}
+        return made | self.report.as_json(self.ages)
 
     def render(self, console: Console) -> None:
-        """Parameters, tests, the next model."""
+        """The accepted model, tests, the bias at other times."""
         report = self.report
-        if not report.reason:
-            table = Table("parameter", "SI", "customary", title=f"{self.node} {report.channel}")
-            for row in parameter_rows(report.first):
-                table.add_row(*row)
-            console.print(table)
-        tests = Table("test", "result", "verdict")
-        for row in whiteness_rows(report.first):
-            tests.add_row(*row)
-        console.print(tests)
+        rows = parameter_rows(report.accepted, report.sigma) if report.accepted is not None else []
+        tests = ("test", "result", "verdict")
+        kind = "" if report.accepted is None else report.accepted.fit.kind
+        _show(console, f"{self.node} {report.channel}: {kind}", ("parameter", "SI", "customary"), rows)
+        _show(console, "exponential", tests, whiteness_rows(report.first))
         if report.following is not None:
-            following = Table(
-                "parameter", "SI", "customary", title=f"next model: {report.following.fit.kind}"
-            )
-            for row in parameter_rows(report.following):
-                following.add_row(*row)
-            console.print(following)
+            _show(console, report.following.fit.kind, tests, whiteness_rows(report.following))
+        heads = ("since power-on", "all forms, deg/s", "accepted model, deg/s")
+        _show(console, "the bias at other times", heads, prediction_rows(report, self.ages))
         console.print(warmup_lead(report), highlight=False)
-        for note in report.notes:
-            console.print(f"note: {note}", highlight=False)
+        for line in (*(f"note: {note}" for note in report.notes), *advice(report, self.node)):
+            console.print(line, highlight=False)
         if self.output:
             console.print(f"written to {self.output}", highlight=False)
+
+
+def _show(console: Console, title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    table = Table(*heads, title=title)
+    for row in rows:
+        table.add_row(*row)
+    if rows:
+        console.print(table)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -78,13 +92,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="TOML", help="calibration file; this axis is added to it"
     )
+    parser.add_argument(
+        "--at",
+        type=float,
+        action="append",
+        default=[],
+        metavar="AGE",
+        help="s since power-on for which to forecast the bias, again for each (default: within and after)",
+    )
+    parser.add_argument(
+        "--figure", type=drawing_path, metavar="PNG", help="record, models, forecast: .png, .svg or .pdf"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
 def run(args: argparse.Namespace) -> WarmedUp:
     """Read, check, fit; add to the calibration file and write the page where asked."""
-    if not (args.age >= 0 and math.isfinite(args.age)):
-        raise InputError(f"--age {args.age} must be a time in s since power-on, 0 or more")
+    for name, ages in (("--age", [args.age]), ("--at", args.at)):
+        for age in ages:
+            if not (age >= 0 and math.isfinite(age)):
+                raise InputError(f"{name} {age} must be a time in s since power-on, 0 or more")
     data = read_standstill(args)
     try:
         report = characterise_warmup(
@@ -103,34 +130,63 @@ def run(args: argparse.Namespace) -> WarmedUp:
                 )
                 for name, e in report.effects().items()
             }
-            write_calibration(before.with_node(data.node, effects, data.serial), args.output)
+            calibration = before.with_node(data.node, effects, data.serial)
+            write_calibration(_without_older(calibration, data.node, effects, data.channel[1]), args.output)
     except InputError as error:
         raise InputError(f"{args.log}, node {data.node}, {data.channel}: {error}") from None
+    title = f"Warm-up of {data.node} {data.channel}"
     if args.report is not None:
-        title = f"Warm-up of {data.node} {data.channel}"
-        args.report.write_text(page(title, warmup_lead(report), warmup_sections(report)), "utf-8")
-    return WarmedUp(str(args.log), data.node, None if args.output is None else str(args.output), report)
+        sections = warmup_sections(report, data.node)
+        args.report.write_text(page(title, warmup_lead(report), sections), "utf-8")
+    if args.figure is not None:
+        save(warmup_figure(report, title), args.figure)
+    output = None if args.output is None else str(args.output)
+    return WarmedUp(str(args.log), data.node, output, report, tuple(args.at))
+
+
+def _without_older(
+    calibration: Calibration, node: str, effects: Mapping[str, CalibratedEffect], axis: str
+) -> Calibration:
+    """What an earlier model said of this axis and the accepted one does not, taken out."""
+    kept = dict(calibration.nodes[node].effects)
+    for name in {"gyro_warmup", "gyro_temperature"} & (kept.keys() - effects.keys()):
+        left = {key: q for key, q in kept[name].parameters.items() if key[:1] != axis}
+        if _axes(left):
+            kept[name] = replace(kept[name], parameters=left)
+        else:
+            del kept[name]
+    changed = replace(calibration.nodes[node], effects=kept)
+    return replace(calibration, nodes={**calibration.nodes, node: changed})
 
 
 def merged(old: CalibratedEffect | None, new: CalibratedEffect) -> CalibratedEffect:
-    """The new axis beside the axes there are; the time constant, which all axes share, by its weights.
+    """The new axis beside the axes there are; a time constant, which all axes share, by its weights.
 
     Raises InputError when the axes' time constants differ by more than 4 sigma: one number cannot stand for
     both.
     """
     if old is None:
         return new
-    parameters = {**old.parameters, **new.parameters}
-    axes = {name for name in old.parameters if name not in new.parameters}
-    if "time_constant" in new.parameters and "time_constant" in old.parameters and axes:
-        before, after = old.parameters["time_constant"], new.parameters["time_constant"]
+    kept = {name: q for name, q in old.parameters.items() if name[:1] not in _axes(new.parameters)}
+    parameters = {**kept, **new.parameters}
+    axes = _axes(kept)
+    for name in ("time_constant", "time_constant_second"):
+        if not axes or name not in kept or name not in new.parameters:
+            continue
+        before, after = kept[name], new.parameters[name]
         if abs(before.value - after.value) > 4.0 * math.hypot(before.sigma, after.sigma):
             raise InputError(
-                f"the time constant {after.value:.4g} s differs from {before.value:.4g} s of axis "
+                f"the {name} {after.value:.4g} s differs from {before.value:.4g} s of axis "
                 f"{', '.join(sorted(axes))} in the "
                 "calibration file, where all axes share one; write the axes to separate files"
             )
         weights = before.sigma**-2, after.sigma**-2
         mean = (weights[0] * before.value + weights[1] * after.value) / sum(weights)
-        parameters["time_constant"] = Quantity(mean, sum(weights) ** -0.5)
+        parameters[name] = Quantity(mean, sum(weights) ** -0.5)
+    if not any(name.endswith("_second") and name[:1] in "xyz" for name in parameters):
+        parameters.pop("time_constant_second", None)
     return replace(new, parameters=parameters)
+
+
+def _axes(parameters: Iterable[str]) -> set[str]:
+    return {name[:1] for name in parameters if name[:1] in "xyz"}

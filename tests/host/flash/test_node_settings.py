@@ -12,14 +12,14 @@ from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
 from hubodo.flash.node_settings import FROM_CALIBRATION, merged, node_settings
-from papers.filters.rate_bias_kalman import steady_gain
+from hubodo.sensors.warmup.rate_bias_kalman import steady_gain
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
 
 
 def calibration(**effects):
     made = {
-        name: CalibratedEffect({key: Quantity(value, 0.0) for key, value in values.items()})
+        name: CalibratedEffect({key: Quantity(value, 0.003) for key, value in values.items()})
         for name, values in effects.items()
     }
     return NodeCalibration(made)
@@ -27,7 +27,13 @@ def calibration(**effects):
 
 FULL = calibration(
     gyro_bias={"x": math.radians(0.21), "y": -math.radians(1.5), "z": 0.0},
-    gyro_warmup={"x": math.radians(0.3), "z": -math.radians(0.02), "time_constant": 3816.4},
+    gyro_warmup={
+        "x": math.radians(0.3),
+        "z": -math.radians(0.02),
+        "time_constant": 316.4,
+        "y_second": math.radians(0.1),
+        "time_constant_second": 3816.4,
+    },
     gyro_scale_factor={"x": 0.5, "z": 0.0123},
     lever_arm={"x": 0.0124, "y": -0.0076, "z": 1.0},
     gyro_rate_random_walk={"k": 2e-5},
@@ -63,8 +69,10 @@ def firmware():
 def test_units_are_those_of_the_node():
     made = node_settings(FULL, {})
     assert made["bias_udps"] == [210_000, -1_500_000, 0]
-    assert made["warmup_udps"] == [300_000, 0, -20_000] and made["warmup_s"] == 3816
-    assert made["gyro_scale_ppm"] == 12_300 and made["arm_mm"] == [12, -8]
+    assert made["warmup_udps"] == [300_000, 0, -20_000] and made["warmup_s"] == 316
+    assert made["warmup_second"] == [0, 100_000, 0, 3816]
+    assert made["gyro_scale_ppm"] == 12_300 and made["gyro_scale_sigma_ppm"] == 3000
+    assert made["arm_mm"] == [12, -8]
 
 
 def test_the_node_takes_every_setting_as_it_is(firmware, tmp_path):
@@ -118,6 +126,7 @@ def test_what_a_calibration_does_not_hold_does_not_stay_from_the_one_before():
         ("gyro_bias", {"x": 1.0}),
         ("gyro_warmup", {"x": 0.001, "time_constant": 3.0}),
         ("gyro_warmup", {"x": 0.001}),
+        ("gyro_warmup", {"x": 0.001, "time_constant": 60.0, "x_second": 0.001}),
         ("gyro_scale_factor", {"z": 0.3}),
         ("lever_arm", {"y": -2.0}),
     ],

@@ -15,7 +15,7 @@ MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
 
 
 def driven(case, seeds):
-    """(M, 6000) errors in degrees, all runs at once, and the state at the end."""
+    """(M, 6000) errors in degrees of ours and of the mean of the rest, all runs at once; the last state."""
     runs = [start.run(case, np.random.default_rng(seed)) for seed in seeds]
     output = np.array([made for _, made, _ in runs])
     noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
@@ -25,24 +25,28 @@ def driven(case, seeds):
         ours.handle(values * DEG, start.DT, at_rest=k < start.AVERAGED)
         heading.append(ours.state().heading)
     truth = np.cumsum([rate[start.AVERAGED :] for rate, _, _ in runs], axis=1) * start.DT
-    return np.array(heading[start.AVERAGED :]).T / DEG - truth, ours.state()
+    moving = output[:, start.AVERAGED :] - output[:, : start.AVERAGED].mean(axis=1)[:, None]
+    mean = np.cumsum(moving, axis=1) * start.DT - truth
+    return np.array(heading[start.AVERAGED :]).T / DEG - truth, mean, ours.state()
 
 
 @pytest.mark.parametrize("case", start.DRIFTS_DEG)
-def test_the_error_is_ten_times_smaller_and_as_large_as_the_filter_says(case):
+def test_the_error_is_near_the_bound_and_as_large_as_the_filter_says(case):
+    """The bound is what white noise leaves of the rest; beside a cold gyro its mean is off by its warm-up."""
     seeds = range(16)
-    errors, state = driven(case, seeds)
+    errors, mean, state = driven(case, seeds)
     ends, sigma = errors[:, -1], state.sigma_heading / DEG
     bound = start.NOISE / math.sqrt(start.AVERAGED) * start.RUN * start.DT
     print(f"{case}, {seeds}: rms {np.sqrt(np.mean(ends**2)):.2f} deg, sigma {sigma:.2f}, bound {bound:.2f}")
-    assert abs(start.DRIFTS_DEG[case]) / np.median(np.abs(ends)) > 10
+    rival = np.sqrt(np.mean(mean[:, -1] ** 2))
+    assert np.sqrt(np.mean(ends**2)) < (1.1 if case == "warmed up" else 0.5) * rival
     assert bound < sigma < 2 * bound
     # Chi-square with 16 degrees of freedom lies between 3.9 and 38 in 99.8 % of cases.
     assert 3.9 < np.sum((ends / sigma) ** 2) < 38
 
 
 def test_a_step_of_the_rate_leaves_no_peak():
-    errors, _ = driven("random rates", [3])
+    errors, _, _ = driven("random rates", [3])
     parts = errors[0].reshape(10, -1)
     jumps = np.abs(parts[1:, :100] - parts[:-1, -1:]).max()
     # Five seconds of white noise: 0.2 deg/s sqrt(0.05 s 5 s) = 0.1 deg, and the drift of the bias.

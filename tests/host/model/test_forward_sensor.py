@@ -87,7 +87,8 @@ ADDS = {
     ),
     "gyro_cubic": lambda e, w, f, age, warm: (np.stack([0 * w[0], 0 * w[0], e.z * w[2] * w[2] * w[2]]), 0),
     "gyro_warmup": lambda e, w, f, age, warm: (
-        np.outer([e.x, e.y, e.z], 1.0 - np.exp(-age / e.time_constant)),
+        np.outer([e.x, e.y, e.z], 1.0 - np.exp(-age / e.time_constant))
+        + np.outer([e.x_second, e.y_second, e.z_second], 1.0 - np.exp(-age / e.time_constant_second)),
         0,
     ),
     "gyro_temperature": lambda e, w, f, age, warm: (np.outer([e.x, e.y, e.z], warm - 25.0), 0),
@@ -256,6 +257,8 @@ def slow_chain(values, w, f, age, warm):
     warmup = values["gyro_warmup"]
     shown = shown + of("gyro_bias", "xyz")
     shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
+    second = of("gyro_warmup", ("x_second", "y_second", "z_second"))
+    shown = shown + second * (1 - np.exp(-age / warmup["time_constant_second"]))
     shown = shown + of("gyro_temperature", "xyz") * (warm - 25.0)
     for axis, names in enumerate((("xx", "xy", "xz"), ("yx", "yy", "yz"), "xyz")):
         shown[axis] += of("gyro_g_sensitivity", names) @ f
@@ -280,7 +283,7 @@ def test_all_effects_of_the_sensor_together_act_in_the_order_of_the_chain(seed):
         name: {p: float(rng.normal() * BY_NAME[name].scale(p)) for p in BY_NAME[name].parameters()}
         for name in SENSOR
     }
-    values["gyro_warmup"]["time_constant"] = 40.0
+    values["gyro_warmup"] |= {"time_constant": 40.0, "time_constant_second": 900.0}
     values["gyro_saturation"]["limit"], values["accel_saturation"]["limit"] = 4.0, 7.0
     values["gyro_quantization"]["step"] = 0.01
     effects: list[Effect] = [BY_NAME[name](**values[name]) for name in SENSOR]

@@ -42,6 +42,7 @@ def drawn(seed):
         values = {p: Quantity(float(SIZES[name] * rng.normal()), 1e-3) for p in parameters}
         if name == "gyro_warmup":
             values["time_constant"] = Quantity(600.0, 10.0)
+            values["time_constant_second"] = Quantity(2500.0, 10.0)
         effects[name] = CalibratedEffect(values)
     return NodeCalibration(effects, "aa01")
 
@@ -87,7 +88,9 @@ def chain(node, gyro, accel, age, temperature):
         for i, axis in enumerate("xyz"):
             names = ("x", "y", "z") if axis == "z" else (f"{axis}x", f"{axis}y", f"{axis}z")
             shown[i] += v("gyro_bias", axis)
-            shown[i] += v("gyro_warmup", axis) * (1 - np.exp(-t / v("gyro_warmup", "time_constant")))
+            for w in ("", "_second"):
+                grown = 1 - np.exp(-t / v("gyro_warmup", f"time_constant{w}"))
+                shown[i] += v("gyro_warmup", axis + w) * grown
             shown[i] += v("gyro_temperature", axis) * (warm - 25.0)
             shown[i] += sum(v("gyro_g_sensitivity", name) * f[k] for k, name in enumerate(names))
         raw_gyro.append(shown)

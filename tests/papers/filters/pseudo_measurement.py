@@ -57,7 +57,10 @@ class PseudoMeasurementFilter:
     extended Kalman filter. ValueError where S or sigma is not positive.
     """
 
-    __slots__ = ("_bias", "_constant", "_correlated", "_mean", "_noise", "_p", "_printed", "_walk")
+    __slots__ = (
+        *("_begun", "_bias", "_constant", "_correlated", "_count", "_mean", "_noise", "_p", "_printed"),
+        *("_rate", "_surprise", "_walk"),
+    )
 
     def __init__(
         self,
@@ -81,6 +84,7 @@ class PseudoMeasurementFilter:
         first, second, third = np.asarray(bias, dtype=np.float64).tolist()
         self._bias: tuple[float, float, float] = (first, second, third)
         self._p: tuple[float, ...] = (*(spread**2).tolist(), 0.0, 0.0, 0.0)
+        self._begun, self._count, self._surprise, self._rate = spread**2, 0, 0.0, np.zeros(3)
         self._noise: tuple[float, ...] = tuple(s[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist())
         self._correlated = any(self._noise[3:])
         self._mean = float(np.trace(s))
@@ -100,6 +104,21 @@ class PseudoMeasurementFilter:
         """(3, 3) of the bias, (rad/s)^2."""
         xx, yy, zz, xy, xz, yz = self._p
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def told_variance(self, scale_sigma: float) -> FloatArray:
+        """(3,) of the bias, with what the covariance does not count: vibration, scale, the other axes.
+
+        Innovations beyond their variance widen it, up to what it began with. Two errors are constants in
+        proportion to the mean rate, which no number of samples averages out: the gyro's scale, 1 sigma
+        `scale_sigma`; and what the biases across it, of variance p, add to |G|, sum of p^2 / (2 |rate|^2).
+        """
+        variance = np.diag(self.covariance)
+        if self._count and self._surprise > self._count:
+            variance = np.minimum(variance * self._surprise / self._count, self._begun)
+        square = float(self._rate @ self._rate)
+        across = float(np.sum(np.diag(self.covariance) ** 2)) / (2.0 * square**2) if square else 0.0
+        made: FloatArray = variance + (scale_sigma**2 + across) * self._rate**2
+        return made
 
     def update(
         self, gyro: Sequence[float], rate: float = 0.0, rate_sigma: float = 0.0
@@ -137,6 +156,9 @@ class PseudoMeasurementFilter:
             innovation += doubt
             variance += doubt * (4.0 * known + 2.0 * doubt)
         step = 2.0 * innovation / variance
+        self._surprise += innovation * innovation / variance
+        self._count += 1
+        self._rate += (np.asarray(gyro) - self._rate) / self._count
         self._bias = bias = (bx + step * hx, by + step * hy, bz + step * hz)
         shrink = 4.0 / variance
         gx, gy, gz = shrink * hx, shrink * hy, shrink * hz

@@ -55,17 +55,22 @@ def warmup_upwards(
     """
     matrix = triad_from_effects(effects, "gyro").matrix
 
-    def upwards(effect: CalibratedEffect) -> float:
-        raw = np.array([effect.value(name) for name in "xyz"])
+    def upwards(effect: CalibratedEffect, which: str = "") -> float:
+        raw = np.array([effect.value(name + which) for name in "xyz"])
         return up * float(np.linalg.solve(matrix, raw)["xyz".index(axis)])
 
     model = WarmupModel(0.0)
     sigmas: dict[str, float] = {}
     warm = effects.get("gyro_warmup")
-    if warm is not None and axis in warm.parameters:
-        constant = warm.parameters["time_constant"]
-        model = replace(model, c1=upwards(warm), time_constant=constant.value)
-        sigmas |= {"c1": warm.parameters[axis].sigma, "time_constant": constant.sigma}
+    for which in ("", "_second"):
+        if warm is not None and axis + which in warm.parameters:
+            constant = warm.parameters[f"time_constant{which}"]
+            size = {f"c1{which}": upwards(warm, which), f"time_constant{which}": constant.value}
+            model = replace(model, **size)
+            sigmas |= {
+                f"c1{which}": warm.parameters[axis + which].sigma,
+                f"time_constant{which}": constant.sigma,
+            }
     by_heat = effects.get("gyro_temperature")
     if by_heat is not None and axis in by_heat.parameters:
         if not thermometer:

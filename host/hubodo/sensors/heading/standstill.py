@@ -76,8 +76,9 @@ def _check_agreement(t: Array, rate: Array, rests: Rests) -> None:
 def angle_random_walk(t: Array, rate: Array, spans: Spans) -> float | None:
     """N, rad/√s, from how neighbouring means within the standstills differ; None where they are too short.
 
-    The means are over a second, or a sixteenth of the longest standstill: long enough for the gyro's
-    bandwidth, short enough for its bias not to move. This is the Allan deviation there, times √tau.
+    The means are over a second, or a sixteenth of the longest standstill: short enough for the bias not to
+    move. This is the Allan deviation there, times √tau, and more by what neighbouring means share where the
+    gyro's bandwidth is low (`_shared`).
     """
     step = float(np.median(np.diff(t)))
     longest = max((j - i for i, j in spans), default=0)
@@ -89,4 +90,23 @@ def angle_random_walk(t: Array, rate: Array, spans: Spans) -> float | None:
         count = (j - i) // width
         squares.append(np.diff(rate[i : i + count * width].reshape(count, width).mean(axis=1)) ** 2)
     tau = width * step
-    return float(np.sqrt(np.mean(np.concatenate(squares)) / 2.0 * tau)) or None
+    left = 1.0 - _shared(rate, spans, step, tau)
+    return float(np.sqrt(np.mean(np.concatenate(squares)) / 2.0 * tau / left)) or None
+
+
+def _shared(rate: Array, spans: Spans, step: float, tau: float) -> float:
+    """By how much, relative, noise of one pole makes means over tau s differ less than white noise would.
+
+    With the time constant T of the pole and x = T / tau (1 - e^(-tau / T)), a mean has the variance
+    N² / tau (1 - x) and shares N² / tau x² tau / (2 T) with its neighbour. T is that of the correlation of
+    samples that follow each other; at most half is believed.
+    """
+    i, j = max(spans, key=lambda span: span[1] - span[0])
+    rest = rate[i:j] - rate[i:j].mean()
+    power = float(rest @ rest)
+    alike = float(rest[1:] @ rest[:-1]) / power if power else 0.0
+    if alike < 3.0 / np.sqrt(len(rest)):
+        return 0.0
+    pole = -step / np.log(min(alike, 0.999))
+    x = pole / tau * -np.expm1(-tau / pole)
+    return float(min(x + 0.5 * x**2 * tau / pole, 0.5))

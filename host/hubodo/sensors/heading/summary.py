@@ -23,6 +23,7 @@ class HeadingReport:
     warmup: WarmupModel
     noise: BiasNoise
     scale_sigma: float
+    lag: float
     track: HeadingTrack
     score: HeadingScore | None
     notes: tuple[str, ...]
@@ -45,7 +46,10 @@ class HeadingReport:
     def as_json(self) -> dict[str, Any]:
         """Rates in rad/s, times in s, angles in rad unless the name says degrees."""
         track, noise, model = self.track, self.noise, self.warmup
-        warmup = {"c1": model.c1, "time_constant": model.time_constant, "sigma": dict(noise.warmup)}
+        warmup: dict[str, Any] = {"c1": model.c1, "time_constant": model.time_constant}
+        if model.c1_second:
+            warmup |= {"c1_second": model.c1_second, "time_constant_second": model.time_constant_second}
+        warmup["sigma"] = dict(noise.warmup)
         return {
             "node": self.node,
             "axis": self.axis,
@@ -60,6 +64,7 @@ class HeadingReport:
             "noise": {"N": noise.angle_random_walk, "B": noise.bias_instability, "K": noise.rate_random_walk},
             "warmup": warmup if model.c1 else None,
             "scale_sigma": self.scale_sigma,
+            "lag": self.lag,
             "gaps": [list(gap) for gap in track.gaps],
             "score": None if self.score is None else self._scored(self.score),
             "notes": list(self.notes),

@@ -57,13 +57,15 @@ def heading_track(
     *,
     age: float = 0.0,
     scale_sigma: float = 0.0,
+    lag: float = 0.0,
     step: float = 0.1,
 ) -> HeadingTrack:
     """Run the filter over means of about `step` s, in which the axis rests or does not.
 
     spans: standstills. model: of the axis as it stands in `axis`. age: s since power-on at the first sample.
-    scale_sigma: 1 sigma of the relative scale: a constant, so its error is that of the net turn. In a gap the
-    rate is a straight line between its ends, wrong by what it elsewhere changes within half that time.
+    scale_sigma: 1 sigma of the relative scale: a constant, so its error is that of the net turn. lag: s by
+    which the gyro may answer late: the heading is behind by that times its rate. In a gap the rate is a
+    straight line between its ends, wrong by what it elsewhere changes within half that time.
     """
     t = axis.t
     typical = float(np.median(np.diff(t)))
@@ -89,12 +91,18 @@ def heading_track(
     return HeadingTrack(
         t[edges],
         heading,
-        np.hypot(sigma, scale_sigma * np.abs(heading)),
+        np.sqrt(sigma**2 + (scale_sigma * heading) ** 2 + (lag * _gained(t[edges], turned[edges])) ** 2),
         bias,
         sigma_bias,
         rivals,
         tuple((float(t[k]), float(t[k + 1])) for k in np.flatnonzero(gap)),
     )
+
+
+def _gained(t: Array, turned: Array) -> Array:
+    """(M,) rad/s by which each rate differs from the first."""
+    rates = np.gradient(turned, t)
+    return np.asarray(rates - rates[0])
 
 
 def _edges(

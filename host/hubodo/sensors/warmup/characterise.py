@@ -3,100 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.effects.warmup import PARAMETERS
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.even_grid import EvenGrid, even_grid
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
-from hubodo.sensors.warmup.judge import Judged, judge, next_model, verdict
+from hubodo.sensors.warmup.judge import judge, next_model, verdict
+from hubodo.sensors.warmup.result import WarmupReport, see_next
 
 FloatArray = NDArray[np.float64]
 
 # The warm-up is slow: some thousand means hold all there is to know about it.
 _MEANS, _FEWEST_MEANS = 4000, 64
 _SHORTEST_S = 60.0
-_SIGNIFICANT, _RELATIVE_SIGMA = 4.0, 1.0 / 3.0
-_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
-
-
-@dataclass(frozen=True)
-class WarmupReport:
-    """What a record says about the warm-up of one gyro axis.
-
-    first: the exponential of the paper. reason: why its c1 and time constant are not given, "" when they are.
-    following: the next model, None when the first is white or none is better. age: s since power-on at the
-    first sample. t, means: (M,) the fitted means. record: gaps and outliers. notes: lines for people.
-    """
-
-    channel: str
-    first: Judged
-    reason: str
-    following: Judged | None
-    age: float
-    t: FloatArray
-    means: FloatArray
-    record: EvenGrid
-    notes: tuple[str, ...]
-
-    @property
-    def best(self) -> Judged:
-        """The model to use: the next one where there is one."""
-        return self.following or self.first
-
-    def effects(self) -> dict[str, CalibratedEffect]:
-        """Effects of the calibration file that the best model has, for this axis.
-
-        Raises InputError when none is earned.
-        """
-        axis = self.channel[1]
-        if self.reason and self.following is None:
-            raise InputError(f"nothing to write to a calibration file: {self.reason}")
-        fit = self.first.fit if self.best.fit.kind == "two exponentials" else self.best.fit
-
-        def quantity(name: str) -> Quantity:
-            return Quantity(fit.values[name], fit.sigma[name])
-
-        method = f"warm-up at rest, {fit.kind}"
-        made = {"gyro_bias": CalibratedEffect({axis: quantity("c2")}, method)}
-        if "c1" in fit.values:
-            constant = quantity("time_constant")
-            made["gyro_warmup"] = CalibratedEffect({axis: quantity("c1"), "time_constant": constant}, method)
-        if "temperature_coefficient" in fit.values:
-            made["gyro_temperature"] = CalibratedEffect({axis: quantity("temperature_coefficient")}, method)
-        return made
-
-    def as_json(self) -> dict[str, Any]:
-        """The fixed form that programs read, with additions beside it."""
-        fit = self.first.fit
-        made: dict[str, Any] = {}
-        for name in PARAMETERS["exponential"]:
-            given = not self.reason or name == "c2"
-            made[name] = {
-                "value": fit.values[name] if given else None,
-                "sigma": fit.sigma[name] if given else None,
-                "unit": _UNITS.get(name, "rad/s"),
-            }
-            if given and name != "time_constant":
-                made[name] |= {"value_deg_per_s": math.degrees(fit.values[name])}
-            if not given:
-                made[name] |= {"reason": self.reason}
-        return made | {
-            "white": self.first.white,
-            "whiteness": _tests(self.first),
-            "next_model": None if self.following is None else _model(self.following),
-            "channel": self.channel,
-            "age_at_start": self.age,
-            "duration": self.record.duration,
-            "residual_noise": fit.noise,
-            "notes": list(self.notes),
-        }
+_SIGNIFICANT = 4.0
 
 
 def characterise_warmup(
@@ -143,11 +66,13 @@ def characterise_warmup(
     else:
         following = next_model(first, times, means, grades, record, t, temperature, age)
         notes.append(verdict(first, following))
-        if reason and following is not None and following.ljung_box.white:
-            reason = (
-                f"a single exponential does not describe this record; see next model: {following.fit.kind}"
-            )
-    return WarmupReport(channel, first, reason, following, age, times, means, record, tuple(notes))
+    accepted = None if reason else first
+    if following is not None and (following.ljung_box.white or not reason):
+        accepted = following
+        reason = "" if following.fit.kind == "exponential and temperature" else see_next(following.fit)
+    return WarmupReport(
+        channel, first, reason, following, accepted, age, times, means, grades, record, tuple(notes)
+    )
 
 
 def _block_means(
@@ -183,10 +108,7 @@ def _not_earned(fit: WarmupFit, times: FloatArray, means: FloatArray) -> str:
     # A time constant beyond the record is a straight line: the curve must be better than that by four sigma.
     line = np.polynomial.Polynomial.fit(times, means, 1)
     bend = float(np.sum((means - line(times)) ** 2) - fit.residual @ fit.residual) / spread
-    determined = fit.sigma["time_constant"] < _RELATIVE_SIGMA * constant and _SIGNIFICANT * fit.sigma[
-        "c1"
-    ] < abs(c1)
-    if bend > _SIGNIFICANT**2 and determined:
+    if bend > _SIGNIFICANT**2 and fit.determined:
         return ""
     if duration > 3.0 * constant:
         return (
@@ -206,35 +128,3 @@ def _wander(fit: WarmupFit, duration: float) -> float:
     tenths = [part.mean() for part in np.array_split(fit.residual, 10)]
     steps = float(np.mean(np.diff(tenths) ** 2))
     return math.sqrt(steps * (10.0 if fit.widened > 1.0 else 1.0))
-
-
-def _tests(judged: Judged) -> dict[str, Any]:
-    test, box = judged.autocorrelation, judged.ljung_box
-    return {
-        "autocorrelation": {
-            "white": test.white,
-            "p_value": test.p_value,
-            "sequences": test.sequences,
-            "length": test.length,
-            "standard_error": test.standard_error,
-            "inside_one": test.inside_one,
-            "inside_two": test.inside_two,
-            "expected_one": test.expected_one,
-            "expected_two": test.expected_two,
-        },
-        "ljung_box": {
-            "white": box.white,
-            "p_value": box.p_value,
-            "statistic": box.statistic,
-            "lags": box.lags,
-        },
-    }
-
-
-def _model(judged: Judged) -> dict[str, Any]:
-    fit = judged.fit
-    parameters = {
-        name: {"value": fit.values[name], "sigma": fit.sigma[name], "unit": _UNITS.get(name, "rad/s")}
-        for name in PARAMETERS[fit.kind]
-    }
-    return {"kind": fit.kind, "parameters": parameters, "white": judged.white, "whiteness": _tests(judged)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from hubodo.sensors.warmup.whiteness import ljung_box
 FloatArray = NDArray[np.float64]
 
 
+_SIGNIFICANT, _RELATIVE_SIGMA = 4.0, 1.0 / 3.0
 # Parts of the record whose means tell how the residual wanders.
 _PARTS = 20
 
@@ -40,6 +42,26 @@ class WarmupFit:
     bic: float
     evaluations: int
     widened: float
+
+    @property
+    def determined(self) -> bool:
+        """Whether each parameter stands: time constants to a third, sizes by four sigma. c2 may be zero."""
+        return all(
+            sigma < _RELATIVE_SIGMA * self.values[name]
+            if name.startswith("time_constant")
+            else name == "c2" or _SIGNIFICANT * sigma < abs(self.values[name])
+            for name, sigma in self.sigma.items()
+        )
+
+    def spread(self, t: FloatArray, temperature: FloatArray | None = None) -> FloatArray:
+        """1 sigma, (M,) rad/s, of its bias at t (M,) s, by its parameters alone: as if its form were true."""
+        names = PARAMETERS[self.kind]
+        at = [math.log(v) if n.startswith("time_constant") else v for n, v in self.values.items()]
+        slope = _jacobian(t, names, np.array(at), temperature)
+        for k, name in enumerate(names):
+            if name.startswith("time_constant"):
+                slope[:, k] /= self.values[name]
+        return np.asarray(np.sqrt(np.einsum("np,pq,nq->n", slope, self.covariance, slope)), np.float64)
 
 
 def fit_warmup(

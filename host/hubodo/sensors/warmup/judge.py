@@ -68,7 +68,8 @@ def next_model(
     for kind in kinds:
         warm = "temperature_coefficient" in PARAMETERS[kind]
         fit = fit_warmup(times, means, kind, grades if warm else None)
-        if fit.bic < first.fit.bic - 10.0:
+        # What the record does not determine is no model, however well it fits.
+        if fit.determined and fit.bic < first.fit.bic - 10.0:
             judged.append(judge(fit, record, age, filled if warm else None))
     white = [model for model in judged if model.ljung_box.white]
     if white:

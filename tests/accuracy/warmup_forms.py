@@ -1,0 +1,121 @@
+"""Whether the sigma of a warm-up's forecast holds, whatever form the warm-up has.
+
+python tests/accuracy/warmup_forms.py [SEEDS]
+
+An hour from power-on is recorded, the bias half an hour in, one hour and three hours after its end is
+forecast. Columns: rms error in deg/h, and the share of errors within 1 and 2 of their sigma. "exponential at
+its word" is what the fit of eq. 1 of Barshan and Durrant-Whyte says where its own form is believed; "last
+minutes" is the rival without a model: the mean of the last five minutes, for ever.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators import warm_ups
+from hubodo.sensors.warmup.characterise import characterise_warmup
+
+DEG = np.pi / 180.0
+RECORD = 3600
+AGES = np.array([RECORD // 2, RECORD + 3600, RECORD + 3 * 3600])
+PLACES = ("inside", "1 h on", "3 h on")
+HALF = 30
+"""s: a bias is meant as the mean over a minute."""
+
+
+def one(form, added, seed):
+    """Errors (3,) and sigmas (3,) in deg/s by each way; the accepted model is absent where there is none."""
+    rng = np.random.default_rng([seed, warm_ups.FORMS.index(form), warm_ups.ADDED.index(added)])
+    t, bias, temperature = warm_ups.warm_up(form, added, AGES[-1] + HALF + 1, rng)
+    here = slice(0, RECORD)
+    output = (bias[here] + rng.normal(0.0, warm_ups.NOISE, RECORD)) * DEG
+    warm = None if temperature is None else temperature[here]
+    report = characterise_warmup(t[here], output, "gz", temperature=warm)
+    later = None if temperature is None else temperature[AGES]
+    truth = np.array([bias[a - HALF : a + HALF].mean() for a in AGES])
+    mean, sigma = report.forecast.at(AGES.astype(float), later)
+    made = {"forecast": (mean / DEG - truth, sigma / DEG)}
+    if report.accepted is not None:
+        fit = report.accepted.fit
+        value = fit.model.bias(AGES.astype(float), later)
+        off = report.forecast.off(AGES.astype(float), value, later)
+        made["accepted model"] = (value / DEG - truth, off / DEG)
+        made["file"] = (value / DEG - truth, in_file(fit, report.sigma, later) / DEG)
+    fit = report.first.fit
+    word = fit.model.bias(AGES.astype(float))
+    made["exponential at its word"] = (word / DEG - truth, fit.spread(AGES.astype(float)) / DEG)
+    last = output[-300:].mean() / DEG
+    made["last minutes"] = (last - truth, np.full(3, warm_ups.NOISE / np.sqrt(300.0)))
+    return made
+
+
+def in_file(fit, sigma, temperature):
+    """What a reader of the file makes of it, who knows of no correlation and differentiates by hand."""
+    total = np.full(len(AGES), sigma["c2"] ** 2)
+    for which in ("", "_second"):
+        if f"c1{which}" in sigma:
+            c1, constant = fit.values[f"c1{which}"], fit.values[f"time_constant{which}"]
+            left = np.exp(-AGES / constant)
+            total += ((1.0 - left) * sigma[f"c1{which}"]) ** 2
+            total += (c1 * AGES / constant**2 * left * sigma[f"time_constant{which}"]) ** 2
+    if "temperature_coefficient" in sigma:
+        total += ((temperature - 25.0) * sigma["temperature_coefficient"]) ** 2
+    return np.sqrt(total)
+
+
+def ensemble(form, added, seeds):
+    """By way: errors and sigmas, (M, 3) each."""
+    rows = [one(form, added, seed) for seed in seeds]
+    ways = sorted(
+        {way for row in rows for way in row}, key=list(rows[0]).index if len(rows[0]) == 5 else None
+    )
+    return {way: tuple(np.array([row[way][k] for row in rows if way in row]) for k in (0, 1)) for way in ways}
+
+
+def main(argv=None):
+    arguments = sys.argv[1:] if argv is None else argv
+    seeds = range(int(arguments[0]) if arguments else 20)
+    began = time.monotonic()
+    print(__doc__.split("\n\n")[2])
+    print(f"\n{'':42}" + "".join(f"{place:>25}" for place in PLACES))
+    print(f"{'':42}" + f"{'deg/h':>11}{'1 sig':>7}{'2 sig':>7}" * 3)
+    pulls = {
+        way: [] for way in ("forecast", "accepted model", "file", "exponential at its word", "last minutes")
+    }
+    for form in warm_ups.FORMS:
+        for added in warm_ups.ADDED:
+            made = ensemble(form, added, seeds)
+            print(f"{form}{', ' + added if added else ''}")
+            for way in pulls:
+                if way not in made:
+                    continue
+                error, sigma = made[way]
+                pulls[way].append(np.abs(error / sigma))
+                print(f"  {f'{way} ({len(error)})':40}", end="")
+                for k in range(3):
+                    rms = 3600.0 * np.sqrt(np.mean(error[:, k] ** 2))
+                    pull = pulls[way][-1][:, k]
+                    print(f"{rms:>11.1f}{np.mean(pull < 1):>7.2f}{np.mean(pull < 2):>7.2f}", end="")
+                print(flush=True)
+    print("all together, share within 1 and 2 sigma, and rms of error / sigma (1 is true):")
+    good = True
+    for way, parts in pulls.items():
+        pull = np.concatenate(parts)
+        within = " ".join(f"{np.mean(pull[:, k] < 1):.2f} {np.mean(pull[:, k] < 2):.2f}" for k in range(3))
+        print(f"  {way:30}{within}   rms {np.sqrt(np.mean(pull**2, axis=0)).round(2)}")
+        if way in ("forecast", "file"):
+            good &= bool(np.all(np.mean(pull < 2, axis=0) > 0.9))
+    print(f"seeds {seeds.start}..{seeds.stop - 1}; {time.monotonic() - began:.0f} s")
+    print(
+        "claim: nine of ten errors of the forecast and of the file within 2 sigma:",
+        "met" if good else "NOT met",
+    )
+    return not good
+
+
+if __name__ == "__main__":
+    sys.exit(main())

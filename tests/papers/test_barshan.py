@@ -1,0 +1,40 @@
+"""The comparison with Barshan and Durrant-Whyte can fail, and does where the model is wrong."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hubodo.effects.warmup import WarmupModel
+from papers import barshan
+
+SEEDS = range(3)
+
+
+def runs(scale):
+    """As large as the paper's, with sigmas that are `scale` times too small."""
+    rng = np.random.default_rng(1)
+    made = {way: 7.0 * rng.normal(size=200) for way in barshan.WAYS}
+    made["mean of the rest"] = made["bound"] = made["ours"]
+    return dict.fromkeys(barshan.PAPER, made | {"sigma": np.full(200, 7.0 / scale)})
+
+
+def test_a_model_that_helps_passes_and_none_or_a_wrong_one_is_told():
+    known = barshan.taught(0)
+    long = barshan.hours(60.0, True, SEEDS, [known])
+    assert barshan.judged(runs(1.0), long) == []
+    without = barshan.hours(60.0, True, SEEDS, [barshan.Known(WarmupModel(0.0), {})])
+    assert any("saves less than half" in line for line in barshan.judged(runs(1.0), without))
+    backwards = replace(known, model=replace(known.model, c1=-known.model.c1))
+    assert any(
+        "half" in line for line in barshan.judged(runs(1.0), barshan.hours(60.0, True, SEEDS, [backwards]))
+    )
+
+
+def test_a_sigma_that_does_not_hold_and_a_paper_that_was_made_too_good_are_told():
+    long = {name: np.full((3, 3), value) for name, value in (("ours", 1.0), ("sigma", 1.0))}
+    long["mean of the rest"] = np.full((3, 3), 100.0)
+    assert any("sigma does not hold" in line for line in barshan.judged(runs(3.0), long))
+    good = runs(1.0)
+    for case in good:
+        good[case] = good[case] | {"paper's filter": good[case]["paper's filter"] / 5.0}
+    assert any("not near the paper" in line for line in barshan.judged(good, long))
