@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.stats import chi2 as chi_square
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.deviation import AllanPoints
 from hubodo.sensors.allan.interval import interval, limit
-from hubodo.sensors.allan.likelihood import BAND, B, K, Likelihood, Maximum, N, Q, R, Terms
+from hubodo.sensors.allan.likelihood import BAND, B, K, Likelihood, Maximum, N, Q, R, Terms, slope_sigma
 from hubodo.sensors.allan.needed import needed_length
 
 FloatArray = NDArray[np.float64]
@@ -23,6 +24,7 @@ _KEEP = 10.8
 _PARTS = 6
 # What comes by chance less often than this is the model's fault.
 _BY_CHANCE, _AHEAD = 0.02, 3
+_LOOK = 2.0
 _LATE, _SHARPER, _RIPPLE = 4, 0.5, 0.05
 _FEWEST, _MOST_LEFT_OUT = 7, 8
 # A model error is taken on when it raises twice the log-likelihood by this much.
@@ -86,7 +88,7 @@ class NoiseFit:
         return made
 
 
-def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
+def fit_noise(points: AllanPoints, slope: float, level: Callable[[], AllanPoints]) -> NoiseFit:
     """Fit sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2, all terms at once.
 
     The most likely terms given the full covariance of the points under those terms (after Vaccaro and Zaki
@@ -100,6 +102,12 @@ def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
     octave = points.factors & (points.factors - 1) == 0
     used = octave & (points.factors <= max(points.samples // _PARTS, 1))
     likelihood, best, chi2 = _believed(Likelihood.of(points, used, slope))
+    if abs(slope) > _LOOK * slope_sigma(Terms.of(best.x).theta, likelihood.duration):
+        flat = Likelihood.of(level(), used, slope, level=True).later(len(likelihood.tau) * -1)
+        flat.misfit = likelihood.misfit
+        ramp = flat.best((*best.active, R), best.x)
+        if _missed(flat, ramp, R) > _KEEP:
+            likelihood, best, chi2 = flat, ramp, flat.chi2(Terms.of(ramp.x))
     found = Terms.of(best.x)
     dof = len(likelihood.tau) - len(best.active) + (R in best.active)
     terms = {}
@@ -180,8 +188,7 @@ def _all_terms(likelihood: Likelihood) -> Maximum:
         stepped = likelihood.best((Q, N, *slow), start)
         if _missed(likelihood, stepped, Q) > _KEEP and stepped.cost < best.cost + _CLEARLY:
             best = stepped
-    ramp = likelihood.best((*best.active, R), best.x)
-    return ramp if ramp.cost < best.cost - _KEEP else best
+    return best
 
 
 def _missed(likelihood: Likelihood, best: Maximum, term: int) -> float:

@@ -64,7 +64,8 @@ class Likelihood:
     the terms give it.
 
     points: of a record; start: place of the first octave in use; misfit: relative error of the model itself,
-    independent from point to point.
+    independent from point to point. level: the points are of the record less its slope, which
+    alone tells the ramp then: both would tell it twice.
     """
 
     factors: NDArray[np.int64]
@@ -74,23 +75,29 @@ class Likelihood:
     slope: float
     duration: float
     misfit: float = 0.0
+    level: bool = False
     _flat: FloatArray = field(init=False, repr=False)
     _matrix: FloatArray = field(init=False, repr=False)
     _sampling: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._matrix = design(self.tau)
+        if self.level:
+            self._matrix[:, R] = 0.0
         self._flat = self.tensor.reshape(len(self.tau) ** 2, 25)
         # Sampled at points or averaged over the interval: at factor m a walk differs by 1 / (2 m^2); flicker
         # noise by what it has above the sampling rate, folded down or cut off, about a tenth of B^2 / m,
-        # which looks like white noise. The record does not say which it was, and the error is the same at
-        # all factors.
+        # which looks like white noise, and as much again of a shape like that of quantisation. The record
+        # does not say which it was, and the error is the same at all factors.
         m = self.factors.astype(float)
         walk = 0.5 / m**2 * self._matrix[:, K]
-        self._sampling = np.outer(_FLICKER_FOLDED / m, _FLICKER_FOLDED / m), np.outer(walk, walk)
+        folded = np.outer(1.0 / m, 1.0 / m) + np.outer(m**-2, m**-2)
+        self._sampling = _FLICKER_FOLDED**2 * folded, np.outer(walk, walk)
 
     @classmethod
-    def of(cls, points: AllanPoints, used: NDArray[np.bool_], slope: float) -> Likelihood:
+    def of(
+        cls, points: AllanPoints, used: NDArray[np.bool_], slope: float, *, level: bool = False
+    ) -> Likelihood:
         """The points chosen by used, (P,)."""
         factors, tau = points.factors[used], points.tau[used]
         tensor = covariance_tensor(factors, points.samples, points.dt)
@@ -98,18 +105,22 @@ class Likelihood:
         lost = (points.samples - 2 * factors + 1) / points.pairs[used]
         tensor *= np.sqrt(np.outer(lost, lost))[:, :, None, None]
         duration = points.samples * points.dt
-        return cls(factors, tau, points.adev[used] ** 2, tensor, slope, duration)
+        if level:
+            tensor[:, :, R, :] = tensor[:, :, :, R] = 0.0
+        return cls(factors, tau, points.adev[used] ** 2, tensor, slope, duration, level=level)
 
     def later(self, start: int) -> Likelihood:
         """The same from the octave `start` on."""
         part = slice(start, None)
+        tensor = self.tensor[part, part]
         return Likelihood(
             self.factors[part],
             self.tau[part],
             self.avar[part],
-            self.tensor[part, part],
+            tensor,
             self.slope,
             self.duration,
+            level=self.level,
         )
 
     def variance(self, terms: Terms) -> FloatArray:
@@ -177,7 +188,7 @@ class Likelihood:
         x = self.guess(active) if start is None else start.copy()
         held = held or {}
         free = [term for term in active if term not in held]
-        top = np.append(self._largest()[:R], (np.inf, np.inf))
+        top = np.append(self._largest(), (np.inf, np.inf))
         for term in range(6):
             if term not in active:
                 x[term] = ABSENT if term < R else 0.0
@@ -211,8 +222,8 @@ class Likelihood:
         return x
 
     def _largest(self) -> FloatArray:
-        """(5,) logarithm of the square of each term that alone would make some point what it is."""
-        made: FloatArray = np.log(np.min(self.avar[:, None] / self._matrix, axis=0))
+        """(4,) logarithm of the square of each term but R that alone would make some point what it is."""
+        made: FloatArray = np.log(np.min(self.avar[:, None] / self._matrix[:, :R], axis=0))
         return made
 
 
