@@ -27,7 +27,7 @@ def read_log(path: Path, *, form: LogForm = _AS_IT_IS, progress: Progress | None
     file = mcap_file(path)
     if file is not None:
         return in_si(read_recording(file, progress=progress), form)
-    if path.is_dir() and not (path / _ROSBAG2).exists():
+    if path.is_dir() and not is_rosbag2(path):
         return in_si(read_folder(path, progress=progress), form)
     kind = "rosbag" if path.is_dir() else kind_of(path)
     return in_si(read_rosbag(path), form) if kind == "rosbag" else read_number_file(path, kind, form)
@@ -53,7 +53,7 @@ def mcap_file(path: Path) -> Path | None:
     """
     if not path.is_dir():
         return path if kind_of(path) in ("mcap", "unknown") else None
-    if not (path / _ROSBAG2).exists():
+    if not is_rosbag2(path):
         return None
     files = sorted(path.glob("*.mcap"))
     if len(files) == 1:
@@ -61,3 +61,8 @@ def mcap_file(path: Path) -> Path | None:
     if files:
         raise InputError(f"{path}: a rosbag2 folder in {len(files)} parts; name one: {files[0].name}, ...")
     return None
+
+
+def is_rosbag2(folder: Path) -> bool:
+    """Whether a folder is a rosbag2."""
+    return (folder / _ROSBAG2).exists()

@@ -1,12 +1,18 @@
-"""Units in which other programs write rates and specific forces, and what makes them SI."""
+"""Units in which other programs write rates and specific forces: what makes them SI, and how they show."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hubodo.errors import InputError
 
 _GRAVITY = 9.80665
+_IN_G = (0.7, 1.4)
+# rad/s; the widest range of the gyros that there are ends at 4000 deg/s.
+_FASTEST = 72.0
 GYRO_UNITS = {
     "rad/s": 1.0,
     "mrad/s": 1e-3,
@@ -46,3 +52,27 @@ def si_factor(text: str) -> tuple[str, float]:
         f"--unit {text!r}: give one of {', '.join((*GYRO_UNITS, *ACCEL_UNITS))}; a number before it is what "
         "one count stands for, as in '0.00875 deg/s'"
     )
+
+
+def doubtful(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:
+    """What speaks against rad/s and m/s² in a record of any motion, in words; None where nothing does.
+
+    gyro, accel: (N, 3); rows that are not finite are passed over. A median force of 0.7 to 1.4 m/s² would be
+    one on the Moon, and no gyro of these parts reads beyond 72 rad/s.
+    """
+    felt = np.linalg.norm(accel, axis=1)
+    felt = felt[np.isfinite(felt)]
+    size = float(np.median(felt)) if len(felt) else _GRAVITY
+    if _IN_G[0] < size < _IN_G[1]:
+        return (
+            f"its accelerometer feels {size:.2f} m/s² where gravity is 9.8: ax, ay, az look to be in g; "
+            "write them in m/s², or say --unit g"
+        )
+    rates = np.abs(gyro[np.isfinite(gyro).all(axis=1)])
+    fastest = float(np.quantile(rates, 0.999)) if len(rates) else 0.0
+    if fastest > _FASTEST:
+        return (
+            f"its gyro reads {fastest:.3g} rad/s, beyond the range of any: gx, gy, gz look to be in degrees "
+            "per second; write them in rad/s, or say --unit deg/s"
+        )
+    return None

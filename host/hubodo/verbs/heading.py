@@ -26,6 +26,7 @@ from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
 from hubodo.verbs.standstill import read_node, temperature_of
 
 HELP = "heading from the one gyro axis that stands upright, its warm-up taken out, with an honest sigma"
@@ -65,9 +66,8 @@ class HeadingTaken:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo heading`."""
-    parser.add_argument(
-        "log", type=Path, metavar="LOG", help="MCAP recording or CSV folder; best begun with a standstill"
-    )
+    parser.add_argument("log", type=Path, metavar="LOG", help=f"best begun with a standstill: {LOG_HELP}")
+    add_log_options(parser)
     parser.add_argument("--node", help="name of the node (default: the only one)")
     parser.add_argument("--axis", choices=("x", "y", "z"), default="z", help="upright gyro axis (default z)")
     parser.add_argument(
@@ -106,7 +106,8 @@ def run(args: argparse.Namespace) -> HeadingTaken:
             raise InputError(f"{name} {value:g}: give 0 or more")
     if not 0.0 < args.step <= 60.0:
         raise InputError(f"--step {args.step:g}: give s above 0, 60 at most")
-    recording, node = read_node(args.log, args.node)
+    recording, node = read_node(args.log, args.node, log_form(args))
+    check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
         report = _take(args, recording, node)
     except InputError as error:

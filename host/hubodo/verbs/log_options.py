@@ -7,6 +7,8 @@ import math
 
 from hubodo.errors import InputError
 from hubodo.log.foreign import LogForm
+from hubodo.log.units import doubtful
+from hubodo.recording import Table
 
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy)"
 
@@ -44,3 +46,10 @@ def log_form(args: argparse.Namespace) -> LogForm:
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"
         )
     return form
+
+
+def check_node_units(table: Table, where: str) -> None:
+    """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
+    words = doubtful(table.gyro, table.accel)
+    if words is not None:
+        raise InputError(f"{where}: {words}")

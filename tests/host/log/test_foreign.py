@@ -160,3 +160,24 @@ def test_the_unit_of_a_log_that_is_not_in_si_is_said_by_the_same_option(tmp_path
     assert found["coefficients"]["N"]["value"] == pytest.approx(0.02 * 0.1 * DEG, rel=0.1)
     assert main(["info", str(tmp_path / "log" / "left.csv"), "--unit", "deg/s"]) == 0
     assert "/left/imu" in capsys.readouterr().out
+
+
+def test_an_import_in_other_units_is_warned_of_or_made_si_and_one_channel_is_no_log(tmp_path, capsys):
+    t = np.arange(600) / 100.0
+    rows = np.column_stack([t, *np.full((3, 600), 90.0), *np.full((2, 600), 0.0), np.ones(600)])
+    (tmp_path / "log").mkdir()
+    header = "t,gx,gy,gz,ax,ay,az"
+    np.savetxt(tmp_path / "log" / "left.csv", rows, delimiter=",", header=header, comments="")
+    words = ["import", str(tmp_path / "log"), "--json", "-o"]
+    assert main([*words, str(tmp_path / "a.mcap")]) == 0
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert "look to be in g" in warning
+    assert main([*words, str(tmp_path / "b.mcap"), "--unit", "g", "--unit", "deg/s"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == []
+    assert read_log(tmp_path / "b.mcap").nodes["left"]["gz"][0] == pytest.approx(np.pi / 2)
+    lone = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
+    assert (
+        main(["import", str(lone), "--rate", "100", "--unit", "deg/s", "-o", str(tmp_path / "c.mcap")]) == 2
+    )
+    assert "has no gx, gy, ax, ay, az" in capsys.readouterr().err
+    assert not (tmp_path / "c.mcap").exists()

@@ -110,20 +110,33 @@ def fit_noise(points: AllanPoints, slope: float, level: Callable[[], AllanPoints
             likelihood, best, chi2 = flat, ramp, flat.chi2(Terms.of(ramp.x))
     found = Terms.of(best.x)
     dof = len(likelihood.tau) - len(best.active) + (R in best.active)
+    later = _an_octave_later(likelihood, best)
     terms = {}
     for term, name in enumerate(TERMS):
         if term == N or (term in best.active and _missed(likelihood, best, term) > _KEEP):
             value = abs(found.ramp) if term == R else float(np.sqrt(found.theta[term]))
             ends = interval(likelihood, best, term)
             low, high = sorted((abs(ends.low), abs(ends.high)))
-            # What the model is wrong by, it is wrong by in the same sense everywhere.
-            sigma = float(np.hypot(ends.sigma, 0.5 * likelihood.misfit * value))
+            # What the model is wrong by, it is wrong by in the same sense everywhere; and where it begins to
+            # hold was a choice: half of what another one would change.
+            wrong = 0.5 * likelihood.misfit * value
+            chosen = 0.5 * (value - float(np.sqrt(later.theta[term]))) if later.theta[term] > 0.0 else 0.0
+            sigma = float(np.linalg.norm([ends.sigma, wrong, chosen]))
             terms[name] = NoiseTerm(value, sigma, low=low, high=high)
         else:
             terms[name] = _not_shown(term, likelihood, best, points)
     return NoiseFit(
         terms, found.theta, found.band, likelihood.factors, chi2, dof, likelihood.misfit, points.dt
     )
+
+
+def _an_octave_later(likelihood: Likelihood, best: Maximum) -> Terms:
+    """The terms without the first averaging time; those of the whole where too few are left."""
+    if len(likelihood.tau) <= _FEWEST or Q in best.active:
+        return Terms.of(best.x)
+    rest = likelihood.later(1)
+    rest.misfit = likelihood.misfit
+    return Terms.of(rest.best(best.active, best.x).x)
 
 
 def _believed(whole: Likelihood) -> tuple[Likelihood, Maximum, float]:
