@@ -27,7 +27,7 @@ from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_re
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
-from hubodo.verbs.standstill import read_node, temperature_of
+from hubodo.verbs.standstill import CHANNELS, read_node, temperature_of
 
 HELP = "heading from the one gyro axis that stands upright, its warm-up taken out, with an honest sigma"
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
@@ -129,6 +129,11 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
     table = recording.nodes[node]
     gyro, accel = table.gyro, table.accel
     rows = np.flatnonzero(np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1))
+    lacking = [name for name in CHANNELS if not np.isfinite(table[name]).any()]
+    if lacking:
+        raise InputError(
+            f"it has no {', '.join(lacking)}; a heading needs all axes of gyro and accelerometer"
+        )
     if len(rows) < 100:
         raise InputError(f"{len(rows)} samples are too few for a heading; record at least some seconds")
     t, gyro, accel = table.t[rows], gyro[rows], accel[rows]

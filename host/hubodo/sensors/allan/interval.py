@@ -17,7 +17,7 @@ _MOST_STEPS = 12
 _MOST_SIGMAS = 3.0
 # Points of a few degrees of freedom have heavier tails than their cube roots' Gaussian: as much as brings
 # limits of 95 % to 95 % of records, by tests/accuracy/allan_truth.py.
-_TAILS = 1.2
+_TAILS = 1.35
 
 
 @dataclass(frozen=True)
