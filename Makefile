@@ -40,11 +40,11 @@ papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/avrutov_separation.py
 	$(BIN)/python tests/papers/robert.py
 
-accuracy: setup      ## accuracy over many seeded drives and records; some ten minutes
+accuracy: setup      ## accuracy over many seeded drives and records; some fifteen minutes
 	$(BIN)/python tests/accuracy/odometry.py
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
-	$(BIN)/python tests/accuracy/allan_truth.py
+	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/poses.py
 
 road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes

@@ -15,8 +15,8 @@ BOTH_SIDES = 3.841
 _WIDTH = 2.0 * 1.95996
 _MOST_STEPS = 12
 _MOST_SIGMAS = 3.0
-# Points of a few degrees of freedom have heavier tails than their cube roots' Gaussian: as much as brings
-# limits of 95 % to 95 % of records, by tests/accuracy/allan_truth.py.
+# Points of a few degrees of freedom have heavier tails than their cube roots' Gaussian: with this limits of
+# 95 % cover 93 % of records, as tests/accuracy/allan_truth.py prints.
 _TAILS = 1.35
 
 
