@@ -177,7 +177,7 @@ def test_what_is_no_sensor_at_rest_in_si_units_is_refused_in_one_line(tmp_path, 
     stepped = gyro_noise(20_000, 0.05, np.random.default_rng(SEED), n=1e-3)
     cases = [
         ("allan", folder(tmp_path / "deg", noise / DEG, 0.01), "looks like deg/s"),
-        ("allan", folder(tmp_path / "turned", turned, 0.01), "the sensor was moved between"),
+        ("warmup", folder(tmp_path / "turned", turned, 0.01), "the sensor was moved between"),
         ("allan", folder(tmp_path / "short", noise[:100], 0.01), "too few for an Allan deviation"),
         ("allan", folder(tmp_path / "stuck", np.full(6000, 0.01), 0.01), "the sensor is stuck"),
         ("warmup", folder(tmp_path / "room", stepped, 0.05, **room), "the temperature steps by +6"),

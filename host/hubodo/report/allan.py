@@ -1,22 +1,37 @@
-"""The Allan deviation of a channel as words and tables."""
+"""The Allan deviation of one channel or several as words, tables and a page."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from hubodo.report.allan_figure import allan_figure
 from hubodo.report.drawing import drawing
-from hubodo.report.page import Grid, Section
+from hubodo.report.page import Grid, Section, page
 from hubodo.sensors.allan.characterise import AllanReport
+from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, rate_unit, units
 
-MEANING = {
+Named = tuple[str, AllanReport]
+"""A result and the name of the channel it is of."""
+
+_MEANING = {
     "Q": "steps of the converter; gone after a fraction of a second",
     "N": "white noise: the mean over a time t is this / √t off, the integral this · √t",
     "B": "the floor: averaging for longer does not get below about 0.664 of it",
     "K": "the bias walks: after a time t without looking it is this · √t elsewhere",
     "R": "the bias drifts along a line",
 }
+
+
+_SHORT = ("N", "B", "K")
+_LEADS = 3
+
+
+def meaning(term: str) -> str:
+    """What a term means to whoever uses the sensor."""
+    return _MEANING[term]
 
 
 def value_words(value: float, unit: str) -> str:
@@ -48,23 +63,101 @@ def allan_lead(report: AllanReport) -> str:
     return best
 
 
-def allan_sections(report: AllanReport) -> list[Section]:
-    """Terms, figure and an account of the record, for a page."""
+def allan_page(reports: Sequence[Named], title: str, sheets: Sequence[Datasheet] = ()) -> str:
+    """The page of one channel, or of several beside each other."""
+    if len(reports) == 1:
+        _, report = reports[0]
+        return page(title, allan_lead(report), allan_sections(report, title, sheets))
+    together = Section(
+        "Beside each other",
+        "Points with 95 % intervals and the fitted sum of the terms. Customary units, 1 sigma.",
+        [comparison(reports, sheets)],
+        [drawing(lambda: allan_figure(reports, title, sheets))],
+    )
+    each = [
+        Section(f"{name}: {part.title}", part.text, part.tables, part.figures, advice=part.advice)
+        for name, report in reports
+        for part in allan_sections(report, name, sheets)
+    ]
+    lead = " ".join(f"{name}: {allan_lead(report)}" for name, report in reports[:_LEADS])
+    return page(title, lead, [together, *each])
+
+
+def comparison(reports: Sequence[Named], sheets: Sequence[Datasheet] = ()) -> Grid:
+    """A row for each channel and data sheet: N, B and K in customary units, the best averaging time."""
+    names = units(reports[0][1].channel)
+    rows = []
+    for label, report in reports:
+        cells = []
+        for name in _SHORT:
+            term, factor = report.fit.terms[name], names[name].factor
+            if term.value is not None and term.sigma is not None:
+                cells.append(f"{term.value * factor:.4g} ± {term.sigma * factor:.2g}")
+            else:
+                cells.append("not shown" if term.limit is None else f"< {term.limit * factor:.3g}")
+        best = "longer" if report.best_tau is None else duration_words(report.best_tau)
+        rows.append((label, *cells, best))
+    for sheet in sheets:
+        terms = sheet.terms(reports[0][1].channel)
+        said = [f"{terms[name] * names[name].factor:.4g}" if name in terms else "" for name in _SHORT]
+        rows.append((f"{sheet.name}, data sheet", *said, ""))
+    heads = [f"{name} {names[name].name}, {names[name].customary}" for name in _SHORT]
+    return Grid(("", *heads, "average for"), rows)
+
+
+def advice(report: AllanReport) -> list[str]:
+    """What to do with the result, and to get a better one."""
+    lines = []
+    white, unit = report.fit.terms["N"], units(report.channel)["N"]
+    if report.best_tau is not None and report.best_deviation is not None:
+        lines.append(
+            f"Take the bias from a rest of about {duration_words(report.best_tau)}; longer brings nothing."
+        )
+    if white.value is not None and is_gyro(report.channel):
+        lines.append(
+            f"An angle integrated for an hour wanders by {white.value * unit.factor:.4g}° from white noise "
+            "alone (1 sigma)."
+        )
+    hidden = [term for term in report.fit.terms.values() if term.value is None]
+    waits = [term.needed for term in hidden if term.needed is not None]
+    if waits:
+        lines.append(
+            f"Record for {duration_words(min(waits))} to see more terms, or to bring their limits down."
+        )
+    if report.fit.factors[0] > 1:
+        lines.append(
+            "Give averaging times shorter than the fit's no weight: they show the low-pass. A wider "
+            "bandwidth would show quantisation."
+        )
+    if report.fit.misfit > 0:
+        lines.append(
+            "The points ripple about the fit: look for vibration or hum near the sensor, and record anew."
+        )
+    if report.record.excluded:
+        lines.append("Something touched the sensor: put it where it is alone, if the cut times repeat.")
+    return lines
+
+
+def allan_sections(
+    report: AllanReport, title: str | None = None, sheets: Sequence[Datasheet] = ()
+) -> list[Section]:
+    """Terms, what to do, figure and an account of the record, for a page. sheets: drawn beside the points."""
+    name = title or report.channel
     names = units(report.channel)
     rows, missing = [], []
-    for name, unit in names.items():
-        term = report.fit.terms[name]
+    for key, unit in names.items():
+        term = report.fit.terms[key]
         if term.value is None or term.sigma is None:
             limit = "" if term.limit is None else value_words(term.limit, unit.si)
             needed = "" if term.needed is None else duration_words(term.needed)
-            missing.append((f"{name} {unit.name}", limit, needed, term.reason))
+            missing.append((f"{key} {unit.name}", limit, needed, term.reason))
         else:
             rows.append(
                 (
-                    f"{name} {unit.name}",
+                    f"{key} {unit.name}",
                     f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
                     value_words(term.value * unit.factor, unit.customary),
-                    MEANING[name],
+                    meaning(key),
                 )
             )
     record = report.record
@@ -74,17 +167,19 @@ def allan_sections(report: AllanReport) -> list[Section]:
         ("duration", duration_words(record.duration)),
         ("gaps", str(len(record.gaps))),
         ("outliers", str(len(record.outliers))),
+        ("cut out as disturbed", ", ".join(f"{a:.6g} to {b:.6g} s" for a, b in record.excluded) or "nothing"),
         ("fit", f"chi-square {report.fit.chi2:.4g} for {report.fit.dof} degrees of freedom"),
     ]
     return [
         Section(
             "Noise terms", "IEEE 952 names; 1 sigma.", [Grid(("term", "SI", "customary", "meaning"), rows)]
         ),
+        Section("What to do", advice=advice(report)),
         Section(
             "Allan deviation",
             "Points with 95 % intervals; the line is the sum of the terms, dashed are their asymptotes. "
             "Below: what the fit leaves over, with 1 sigma; hollow points had no part in it.",
-            figures=[drawing(lambda: allan_figure([(report.channel, report)], report.channel))],
+            figures=[drawing(lambda: allan_figure([(name, report)], name, sheets))],
         ),
         *(
             [

@@ -45,7 +45,12 @@ def allan_figure(
     tau = _span([report for _, report in reports])
     for sheet, dash in zip(sheets, cycle((":", "-.", (0, (1, 3)))), strict=False):
         upper.plot(
-            tau, sheet.deviation(tau), ls=dash, color="#5d646c", lw=1.5, label=f"{sheet.name}, data sheet"
+            tau,
+            sheet.deviation(reports[0][1].channel, tau),
+            ls=dash,
+            color="#5d646c",
+            lw=1.5,
+            label=f"{sheet.name}, data sheet",
         )
     upper.set_xscale("log")
     upper.set_yscale("log")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from hubodo.errors import InputError
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Spans = Sequence[tuple[float, float]]
 
 # Off an integer number of intervals by more than this, a stamp does not sit on the grid.
 _OFF_GRID = 0.3
@@ -27,7 +29,8 @@ class EvenGrid:
 
     values: (N,) samples, 0 where none is present. present: (N,) bool. dt: interval in s. start: time of the
     first sample in s. gaps: ((start s, missing samples), ...). jitter: rms distance of the stamps from the
-    grid in intervals. outliers: times in s of samples that were taken out. notes: lines for people.
+    grid in intervals. outliers: times in s of samples that were taken out. notes: lines for people. excluded:
+    (from, to) in s of what was left out as disturbed.
     """
 
     values: FloatArray
@@ -38,6 +41,7 @@ class EvenGrid:
     jitter: float
     outliers: FloatArray
     notes: tuple[str, ...]
+    excluded: Spans = ()
 
     @property
     def duration(self) -> float:
@@ -58,13 +62,26 @@ class EvenGrid:
         return float(t @ (self.values - mean_y) / (t @ t))
 
 
-def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True) -> EvenGrid:
+def as_is(t: FloatArray, values: FloatArray) -> EvenGrid:
+    """Every sample, one beside the other at their mean interval, whatever the stamps say of gaps.
+
+    t: (N,) s, strictly increasing. values: (N,). Raises InputError as `even_grid`.
+    """
+    _check(t, values)
+    dt = float((t[-1] - t[0]) / (len(t) - 1))
+    return EvenGrid(values, np.ones(len(values), bool), dt, float(t[0]), (), float("nan"), t[:0], ())
+
+
+def even_grid(
+    t: FloatArray, values: FloatArray, *, reject_outliers: bool = True, excluded: Spans = ()
+) -> EvenGrid:
     """Place samples on the even grid that their stamps tell.
 
     t: (N,) s, strictly increasing. values: (N,). The interval is the median of the differences, refined over
     the whole record; a difference of k intervals means k - 1 missing samples. Outliers are up to three
     samples in a row, further from the running median than Gaussian noise reaches once in a hundred records.
-    Raises InputError: fewer than 16 samples, not finite, all equal, time not increasing.
+    excluded: (from, to) in s, samples in it are taken as missing. Raises InputError: fewer than 16 samples,
+    not finite, all equal, time not increasing.
     """
     _check(t, values)
     notes: list[str] = []
@@ -80,7 +97,10 @@ def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True
     jitter = float(np.std(off - np.mean(off)) / dt) if even else float("nan")
     missing = np.diff(places) - 1
     gaps = tuple((float(t[k]), int(missing[k])) for k in np.flatnonzero(missing))
-    bad = _outliers(values) if reject_outliers else np.zeros(len(values), bool)
+    out = np.zeros(len(t), bool)
+    for begin, end in excluded:
+        out[np.searchsorted(t, begin) : np.searchsorted(t, end, "right")] = True
+    bad = _outliers(values) & ~out if reject_outliers else np.zeros(len(values), bool)
     if gaps:
         lost = sum(number for _, number in gaps)
         longest = max(gaps, key=lambda gap: gap[1])
@@ -92,13 +112,14 @@ def even_grid(t: FloatArray, values: FloatArray, *, reject_outliers: bool = True
     if bad.any():
         first = float(t[int(np.argmax(bad))])
         notes.append(f"{int(bad.sum())} outliers taken out as missing samples, the first at {first:.6g} s")
-    if not gaps and not bad.any():
+    if not gaps and not bad.any() and not out.any():
         return EvenGrid(values, np.ones(len(values), bool), dt, float(t[0]), (), jitter, t[:0], tuple(notes))
     placed = np.zeros(int(places[-1]) + 1)
     present = np.zeros(len(placed), bool)
-    placed[places[~bad]] = values[~bad]
-    present[places[~bad]] = True
-    return EvenGrid(placed, present, dt, float(t[0]), gaps, jitter, t[bad], tuple(notes))
+    kept = ~bad & ~out
+    placed[places[kept]] = values[kept]
+    present[places[kept]] = True
+    return EvenGrid(placed, present, dt, float(t[0]), gaps, jitter, t[bad], tuple(notes), tuple(excluded))
 
 
 def _check(t: FloatArray, values: FloatArray) -> None:

@@ -1,4 +1,4 @@
-"""`hubodo allan`: what a sensor at rest is worth: Allan deviation, noise terms, how long to average."""
+"""`hubodo allan`: what sensors at rest are worth: Allan deviation, noise terms, how long to average."""
 
 from __future__ import annotations
 
@@ -11,13 +11,25 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.report.allan import MEANING, allan_lead, allan_sections, duration_words, value_words
+from hubodo.log.any_log import read_log
+from hubodo.progress import progress_line
+from hubodo.recording import Recording
+from hubodo.report.allan import (
+    Named,
+    allan_lead,
+    allan_page,
+    comparison,
+    duration_words,
+    meaning,
+    value_words,
+)
 from hubodo.report.allan_figure import allan_figure
 from hubodo.report.drawing import drawing_path, save
-from hubodo.report.page import page
 from hubodo.sensors.allan.characterise import AllanReport, characterise
-from hubodo.sensors.allan.ieee952 import units
-from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
+from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
+from hubodo.sensors.allan.ieee952 import is_gyro, units
+from hubodo.verbs.log_options import LOG_HELP, log_form
+from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
@@ -37,25 +49,18 @@ class Characterised:
     def render(self, console: Console) -> None:
         """The terms with what they mean, then the averaging time."""
         report = self.report
-        table = Table(
-            "",
-            "term",
-            "value",
-            "± 1 sigma",
-            "customary",
-            "what it means",
-            title=f"{self.node} {report.channel}",
-        )
+        title = f"{self.node} {report.channel}"
+        table = Table("", "term", "value", "± 1 sigma", "customary", "what it means", title=title)
         for name, unit in units(report.channel).items():
             term = report.fit.terms[name]
             if term.value is None or term.sigma is None:
                 limit = "" if term.limit is None else f"below {value_words(term.limit, unit.si)} (95 %); "
-                wait = (
+                needed = (
                     ""
                     if term.needed is None
-                    else f"; a record of {duration_words(term.needed)} would show that"
+                    else f"; {duration_words(term.needed)} of record would show that"
                 )
-                table.add_row(name, unit.name, "not shown", "", "", f"{limit}{term.reason}{wait}")
+                table.add_row(name, unit.name, "not shown", "", "", f"{limit}{term.reason}{needed}")
             else:
                 table.add_row(
                     name,
@@ -63,7 +68,7 @@ class Characterised:
                     value_words(term.value, unit.si),
                     f"{100 * term.sigma / term.value:.2g} %",
                     value_words(term.value * unit.factor, unit.customary),
-                    MEANING[name],
+                    meaning(name),
                 )
         console.print(table)
         console.print(allan_lead(report), highlight=False)
@@ -71,9 +76,56 @@ class Characterised:
             console.print(f"note: {note}", highlight=False)
 
 
+@dataclass(frozen=True)
+class Compared:
+    """The results for several channels, and data sheets beside them."""
+
+    sensors: tuple[Characterised, ...]
+    sheets: tuple[Datasheet, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The fixed form of each under `sensors`, and the data sheets in SI."""
+        return {
+            "sensors": [sensor.as_json() for sensor in self.sensors],
+            "datasheets": [
+                {"name": sheet.name, "gyro": sheet.gyro, "accel": sheet.accel} for sheet in self.sheets
+            ],
+        }
+
+    def render(self, console: Console) -> None:
+        """A line for each sensor and data sheet."""
+        grid = comparison(_named(self.sensors), self.sheets)
+        table = Table(*grid.headings, title="customary units, ± 1 sigma")
+        for row in grid.rows:
+            table.add_row(*row)
+        console.print(table)
+        for sensor in self.sensors:
+            for note in sensor.report.notes:
+                console.print(f"note: {sensor.node} {sensor.report.channel}: {note}", highlight=False)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo allan`."""
-    add_standstill_arguments(parser)
+    parser.add_argument("log", type=Path, nargs="+", metavar="LOG", help=f"sensors at rest: {LOG_HELP}")
+    parser.add_argument("--node", help="names of nodes, with commas, or all (default: the only one)")
+    parser.add_argument(
+        "--channel",
+        default="gz",
+        help=f"columns of the node, with commas: {', '.join(CHANNELS)} (default gz)",
+    )
+    add_span_arguments(parser)
+    parser.add_argument(
+        "--as-is",
+        action="store_true",
+        help="every sample, whatever it is: the plain deviation, as allantools'",
+    )
+    parser.add_argument(
+        "--datasheet",
+        action="append",
+        default=[],
+        metavar="TOML|CHIP",
+        help=f"lay a data sheet beside it: a file, or one of {', '.join(CHIPS)} (repeatable)",
+    )
     parser.add_argument(
         "--turn", type=float, default=2.0, help="s from stop to stop of a maytag table (default 2)"
     )
@@ -91,20 +143,86 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
-def run(args: argparse.Namespace) -> Characterised:
-    """Read, check, characterise; write figure and page where asked."""
+def run(args: argparse.Namespace) -> Characterised | Compared:
+    """Read, check, characterise; write page and figure where asked."""
     if not args.turn > 0:
         raise InputError(f"--turn {args.turn} must be a positive time in s")
-    data = read_standstill(args)
+    channels = _channels(args.channel)
+    sheets = tuple(read_datasheet(name) for name in args.datasheet)
+    args.channel = channels[0]
+    form, sensors = log_form(args), []
+    for log in args.log:
+        with progress_line() as show:
+            recording = read_log(log, form=form, progress=show)
+        for node in _nodes(log, recording, args.node):
+            sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
+    made: Characterised | Compared = sensors[0] if len(sensors) == 1 else Compared(tuple(sensors), sheets)
+    named = _named(sensors)
+    title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
+    # The page first: it does not need what the figure may lack.
+    if args.report is not None:
+        args.report.write_text(allan_page(named, title, sheets), "utf-8")
+    if args.figure is not None:
+        save(allan_figure(named, title, sheets), args.figure)
+    return made
+
+
+def _characterised(
+    args: argparse.Namespace, log: Path, recording: Recording, node: str, channel: str
+) -> Characterised:
+    if args.as_is:
+        args.trust_still = True
+    data = standstill(args, log, recording, node, channel, cut=True)
     try:
         report = characterise(
-            data.t, data.values, data.channel, turn=args.turn, per_octave=args.per_octave, step=data.step
+            data.t,
+            data.values,
+            channel,
+            turn=args.turn,
+            per_octave=args.per_octave,
+            step=data.step,
+            excluded=data.disturbed,
+            every_sample=args.as_is,
         )
     except InputError as error:
-        raise InputError(f"{args.log}, node {data.node}, {data.channel}: {error}") from None
-    if args.report is not None:
-        title = f"Allan deviation of {data.node} {data.channel}"
-        args.report.write_text(page(title, allan_lead(report), allan_sections(report)), "utf-8")
-    if args.figure is not None:
-        save(allan_figure([(data.channel, report)], f"{data.node} {data.channel}"), args.figure)
-    return Characterised(str(args.log), data.node, report)
+        raise InputError(f"{log}, node {node}, {channel}: {error}") from None
+    return Characterised(str(log), node, report)
+
+
+def _channels(text: str) -> list[str]:
+    """The channels named. Raises InputError: none such, or gyro beside accelerometer in one figure."""
+    channels = [name.strip() for name in text.split(",")]
+    for name in channels:
+        if name not in CHANNELS:
+            raise InputError(f"--channel {name!r}: choose from {', '.join(CHANNELS)}")
+    if len({is_gyro(name) for name in channels}) > 1:
+        raise InputError(
+            f"--channel {text}: gyro and accelerometer share no unit; ask for them one after the other"
+        )
+    return list(dict.fromkeys(channels))
+
+
+def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
+    nodes = list(recording.nodes)
+    if asked == "all" or (asked is None and len(nodes) == 1):
+        return nodes
+    if asked is None:
+        raise InputError(
+            f"{log}: holds several nodes; say --node with one of, or all: {', '.join(nodes) or 'none'}"
+        )
+    chosen = [name.strip() for name in asked.split(",")]
+    for name in chosen:
+        if name not in nodes:
+            raise InputError(
+                f"{log}: holds no node {name!r}; say --node with one of: {', '.join(nodes) or 'none'}"
+            )
+    return chosen
+
+
+def _named(sensors: list[Characterised] | tuple[Characterised, ...]) -> list[Named]:
+    """Each result under the shortest name that tells it from the others."""
+    logs = len({sensor.log for sensor in sensors}) > 1
+    return [
+        (f"{Path(sensor.log).name} " * logs + f"{sensor.node} {sensor.report.channel}", sensor.report)
+        for sensor in sensors
+    ]

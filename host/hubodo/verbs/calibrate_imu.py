@@ -28,6 +28,7 @@ from hubodo.recording import Recording, Table
 from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -96,7 +97,8 @@ class CalibratedImu:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo calibrate imu`."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument("--node", required=True, help="name of the node")
     parser.add_argument("--gravity", type=float, default=9.80665, help="m/s² at the place (default 9.80665)")
     parser.add_argument("--latitude-deg", type=float, help="makes Earth rate the reference of precise gyros")
@@ -128,9 +130,10 @@ def run(args: argparse.Namespace) -> CalibratedImu:
             f"--table-rate-deg-s {args.table_rate_deg_s} must be positive; its sign does not matter"
         )
     with progress_line() as show:
-        recording = read_log(args.log, progress=show)
+        recording = read_log(args.log, form=log_form(args), progress=show)
         show("rests, poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
+        check_node_units(table, f"{args.log}, node {args.node}")
         before = read_calibration(args.output) if args.output.exists() else Calibration()
         result = calibrate_imu(
             table.t,

@@ -31,6 +31,7 @@ from hubodo.fuse.wheels import located, log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -89,7 +90,8 @@ class CalibratedWheels:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo calibrate wheels`."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="TOML", help="calibration file; added to"
@@ -111,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> CalibratedWheels:
     """Read, calibrate, add to the calibration file."""
     vehicle = load_vehicle(args.vehicle)
-    recording = read_log(args.log)
+    recording = read_log(args.log, form=log_form(args))
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))
     priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))

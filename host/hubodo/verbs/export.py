@@ -12,6 +12,7 @@ from rich.console import Console
 from hubodo.log.any_log import read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.progress import progress_line
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo export drive.mcap -o drive/"
 
@@ -40,7 +41,8 @@ class Exported:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo export`."""
-    parser.add_argument("log", metavar="LOG", type=Path, help="MCAP recording, rosbag2 or CSV folder")
+    parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the folder to make")
     parser.add_argument(
         "--format", choices=("csv", "parquet"), default="csv", help="parquet needs pyarrow (hubodo[parquet])"
@@ -50,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Exported:
     """Read the log, write the folder."""
     with progress_line() as show:
-        recording = read_log(args.log, progress=show)
+        recording = read_log(args.log, form=log_form(args), progress=show)
         names = write_folder(recording, args.output, form=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return Exported(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)

@@ -20,6 +20,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
 
@@ -87,7 +88,8 @@ class Fused:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, rosbag2 or CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
     parser.add_argument("--nodes", metavar="NAMES", help="use these wheel nodes alone, such as: left")
@@ -124,7 +126,7 @@ def run(args: argparse.Namespace) -> Fused:
     lag = _lag(args.smooth)
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
-    recording = read_log(args.log)
+    recording = read_log(args.log, form=log_form(args))
     odometry = wheel_odometry(
         recording,
         vehicle,

@@ -34,6 +34,7 @@ from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near, write_whole
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 FILES = ("gap.json", "model.toml", "report.html")
@@ -91,7 +92,8 @@ class GapReport:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo gap`."""
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs")
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
     )
@@ -113,7 +115,7 @@ def run(args: argparse.Namespace) -> GapReport:
     _free(args.output, args.model)
     model = read_model(args.model)
     with progress_line() as show:
-        recording = read_log(args.log, progress=show)
+        recording = read_log(args.log, form=log_form(args), progress=show)
         result = find_gap(
             recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
         )

@@ -26,7 +26,8 @@ from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
-from hubodo.verbs.standstill import read_node, temperature_of
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.verbs.standstill import CHANNELS, read_node, temperature_of
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
@@ -66,9 +67,8 @@ class HeadingTaken:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo heading`."""
-    parser.add_argument(
-        "log", type=Path, metavar="LOG", help="MCAP recording or CSV folder; best begun with a standstill"
-    )
+    parser.add_argument("log", type=Path, metavar="LOG", help=f"best begun with a standstill: {LOG_HELP}")
+    add_log_options(parser)
     parser.add_argument("--node", help="name of the node (default: the only one)")
     parser.add_argument("--axis", choices=("x", "y", "z"), default="z", help="upright gyro axis (default z)")
     parser.add_argument(
@@ -116,7 +116,8 @@ def run(args: argparse.Namespace) -> HeadingTaken:
             raise InputError(f"{name} {value:g}: give 0 or more")
     if not 0.0 < args.step <= 60.0:
         raise InputError(f"--step {args.step:g}: give s above 0, 60 at most")
-    recording, node = read_node(args.log, args.node)
+    recording, node = read_node(args.log, args.node, log_form(args))
+    check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
         report = _take(args, recording, node)
     except InputError as error:
@@ -138,6 +139,11 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
     table = recording.nodes[node]
     gyro, accel = table.gyro, table.accel
     rows = np.flatnonzero(np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1))
+    lacking = [name for name in CHANNELS if not np.isfinite(table[name]).any()]
+    if lacking:
+        raise InputError(
+            f"it has no {', '.join(lacking)}; a heading needs all axes of gyro and accelerometer"
+        )
     if len(rows) < 100:
         raise InputError(f"{len(rows)} samples are too few for a heading; record at least some seconds")
     t, gyro, accel = table.t[rows], gyro[rows], accel[rows]

@@ -7,14 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from hubodo.errors import InputError
 from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
+from hubodo.log.any_log import is_rosbag2, mcap_file, read_log
 from hubodo.log.container import temporary_beside
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
+from hubodo.log.foreign import CHANNELS, in_si
+from hubodo.log.units import doubtful
 from hubodo.progress import progress_line
+from hubodo.recording import Recording
+from hubodo.verbs.log_options import add_log_options, log_form
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
@@ -27,10 +33,17 @@ class Imported:
     rows: dict[str, int]
     messages: int
     dropped: dict[str, dict[str, int]]
+    warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` prints it."""
-        return {"log": self.log, "rows": self.rows, "messages": self.messages, "dropped": self.dropped}
+        return {
+            "log": self.log,
+            "rows": self.rows,
+            "messages": self.messages,
+            "dropped": self.dropped,
+            "warnings": list(self.warnings),
+        }
 
     def render(self, console: Console) -> None:
         """One line per file."""
@@ -39,6 +52,8 @@ class Imported:
         for name, kinds in self.dropped.items():
             account = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
             console.print(f"{name}: dropped {account}", highlight=False, markup=False)
+        for line in self.warnings:
+            console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
         console.print(f"wrote {self.log}: {self.messages} messages", highlight=False, markup=False)
 
 
@@ -72,8 +87,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         metavar="DIR",
         type=Path,
-        help="folder of CSV files (may be gzipped), or a log whose raw frames this version is to decode",
+        help="folder of CSV files (may be gzipped), a rosbag, one file of numbers, or a log whose raw frames "
+        "this version is to decode",
     )
+    add_log_options(parser)
     parser.add_argument(
         "-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="the log to write"
     )
@@ -85,17 +102,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Imported | Decoded:
     """Read the folder or the frames, write the log."""
     temporary_beside(args.output)
-    if args.source.is_file():
+    form = log_form(args)
+    if args.source.is_file() and mcap_file(args.source) is not None:
         if args.repair:
             raise InputError("--repair: drops rows of CSV files; a log is repaired by hubodo recover")
         with progress_line() as show:
             return Decoded(str(args.source), decode_again(args.source, args.output, progress=show))
     with progress_line() as show:
-        recording = read_folder(args.source, repair=args.repair, progress=show)
+        if args.source.is_dir() and not is_rosbag2(args.source):
+            recording = in_si(read_folder(args.source, repair=args.repair, progress=show), form)
+        else:
+            recording = read_log(args.source, form=form, progress=show)
+        _check_whole(args.source, recording)
         messages = write_recording(recording, args.output, progress=show)
     return Imported(
         log=str(args.output),
         rows={name: len(table) for name, table in recording.files().items()},
         messages=messages,
         dropped={event.source: dict(event.data["dropped"]) for event in recording.events},
+        warnings=(*recording.warnings, *_doubts(recording)),
     )
+
+
+def _check_whole(source: Path, recording: Recording) -> None:
+    """Raises InputError for a node without a channel: a log has all six."""
+    for name, table in recording.nodes.items():
+        lacking = [channel for channel in CHANNELS if not np.isfinite(table[channel]).any()]
+        if lacking and len(table):
+            raise InputError(
+                f"{source}: {name} has no {', '.join(lacking)}, and a log holds all six; give the file "
+                "itself to hubodo allan or warmup"
+            )
+
+
+def _doubts(recording: Recording) -> list[str]:
+    """A line for each node whose numbers look to be in other units."""
+    found = {name: doubtful(table.gyro, table.accel) for name, table in recording.nodes.items()}
+    return [f"{name}: {words}" for name, words in found.items() if words is not None]

@@ -19,6 +19,7 @@ from hubodo.ingest.node.bias_filter import filter_words
 from hubodo.log.any_log import as_mcap
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
 from hubodo.progress import progress_line
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo info drive.mcap"
 
@@ -187,10 +188,11 @@ def _gap_json(gap: SampleGap) -> dict[str, Any]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo info`."""
-    parser.add_argument("log", metavar="LOG", type=Path, help="MCAP recording, rosbag2 or CSV folder")
+    parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
+    add_log_options(parser)
 
 
 def run(args: argparse.Namespace) -> Info:
     """Describe the log."""
-    with progress_line() as show, as_mcap(args.log) as file:
+    with progress_line() as show, as_mcap(args.log, log_form(args)) as file:
         return Info(replace(summarise(file, progress=show), path=args.log))

@@ -27,6 +27,7 @@ from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_wa
 from hubodo.sensors.north.report import advice, advice_words, gyro_json
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
+from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live, run_live
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
@@ -128,6 +129,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "log", type=Path, nargs="?", metavar="LOG", help="MCAP recording, or a CSV folder, with table.csv"
     )
+    add_log_options(parser)
     parser.add_argument(
         "--live", metavar="PORT", help="instead of a LOG: the port of a node on a table, recorded now"
     )
@@ -186,7 +188,7 @@ def run(args: argparse.Namespace) -> FoundNorth:
         raise InputError("--table and -o go with --live PORT")
     with progress_line() as show:
         if live is None:
-            recording, nodes = read_log(args.log, progress=show), args.node
+            recording, nodes = read_log(args.log, form=log_form(args), progress=show), args.node
         else:
             recording, nodes = live.recording, [live.node]
         gyros, warnings = _gyros(args, recording, nodes or _only_node(args, recording), calibration, show)

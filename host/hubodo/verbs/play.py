@@ -19,6 +19,7 @@ from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, r
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.play_view import Replayed, show
 
 EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --link /tmp/ttyRIDE"
@@ -26,7 +27,8 @@ EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --l
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The log, which part of it, how fast, and where to."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, rosbag2 or CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument(
         "--speed", type=float, default=1.0, help="times real time; 0 = as fast as possible (default 1)"
     )
@@ -114,7 +116,7 @@ def run(args: argparse.Namespace) -> PlayResult:
     if args.to == "pty" and (args.vehicle is not None or args.calibration is not None):
         raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
     play = _to_pty if args.to == "pty" else _to_view
-    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log) as file:
+    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, log_form(args)) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file}), stopping.is_set)
     return replace(played, file=str(args.log))
 

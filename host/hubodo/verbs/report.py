@@ -19,6 +19,7 @@ from hubodo.log.summary import summarise
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -52,7 +53,8 @@ class Reported:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo report`."""
-    parser.add_argument("log", type=Path, metavar="LOG", help="MCAP recording, or a CSV folder")
+    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    add_log_options(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="HTML")
     parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry instead of that in the log")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="instead of that in the log")
@@ -67,7 +69,11 @@ def run(args: argparse.Namespace) -> Reported:
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
-        recording, summary, kept = read_log(args.log, progress=show), None, Setup(None, None, None)
+        recording, summary, kept = (
+            read_log(args.log, form=log_form(args), progress=show),
+            None,
+            Setup(None, None, None),
+        )
         file = mcap_file(args.log)
         if file is not None:
             summary = summarise(file)

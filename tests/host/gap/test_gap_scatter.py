@@ -254,16 +254,28 @@ def test_a_random_walk_gains_the_density_of_window_means_with_its_covariance(see
     means = [[one.value[row, part].mean() for part in parts] for row in range(3)]
 
     def log_density(k):
-        walk = k**2 * (WINDOW + np.minimum.outer(at, at))
+        # Means over windows: of two, all that lies before the later one; of one, two thirds of its own part.
+        walk = k**2 * (1.5 * WINDOW + np.minimum.outer(at, at) - np.diag(np.full(len(at), WINDOW / 6.0)))
         return sum(multivariate_normal(cov=alone + walk).logpdf(mean) for mean in means)
 
     # The intensities that are tried: a factor of 1.46 apart.
     gain = max(log_density(k) for k in np.geomspace(1e-6, 3e-2, 28)) - log_density(0.0)
     assert found[0].gain == pytest.approx(gain, rel=1e-6)
-    # 1 sigma of ln k from the curvature there, which is taken of a parabola through three that were tried.
-    top, h = found[0].term.effect.k, np.log(1.46)
+    # 1 sigma of ln k from the curvature there.
+    top, h = found[0].term.effect.k, np.log(1.46) / 12.0
     bend = (log_density(top * np.exp(h)) - 2.0 * log_density(top) + log_density(top * np.exp(-h))) / h**2
     assert found[0].sigmas["k"] == pytest.approx(top / np.sqrt(-bend), rel=0.25)
+
+
+def test_a_walk_far_above_the_noise_comes_back_as_large_as_it_is():
+    """Windows' means taken for points of the walk would make it a sixth too small, many sigmas."""
+    ratios = []
+    for seed in range(6):
+        clean, y = walking(np.random.default_rng([seed, 3]), 0.02, 12_000)
+        (found,) = look_for_random_walk([shown(y, clean)])
+        ratios.append(found.term.effect.k / 0.02)
+    print("seeds [0..5, 3]:", np.round(ratios, 3))
+    assert abs(np.mean(ratios) - 1.0) < 3.0 * found.sigmas["k"] / 0.02 / np.sqrt(6)
 
 
 def test_a_step_of_the_bias_is_no_random_walk():

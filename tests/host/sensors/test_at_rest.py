@@ -20,8 +20,8 @@ def still(seed=0, count=6000):
 @pytest.mark.parametrize(
     ("gyro_factor", "accel_factor", "words"),
     [
-        (1.0, 1 / 9.80665, "that is g; convert"),
-        (1.0, 1000 / 9.80665, "that is mg; convert"),
+        (1.0, 1 / 9.80665, "that is g; say its unit"),
+        (1.0, 1000 / 9.80665, "that is mg; say its unit"),
         (180 / np.pi, 1.0, "it looks like deg/s"),
         (180e3 / np.pi, 1.0, "it looks like mdeg/s"),
     ],

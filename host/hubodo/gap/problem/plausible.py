@@ -9,6 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.gap.problem.problem import NodeData
+from hubodo.log.units import doubtful
 from hubodo.model.forward import NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.vehicle import facing_sign
@@ -34,12 +35,10 @@ def check(nodes: Sequence[NodeData], inputs: Inputs, measured_by: Sequence[str],
 
 
 def _check_units(node: NodeData, where: str) -> None:
-    felt = float(np.median(np.linalg.norm(node.y[3:], axis=0)))
-    if node.used[3:].all() and 0.7 < felt < 1.4:
-        raise InputError(
-            f"{where}: {node.name}: its accelerometer feels {felt:.2f} m/s² where gravity is 9.8: ax, ay, az "
-            "look to be in g; write them in m/s²"
-        )
+    if node.used[3:].all():
+        words = doubtful(node.y[:3].T, node.y[3:].T)
+        if words is not None:
+            raise InputError(f"{where}: {node.name}: {words}")
 
 
 def _check_spin(node: NodeData, where: str) -> None:

@@ -10,13 +10,12 @@ from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.innovations import winsorised
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.process_noise.walk import scores, walked
 from hubodo.gap.process_noise.wheel_phase import WINDOW, windows
 from hubodo.gap.scatter.base import Proposal, shared, single_cost
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "gyro_rate_random_walk"
-_GRID = np.geomspace(1e-6, 3e-2, 28)
+_GRID, _FINER = np.geomspace(1e-6, 3e-2, 28), 25
 # Rounding leaves a little more than sensor noise in the means.
 _WORTH = 3.0
 # A walk can pass for any slow drift: it has to be better than those by more than chance.
@@ -34,7 +33,9 @@ def look_for_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
         at = int(np.argmax(curve))
         if curve[at] < _WORTH or at == len(_GRID) - 1:
             continue
-        k, sigma = _refined(curve, at)
+        # Many windows know k far better than the steps of the grid, over which no likelihood is a parabola.
+        fine = _GRID[at] * np.exp(np.linspace(-1.0, 1.0, _FINER) * np.log(_GRID[1] / _GRID[0]))
+        k, sigma = _refined(np.sum([_curve(one, fine) for one in members], axis=0), fine)
         if not all(_steady(one, k) for one in members):
             continue
         cost = single_cost(sum(len(windows(one.node.t)) for one in members))
@@ -50,14 +51,35 @@ def look_for_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
     return made
 
 
-def _curve(residual: Residual) -> Array:
-    """(28,) gain of ln likelihood of one node for each k of the grid."""
-    total = np.zeros(len(_GRID))
+def _curve(residual: Residual, grid: Array = _GRID) -> Array:
+    """(G,) gain of ln likelihood of one node for each k of the grid, (G,)."""
+    total = np.zeros(len(grid))
     for mean, variance, steps in _means(residual):
-        tried = np.array([0.0, *_GRID**2])
-        found = scores(mean, variance, steps, tried, tried * WINDOW)
+        off, spread = _innovations(mean, variance, steps, np.array([0.0, *grid**2]))
+        found = -0.5 * (off**2 / spread + np.log(spread)).sum(axis=0)
         total += found[1:] - found[0]
     return total
+
+
+def _innovations(mean: Array, variance: Array, steps: Array, intensities: Array) -> tuple[Array, Array]:
+    """(K, G) each window's mean less what those before it tell, and the variance of that, for each k².
+
+    A mean of a walk over a window of length W differs from where the walk was when the window began by noise
+    of variance k² W / 3, which has k² W / 2 in common with the walk's way through it: a filter that takes
+    the means for points of the walk finds k too small, by up to the root of two thirds where the walk is all
+    there is.
+    """
+    x, v = np.zeros_like(intensities), intensities * WINDOW
+    off, spread = np.empty((len(mean), len(intensities))), np.empty((len(mean), len(intensities)))
+    for k, (z, r, step) in enumerate(
+        zip(mean.tolist(), variance.tolist(), [*steps.tolist(), 0.0], strict=True)
+    ):
+        off[k] = z - x
+        spread[k] = v + r + intensities * (WINDOW / 3.0)
+        shared_part = v + intensities * (0.5 * WINDOW)
+        x = x + shared_part / spread[k] * off[k]
+        v = v + intensities * step - shared_part**2 / spread[k]
+    return off, spread
 
 
 def _means(residual: Residual) -> Iterator[tuple[Array, Array, Array]]:
@@ -79,7 +101,8 @@ def _steady(residual: Residual, k: float) -> bool:
     """
     sizes = []
     for mean, variance, steps in _means(residual):
-        z = walked(mean, variance, steps, k**2, k**2 * WINDOW).innovation
+        off, spread = _innovations(mean, variance, steps, np.array([k**2]))
+        z = (off / np.sqrt(spread))[:, 0]
         slack = _STEADY * np.sqrt(1.0 / len(z))
         if np.mean(z**4) / np.mean(z**2) ** 2 - 3.0 > slack * np.sqrt(24.0) + 0.2:
             return False
@@ -93,15 +116,15 @@ def _steady(residual: Residual, k: float) -> bool:
     return bool(max(sizes) < 1.0 + _STEADY * np.sqrt(2.0 / len(z)) + 0.3)
 
 
-def _refined(curve: Array, at: int) -> tuple[float, float]:
-    """k at the top of the parabola through the best three, and its 1 sigma."""
-    at = min(max(at, 1), len(_GRID) - 2)
+def _refined(curve: Array, grid: Array) -> tuple[float, float]:
+    """k at the top of the parabola through the best three of an even grid in ln k, and its 1 sigma."""
+    at = min(max(int(np.argmax(curve)), 1), len(grid) - 2)
     low, middle, high = curve[at - 1 : at + 2]
-    step = float(np.log(_GRID[1] / _GRID[0]))
+    step = float(np.log(grid[1] / grid[0]))
     bend = (low - 2.0 * middle + high) / step**2
     slope = (high - low) / (2.0 * step)
     if bend >= 0.0:
-        return float(_GRID[at]), float(_GRID[at])
+        return float(grid[at]), float(grid[at])
     shift = float(np.clip(-slope / bend, -step, step))
-    k = float(_GRID[at] * np.exp(shift))
+    k = float(grid[at] * np.exp(shift))
     return k, k / float(np.sqrt(-bend))

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from hubodo.errors import InputError
-from hubodo.sensors.allan.covariance import TERMS, covariance_tensor
+from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
 from hubodo.sensors.allan.ieee952 import rate_unit, units
 from hubodo.sensors.at_rest import TemperatureStep
-from hubodo.sensors.even_grid import EvenGrid, even_grid
+from hubodo.sensors.even_grid import EvenGrid, Spans, as_is, even_grid
 
 FloatArray = NDArray[np.float64]
 
@@ -67,6 +67,8 @@ class AllanReport:
                     "limit_95": term.limit,
                     "record_needed_s": term.needed,
                 }
+            else:
+                coefficients[name] |= {"low_95": term.low, "high_95": term.high}
         return {
             "tau": self.points.tau.tolist(),
             "adev": self.points.adev.tolist(),
@@ -85,7 +87,7 @@ class AllanReport:
                 "dof": self.fit.dof,
                 "relative_misfit": self.fit.misfit,
                 "tau": (self.fit.factors * self.points.dt).tolist(),
-                "covariance_of_squares": self.fit.covariance.tolist(),
+                "band": self.fit.band,
             },
             "record": {
                 "samples": int(np.count_nonzero(self.record.present)),
@@ -95,6 +97,7 @@ class AllanReport:
                 "outliers": self.record.outliers.tolist(),
                 "jitter_intervals": None if np.isnan(self.record.jitter) else self.record.jitter,
             },
+            "excluded": [{"start": begin, "end": end} for begin, end in self.record.excluded],
             "notes": list(self.notes),
         }
 
@@ -107,15 +110,18 @@ def characterise(
     turn: float = 2.0,
     per_octave: int = 1,
     step: TemperatureStep | None = None,
+    excluded: Spans = (),
+    every_sample: bool = False,
 ) -> AllanReport:
     """Allan deviation and noise terms of one channel of a sensor at rest.
 
     t: (N,) s, strictly increasing; values: (N,) rad/s or m/s². turn: time a maytag table needs from stop to
     stop, s. per_octave: averaging times per octave. step: a temperature step in the record; the slow terms
-    then measure the room and are not given. Raises InputError when the record is too short, constant or not
-    finite.
+    then measure the room and are not given. excluded: (from, to) in s, disturbed, treated as gaps.
+    every_sample: no gap, outlier or disturbance is looked for: the plain deviation. Raises InputError when
+    the record is too short, constant or not finite.
     """
-    record = even_grid(t, values)
+    record = as_is(t, values) if every_sample else even_grid(t, values, excluded=excluded)
     count = len(record.values)
     if count < _FEWEST_SAMPLES:
         raise InputError(
@@ -123,38 +129,59 @@ def characterise(
             f"record at least {_FEWEST_SAMPLES} samples, and some hours for bias instability"
         )
     present = None if record.missing == 0 else record.present
-    points = allan_deviation(record.values, record.dt, averaging_factors(count, per_octave), present)
-    fit = fit_noise(points, record.slope())
-    notes = list(record.notes)
+    factors = averaging_factors(count, per_octave)
+    points = allan_deviation(record.values, record.dt, factors, present)
+    slope = record.slope()
+
+    def level() -> AllanPoints:
+        rest = record.values - slope * record.dt * np.arange(count)
+        return allan_deviation(rest, record.dt, points.factors, present)
+
+    fit = fit_noise(points, slope, level)
     if step is not None:
         fit = _without_slow_terms(fit, step)
+    edf = _edf(points, fit)
+    low = points.adev * np.sqrt(edf / chi2.isf(0.025, edf))
+    high = points.adev * np.sqrt(edf / chi2.isf(0.975, edf))
+    best_tau, best = _minimum(points, fit, edf)
+    notes = _notes(record, points, fit, step, falls=best_tau is None)
+    stop = None if step is not None else _stop(fit, turn, points)
+    sigma = points.adev / np.sqrt(2.0 * edf)
+    return AllanReport(channel, points, edf, sigma, low, high, fit, best_tau, best, stop, turn, record, notes)
+
+
+def _notes(
+    record: EvenGrid, points: AllanPoints, fit: NoiseFit, step: TemperatureStep | None, *, falls: bool
+) -> tuple[str, ...]:
+    """What people have to know beside the numbers. falls: the deviation does so to the end."""
+    notes = list(record.notes)
+    if record.excluded:
+        cut = sum(end - begin for begin, end in record.excluded)
+        first, last = record.excluded[0]
+        notes.append(
+            f"the sensor was disturbed in {_times(len(record.excluded), 'stretch')}, {cut:.3g} s in all, the "
+            f"first from {first:.6g} to {last:.6g} s: cut out and treated as gaps; --as-is takes them in"
+        )
+    if step is not None:
         notes.append(
             f"temperature steps by {step.change:+.2f} °C at {step.t:.6g} s: B, K and R are not given"
         )
     if fit.factors[0] > 1:
         notes.append(
-            f"averaging times below {fit.factors[0] * points.dt:.3g} s are not in the fit: bandwidth or "
-            "vibration, not one of the five terms"
+            f"averaging times below {fit.factors[0] * points.dt:.3g} s are not in the fit: they follow the "
+            "sensor's bandwidth or a vibration, which the longer ones are corrected for"
         )
     if fit.misfit > 0:
         notes.append(
             f"the five terms describe the variance to {fit.misfit:.1%} beyond its error bars (chi-square "
             f"{fit.chi2:.3g} for {fit.dof} degrees of freedom); the sigmas are widened by that"
         )
-    edf = _edf(points, fit)
-    low = points.adev * np.sqrt(edf / chi2.isf(0.025, edf))
-    high = points.adev * np.sqrt(edf / chi2.isf(0.975, edf))
-    best_tau, best = _minimum(points, fit, edf)
-    if best_tau is None:
+    if falls:
         notes.append(
             f"the deviation still falls at the end of the record: the best averaging time is longer than "
             f"{points.samples * points.dt / 6:.3g} s; record for longer to see it"
         )
-    stop = None if step is not None else _stop(fit, turn, points)
-    sigma = points.adev / np.sqrt(2.0 * edf)
-    return AllanReport(
-        channel, points, edf, sigma, low, high, fit, best_tau, best, stop, turn, record, tuple(notes)
-    )
+    return tuple(notes)
 
 
 def _edf(points: AllanPoints, fit: NoiseFit) -> FloatArray:
@@ -164,7 +191,9 @@ def _edf(points: AllanPoints, fit: NoiseFit) -> FloatArray:
         tensor = covariance_tensor(np.array([factor]), points.samples, points.dt)[0, 0]
         variance[k] = fit.theta @ tensor @ fit.theta
     lost = (points.samples - 2 * points.factors + 1) / points.pairs
-    made: FloatArray = np.maximum(2.0 * fit.variance(points.tau) ** 2 / (variance * lost), 1.0)
+    # A low-pass makes the variance less, and leaves the degrees of freedom what they are.
+    plain = design(points.tau) @ fit.theta
+    made: FloatArray = np.maximum(2.0 * plain**2 / (variance * lost), 1.0)
     return made
 
 
@@ -211,6 +240,10 @@ def _without_slow_terms(fit: NoiseFit, step: TemperatureStep) -> NoiseFit:
         name: NoiseTerm(None, None, reason) if name in slow else term for name, term in fit.terms.items()
     }
     return replace(fit, terms={name: terms[name] for name in TERMS})
+
+
+def _times(count: int, thing: str) -> str:
+    return f"one {thing}" if count == 1 else f"{count} {thing}es"
 
 
 def _key(unit: str) -> str:

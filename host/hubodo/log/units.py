@@ -1,0 +1,78 @@
+"""Units in which other programs write rates and specific forces: what makes them SI, and how they show."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.errors import InputError
+
+_GRAVITY = 9.80665
+_IN_G = (0.7, 1.4)
+# rad/s; the widest range of the gyros that there are ends at 4000 deg/s.
+_FASTEST = 72.0
+GYRO_UNITS = {
+    "rad/s": 1.0,
+    "mrad/s": 1e-3,
+    "deg/s": math.pi / 180.0,
+    "mdeg/s": math.pi / 180e3,
+    "deg/h": math.pi / 648e3,
+}
+ACCEL_UNITS = {"m/s^2": 1.0, "g": _GRAVITY, "mg": _GRAVITY * 1e-3, "ug": _GRAVITY * 1e-6}
+_SAME = {
+    "°/s": "deg/s",
+    "dps": "deg/s",
+    "degree/s": "deg/s",
+    "°/h": "deg/h",
+    "m/s²": "m/s^2",
+    "m/s2": "m/s^2",
+    "m/s/s": "m/s^2",
+    "µg": "ug",
+}
+
+
+def si_factor(text: str) -> tuple[str, float]:
+    """Of which sensor a unit is, and what makes it SI: of "deg/s", or of counts of "0.00875 deg/s".
+
+    Raises InputError for another unit.
+    """
+    number, _, unit = text.strip().replace("*", " ").rpartition(" ")
+    unit = _SAME.get(unit, unit)
+    try:
+        factor = float(number) if number else 1.0
+    except ValueError:
+        factor = math.nan
+    if math.isfinite(factor) and factor != 0.0:
+        for sensor, known in (("gyro", GYRO_UNITS), ("accel", ACCEL_UNITS)):
+            if unit in known:
+                return sensor, factor * known[unit]
+    raise InputError(
+        f"--unit {text!r}: give one of {', '.join((*GYRO_UNITS, *ACCEL_UNITS))}; a number before it is what "
+        "one count stands for, as in '0.00875 deg/s'"
+    )
+
+
+def doubtful(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:
+    """What speaks against rad/s and m/s² in a record of any motion, in words; None where nothing does.
+
+    gyro, accel: (N, 3); rows that are not finite are passed over. A median force of 0.7 to 1.4 m/s² would be
+    one on the Moon, and no gyro of these parts reads beyond 72 rad/s.
+    """
+    felt = np.linalg.norm(accel, axis=1)
+    felt = felt[np.isfinite(felt)]
+    size = float(np.median(felt)) if len(felt) else _GRAVITY
+    if _IN_G[0] < size < _IN_G[1]:
+        return (
+            f"its accelerometer feels {size:.2f} m/s² where gravity is 9.8: ax, ay, az look to be in g; "
+            "write them in m/s², or say --unit g"
+        )
+    rates = np.abs(gyro[np.isfinite(gyro).all(axis=1)])
+    fastest = float(np.quantile(rates, 0.999)) if len(rates) else 0.0
+    if fastest > _FASTEST:
+        return (
+            f"its gyro reads {fastest:.3g} rad/s, beyond the range of any: gx, gy, gz look to be in degrees "
+            "per second; write them in rad/s, or say --unit deg/s"
+        )
+    return None

@@ -1,0 +1,183 @@
+"""Files of other programs through the one door: what they say is taken, what they do not say is asked for."""
+
+import gzip
+import json
+
+import h5py
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Bag1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2
+from rosbags.typesys import Stores, get_typestore
+from scipy.io import savemat
+
+from hubodo.cli import main
+from hubodo.errors import InputError
+from hubodo.log.any_log import read_log
+from hubodo.log.foreign import LogForm
+
+DEG = np.pi / 180.0
+RATES = np.random.default_rng(5).normal(0.1, 0.02, 4000)
+"""deg/s"""
+
+
+def made(path, form, count=4000):
+    ((name, table),) = read_log(path, form=form).nodes.items()
+    assert len(table) == count
+    return name, table
+
+
+def write_text(path, content):
+    path.write_text(content, "utf-8")
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".csv.gz", ".mat", ".h5", ".npy"])
+def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
+    path = tmp_path / f"gyro{suffix}"
+    if suffix == ".mat":
+        savemat(path, {"rate": RATES})
+    elif suffix == ".h5":
+        with h5py.File(path, "w") as file:
+            file["imu/rate"] = RATES
+    elif suffix == ".npy":
+        np.save(path, RATES)
+    else:
+        text = "# at rest\n" + "\n".join(map(repr, RATES.tolist())) + "\n"
+        path.write_bytes(gzip.compress(text.encode()) if suffix.endswith("gz") else text.encode())
+    name, table = made(path, LogForm(100.0, ("deg/s",), channel="gx"))
+    assert name == "gyro"
+    assert table["gx"] == pytest.approx(RATES * DEG, rel=1e-15)
+    assert table.t[1] == 0.01
+    assert np.isnan(table["gz"]).all()
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [
+        (LogForm(100.0), "in which unit gz is; say --unit"),
+        (LogForm(None, ("deg/s",)), "tells no times; say --rate"),
+        (LogForm(100.0, ("g",)), "in which unit gz is"),
+        (LogForm(100.0, ("deg",)), "--unit 'deg': give one of rad/s"),
+        (LogForm(100.0, ("deg/s",), ("t", "gz")), "has 1 columns, --columns names 2"),
+        (LogForm(100.0, ("deg/s",), ("wz",)), "--columns: 'wz' is none of"),
+    ],
+)
+def test_what_a_file_does_not_say_is_asked_for(tmp_path, form, words):
+    path = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
+    with pytest.raises(InputError, match=words):
+        read_log(path, form=form)
+
+
+def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
+    body = "\n".join(f"{1000 * k};{k / 7};{9.81};x" for k in range(50))
+    path = write_text(tmp_path / "wheel.txt", "stamp;rate;down;mark\n" + body.replace(";x", ";1"))
+    with pytest.raises(InputError, match=r"4 columns \(stamp, rate, down, mark\); say with --columns"):
+        read_log(path)
+    form = LogForm(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
+    _, table = made(path, form, 50)
+    assert table.t[1] == pytest.approx(1e-3)
+    assert table["gy"][7] == pytest.approx(0.5 * DEG)
+    assert table["az"][0] == 9.81
+    ours = write_text(tmp_path / "left.csv", "t,gx,gy,gz\n0,1,2,3\n0.5,4,5,6\n")
+    name, table = made(ours, LogForm(), 2)
+    assert name == "left"
+    assert table["gz"].tolist() == [3.0, 6.0]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("1.0\n2.0\nnine\n", "row 3: 'nine' is not a number"),
+        ("1,2\n1,2\n1\n", "row 3 has 1 columns, the first 2"),
+        ("# 1\n", "holds no numbers"),
+        ("t,gz\n0,1\n0,1\n", "time does not increase at row 2"),
+    ],
+)
+def test_a_faulty_row_is_named(tmp_path, content, words):
+    path = write_text(tmp_path / "gyro.csv", content)
+    with pytest.raises(InputError, match=words):
+        read_log(path, form=LogForm(None, ("deg/s",), ()))
+
+
+def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
+    t = np.arange(300) / 50.0
+    savemat(tmp_path / "a.mat", {"imu": {"t": t, "gz": t * 0 + 2.0, "note": "x"}, "other": np.zeros(7)})
+    with pytest.raises(InputError, match=r"imu\.t 300 x 1.*say --variable"):
+        read_log(tmp_path / "a.mat", form=LogForm(None, ("deg/s",)))
+    _, table = made(tmp_path / "a.mat", LogForm(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
+    assert table["gz"][0] == pytest.approx(2.0 * DEG)
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["t"] = t
+        file["gyro"] = np.tile([[1.0], [2.0], [3.0]], 300)
+        file["gyro"].attrs["units"] = "deg/s"
+    form = LogForm(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
+    _, table = made(tmp_path / "b.h5", form, 300)
+    assert table["gy"][5] == pytest.approx(2.0 * DEG)
+    (tmp_path / "torn.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
+    with pytest.raises(InputError, match=r"torn\.mat: cannot be read"):
+        read_log(tmp_path / "torn.mat")
+
+
+@pytest.mark.parametrize("generation", [1, 2])
+def test_a_rosbag_of_either_generation_gives_its_imu_topics(tmp_path, generation):
+    store = get_typestore(Stores.ROS1_NOETIC if generation == 1 else Stores.ROS2_HUMBLE)
+    types = store.types
+    path = tmp_path / ("ride.bag" if generation == 1 else "ride")
+    bag = Bag1(path) if generation == 1 else Bag2(path, version=8, storage_plugin=StoragePlugin.SQLITE3)
+    vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
+    with bag as writer:
+        link = writer.add_connection("/left/imu", "sensor_msgs/msg/Imu", typestore=store)
+        for k in range(40):
+            stamp = types["builtin_interfaces/msg/Time"](sec=100, nanosec=k * 10_000_000)
+            first = (k,) if generation == 1 else ()
+            message = types["sensor_msgs/msg/Imu"](
+                types["std_msgs/msg/Header"](*first, stamp, "left"),
+                types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0), zeros,
+                vector(0.1, 0.2, k / 100), zeros, vector(0.0, 0.0, 9.8), zeros,
+            )  # fmt: skip
+            raw = store.serialize_ros1 if generation == 1 else store.serialize_cdr
+            writer.write(link, 100_000_000_000 + k, raw(message, "sensor_msgs/msg/Imu"))
+    name, table = made(path, LogForm(), 40)
+    assert name == "left"
+    assert table.t[3] == pytest.approx(0.03)
+    assert table["gz"][7] == 0.07
+    assert table["az"][0] == 9.8
+
+
+def test_the_unit_of_a_log_that_is_not_in_si_is_said_by_the_same_option(tmp_path, capsys):
+    rows = np.column_stack(
+        [np.arange(4000) / 100.0, np.tile(RATES, (3, 1)).T, np.tile([0.0, 0.0, 1.0], (4000, 1))]
+    )
+    header = "t,gx,gy,gz,ax,ay,az"
+    (tmp_path / "log").mkdir()
+    np.savetxt(tmp_path / "log" / "left.csv", rows, delimiter=",", header=header, comments="")
+    assert main(["allan", str(tmp_path / "log")]) == 2
+    assert "that is g" in capsys.readouterr().err
+    assert main(["allan", str(tmp_path / "log"), "--unit", "g", "--unit", "deg/s", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["coefficients"]["N"]["value"] == pytest.approx(0.02 * 0.1 * DEG, rel=0.1)
+    assert main(["info", str(tmp_path / "log" / "left.csv"), "--unit", "deg/s"]) == 0
+    assert "/left/imu" in capsys.readouterr().out
+
+
+def test_an_import_in_other_units_is_warned_of_or_made_si_and_one_channel_is_no_log(tmp_path, capsys):
+    t = np.arange(600) / 100.0
+    rows = np.column_stack([t, *np.full((3, 600), 90.0), *np.full((2, 600), 0.0), np.ones(600)])
+    (tmp_path / "log").mkdir()
+    header = "t,gx,gy,gz,ax,ay,az"
+    np.savetxt(tmp_path / "log" / "left.csv", rows, delimiter=",", header=header, comments="")
+    words = ["import", str(tmp_path / "log"), "--json", "-o"]
+    assert main([*words, str(tmp_path / "a.mcap")]) == 0
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert "look to be in g" in warning
+    assert main([*words, str(tmp_path / "b.mcap"), "--unit", "g", "--unit", "deg/s"]) == 0
+    assert json.loads(capsys.readouterr().out)["warnings"] == []
+    assert read_log(tmp_path / "b.mcap").nodes["left"]["gz"][0] == pytest.approx(np.pi / 2)
+    lone = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
+    assert (
+        main(["import", str(lone), "--rate", "100", "--unit", "deg/s", "-o", str(tmp_path / "c.mcap")]) == 2
+    )
+    assert "has no gx, gy, ax, ay, az" in capsys.readouterr().err
+    assert not (tmp_path / "c.mcap").exists()
