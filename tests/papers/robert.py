@@ -20,6 +20,7 @@ from generators.north_table import Sensor, carousel, maytag
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
 from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
+from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.circle import fuse, wrap
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.east import seek_east
@@ -59,6 +60,10 @@ def table_of(run):
     return TableMotion(run.table_t, run.table_angle, run.table_moving)
 
 
+def record_of(run):
+    return AxisRecord(run.t, run.rate, table_of(run))
+
+
 def programme(sensor, seed, azimuth, angles, stop):
     rng = np.random.default_rng(seed)
     count = int((len(angles) * (stop + TURN)) / DT) + 10
@@ -81,7 +86,7 @@ def two_point(name, sensor, stop, stops, seeds, thesis):
     errors, sigmas = [], []
     for seed in range(seeds):
         run = programme(sensor, seed, 0.0, angles, stop)
-        found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag", settle=SETTLE, near=0.0)
+        found = find_north([record_of(run)], LATITUDE, "maytag", settle=SETTLE, near=0.0)
         rate, sigma = found.components()
         filters = [found.filters[f].rate[0] for f in FILTERS]
         errors.append([rate[0] - HORIZONTAL, *(f - HORIZONTAL for f in filters)])
@@ -128,12 +133,12 @@ def four_point(name, sensor, stop, stops, seeds):
         found = []
         for gyro in range(4 if seed % 4 == 0 else 1):
             run = programme(sensor, 20_000 + 4 * seed + gyro, azimuth, angles, stop)
-            found.append(find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag4", settle=SETTLE))
+            found.append(find_north([record_of(run)], LATITUDE, "maytag4", settle=SETTLE))
         first = found[0]
         off = [wrap(first.azimuth - azimuth), *(wrap(first.filters[f].azimuth - azimuth) for f in FILTERS)]
         rows.append([*np.degrees(off), np.degrees(first.sigma), np.degrees(first.white_bound)])
         if len(found) == 4:
-            together, sigma = fuse([f.posterior for f in found], HORIZONTAL)
+            together, sigma = fuse([(f.posterior, f.horizontal) for f in found])
             fused.append((np.degrees(wrap(together - azimuth)), np.degrees(sigma)))
     rows, fused = np.array(rows), np.array(fused)
     print(
@@ -158,7 +163,7 @@ def moving(name, sensor, seeds):
         rng = np.random.default_rng(30_000 + seed)
         azimuth = rng.uniform(-np.pi, np.pi)
         run = carousel(sensor.error(7300, DT, rng), DT, azimuth, LATITUDE, 40.0, 720.0)
-        found = find_north(run.t, run.rate, table_of(run), LATITUDE, "carousel")
+        found = find_north([record_of(run)], LATITUDE, "carousel")
         turned.append(np.degrees([wrap(found.azimuth - azimuth), found.sigma, found.white_bound]))
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
         loop = seek_east(table, table.measure, LATITUDE, steps=7)
@@ -217,7 +222,7 @@ def real_noise(folder, seeds):
             table = SimulatedTable(part, dt, azimuth, LATITUDE)
             angles = np.resize([0.0, np.pi, np.pi / 2, 1.5 * np.pi], int(len(part) * dt / 36.0) - 1)
             t, rate, made = simulate_stops(table, angles, 34.0)
-            found = find_north(t, rate, made, LATITUDE, "maytag4", settle=SETTLE)
+            found = find_north([AxisRecord(t, rate, made)], LATITUDE, "maytag4", settle=SETTLE)
             off = [
                 wrap(found.azimuth - azimuth),
                 *(wrap(found.filters[f].azimuth - azimuth) for f in FILTERS),

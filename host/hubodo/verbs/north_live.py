@@ -16,8 +16,8 @@ import serial
 from numpy.typing import NDArray
 
 from hubodo import __version__
+from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import Calibration, NodeCalibration
-from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.live.node_stream import NodeStream
 from hubodo.log.mcap import read_recording
@@ -69,7 +69,9 @@ def check_live(args: argparse.Namespace) -> None:
     horizontal_rate(math.radians(args.latitude_deg))
 
 
-def run_live(args: argparse.Namespace, angles: tuple[float, ...], calibration: Calibration) -> LiveProgramme:
+def run_live(
+    args: argparse.Namespace, angles: tuple[float, ...], calibration: Calibration | None
+) -> LiveProgramme:
     """Make the method's stops, record them, and read the record again.
 
     angles: rad, of the stops, begun anew when they are through. Raises InputError and LinkError of node and
@@ -97,7 +99,7 @@ class _Session:
     """Turning, waiting and measuring, and the account of it in the log."""
 
     def __init__(
-        self, args: argparse.Namespace, stream: NodeStream, table: Turntable, calibration: Calibration
+        self, args: argparse.Namespace, stream: NodeStream, table: Turntable, calibration: Calibration | None
     ) -> None:
         self._args, self._stream, self._table, self._calibration = args, stream, table, calibration
         self._settle = SETTLE_S if args.settle is None else args.settle
@@ -159,10 +161,12 @@ class _Session:
             degrees = math.degrees(self._angle) % 360
             _say(f"stop {self._done}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table")
         samples = self._stream.measure(duration)
-        nodes = self._calibration.nodes
-        effects = nodes.get(self._stream.node or "", NodeCalibration()).effects
-        gyro, accel = (triad_from_effects(effects, kind) for kind in ("gyro", "accel"))
-        return samples.t, gyro.apply(samples.gyro), accel.apply(samples.accel)
+        known = {} if self._calibration is None else self._calibration.nodes
+        node = known.get(self._stream.node or "", NodeCalibration())
+        # Neither age nor temperature: they move the bias, which turning about takes out here; the log that is
+        # read in the end has both.
+        gyro, accel = SampleCorrection.from_calibration(node).apply(samples.gyro, samples.accel)
+        return samples.t, gyro, accel
 
 
 @contextlib.contextmanager

@@ -198,10 +198,10 @@ def test_a_leaning_table_is_named_with_what_it_costs():
         (len(lean), 3)
     )
     gyro = np.column_stack([run.rate, run.rate, run.vertical])
-    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE)
+    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run))
     assert "leans by 1.0" in words[0]
     accel[:, 0] -= lean
-    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE) == []
+    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run)) == []
 
 
 def test_a_serial_table_is_driven_over_a_real_port():

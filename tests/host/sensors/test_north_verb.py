@@ -1,6 +1,7 @@
 """`hubodo north` from a CSV folder to the JSON that other programs read."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 import wanted
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.cli import main
+from hubodo.log.convert import write_recording
+from hubodo.log.csv_folder import read_folder
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Table
 
@@ -112,9 +115,67 @@ def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):
     assert status == 2 and text in err and err.count("\n") == 1
 
 
-def test_a_log_without_a_table_says_what_to_do(tmp_path, capsys):
-    status, err = north(capsys, folder(tmp_path / "log", stops(8, 10.0, count=6), table=False))
-    assert status == 2 and "--simulate-azimuth-deg" in err
+def test_a_log_without_a_table_finds_its_stops_and_says_so(tmp_path, capsys):
+    azimuth = 130.0
+    run = stops(8, azimuth, count=12)
+    with_table = folder(tmp_path / "with", run)
+    status, known = north(capsys, with_table, "--method", "maytag4")
+    status, found = north(capsys, folder(tmp_path / "log", run, table=False), "--method", "maytag4")
+    assert status == 0 and any("angles are the gyro's" in text for text in found["warnings"])
+    assert found["gyros"][0]["stops"]["count"] == 12
+    assert abs(found["azimuth_deg"] - azimuth) < 4 * found["sigma_deg"]
+    assert found["sigma_deg"] >= 0.9 * known["sigma_deg"]
+    assert found["gyros"][0]["angle_sigma_deg"] > 0.1 > known["gyros"][0]["angle_sigma_deg"]
+    # The same where table.csv is to be passed over, and exact angles where the table has steps.
+    status, stepped = north(capsys, with_table, "--method", "maytag4", "--find-stops", "--step-deg", "90")
+    assert status == 0 and stepped["gyros"][0]["angle_sigma_deg"] == 0.0
+
+
+def test_the_whole_calibration_is_applied_and_said(tmp_path, capsys):
+    """Bias, scale, what follows temperature, age and force: a log with all of them ends as one without."""
+    rng = np.random.default_rng(11)
+    run = stops(9, 250.0)
+    clean = folder(tmp_path / "clean", run)
+    table = read_folder(clean).nodes["imu"]
+    warm = 25.0 + 5.0 * np.exp(-table.t / 100.0)
+    heat, age, pull = 2e-5 * (warm - 25.0), 1e-4 * (1 - np.exp(-table.t / 200.0)), 3e-5 * table["ax"]
+    spoilt = {**table.columns, "gx": 1.05 * table["gx"] + 0.01 + heat + age + pull, "temperature": warm}
+    path = folder(tmp_path / "spoilt", run)
+    write_table(path / "imu.csv", Table(spoilt))
+    calibration = tmp_path / "c.toml"
+    lines = {
+        "gyro_bias": "x = { value = 0.01, sigma = 0 }",
+        "gyro_scale_factor": "x = { value = 0.05, sigma = 0.001 }",
+        "gyro_temperature": "x = { value = 2e-5, sigma = 0 }",
+        "gyro_warmup": "x = { value = 1e-4, sigma = 0 }\ntime_constant = { value = 200, sigma = 0 }",
+        "gyro_g_sensitivity": "xx = { value = 3e-5, sigma = 0 }",
+    }
+    text = "\n".join(f"[nodes.imu.effects.{name}]\n{line}" for name, line in lines.items())
+    calibration.write_text(text)
+    status, pure = north(capsys, clean, "--method", "maytag4")
+    status, found = north(capsys, path, "--method", "maytag4", "--calibration", str(calibration))
+    assert status == 0, found
+    assert found["azimuth_deg"] == pytest.approx(pure["azimuth_deg"], abs=1e-6)
+    assert set(found["calibration"]["imu"]["applied"]) == set(lines)
+    assert any("not say when the node was switched on" in text for text in found["warnings"])
+    assert rng is not None
+
+
+@pytest.mark.parametrize(
+    "body, text",
+    [
+        ("[nodes.imu]\nserial = 'aa55'\n", "is for the node with serial aa55, the log has 1234"),
+        ("[nodes.left]\nserial = '1234'\n", "holds no node 'imu'; it has left"),
+    ],
+)
+def test_a_calibration_of_another_node_is_refused(tmp_path, capsys, body, text):
+    path = folder(tmp_path / "log", stops(8, 10.0, count=6))
+    log = tmp_path / "log.mcap"
+    recording = read_folder(path)
+    write_recording(replace(recording, metadata={**recording.metadata, "serial.imu": "1234"}), log)
+    (tmp_path / "c.toml").write_text(body + "[nodes.left.effects.gyro_bias]\nx = { value = 0, sigma = 0 }\n")
+    status, err = north(capsys, log, "--calibration", str(tmp_path / "c.toml"))
+    assert status == 2 and text in err and err.count("\n") == 1
 
 
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):

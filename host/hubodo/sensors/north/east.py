@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.circle import summarise, wrap
 from hubodo.sensors.north.find import horizontal_rate
-from hubodo.sensors.north.ml import Averages, estimate
+from hubodo.sensors.north.ml import estimate
 from hubodo.sensors.north.table import Turntable
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ def seek_east(
         raise InputError(f"{steps} steps cannot close the loop; give 4 or more")
     horizontal = horizontal_rate(latitude)
     angle, history = start, []
-    rows: list[tuple[float, float, float, float, float]] = []
+    rows: list[tuple[float, float, float, float, float, float]] = []
 
     def maytag(at: float) -> float:
         means = []
@@ -82,6 +83,7 @@ def seek_east(
                         rate[part].mean(),
                         math.cos(at + way),
                         math.sin(at + way),
+                        0.0,
                     )
                 )
         component = (means[0] - 2 * means[1] + means[2]) / 4
@@ -95,6 +97,6 @@ def seek_east(
         angle -= math.asin(max(-1.0, min(1.0, component / horizontal))) / (k + 2)
     if maytag(angle + math.pi / 2) < 0:
         angle += math.pi
-    posterior = estimate(Averages(*np.array(rows).T), horizontal)
+    posterior = estimate([Averages(*np.array(rows).T)], horizontal)
     azimuth, sigma, _ = summarise(posterior)
     return East(float(wrap(angle)), azimuth, sigma, tuple(history))
