@@ -166,7 +166,7 @@ def moving(name, sensor, seeds):
         found = find_north([record_of(run)], LATITUDE, "carousel")
         turned.append(np.degrees([wrap(found.azimuth - azimuth), found.sigma, found.white_bound]))
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        loop = seek_east(table, table.measure, LATITUDE, steps=7)
+        loop = seek_east(table, table.measure, HORIZONTAL, steps=7)
         east.append(
             np.degrees([wrap(loop.azimuth - azimuth), loop.sigma, wrap(azimuth - loop.angle - np.pi / 2)])
         )

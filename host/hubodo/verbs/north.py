@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,10 @@ from hubodo.recording import Recording, Table
 from hubodo.sensors.north.axis_record import AxisRecord, FoundAngles, axis_record, mounted
 from hubodo.sensors.north.circle import fuse
 from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
+from hubodo.sensors.north.plan import drift_of_allan
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.verbs.north_live import check_live, run_live
+from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
 
 HELP = "find north from Earth rate: maytagging, carouselling, east-seeking"
@@ -69,6 +72,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--table", metavar="PORT", help="serial port of the table; without, you are told when to turn it"
     )
     live.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="keep the log; must not exist")
+    live.add_argument(
+        "--resume",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="LOG",
+        help="go on from the log of a run that was cut short; the table must not have been moved",
+    )
+    noise = parser.add_argument_group("the gyro's noise and what it allows")
+    noise.add_argument(
+        "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
+    )
+    noise.add_argument(
+        "--plan", action="store_true", help="say which stops to make; --allan or a LOG at rest"
+    )
+    noise.add_argument("--sigma-deg", type=float, help="wanted (with --plan default 1; live: stops there)")
+    noise.add_argument("--turn", type=float, default=2.0, help="s of a turn, for --plan (default 2)")
     trial = parser.add_argument_group("simulated")
     trial.add_argument(
         "--simulate-azimuth-deg",
@@ -79,19 +99,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trial.add_argument("--stops", type=int, default=20, help="how many, simulated or live (default 20)")
 
 
-def run(args: argparse.Namespace) -> FoundNorth:
+def run(args: argparse.Namespace) -> FoundNorth | Planned:
     """Read or record, find north with each axis, put them together."""
     horizontal_rate(math.radians(args.latitude_deg))
     _check(args)
+    if args.plan:
+        return run_plan(args)
     calibration = None if args.calibration is None else read_calibration(args.calibration)
     live = None
+    with progress_line() as show:
+        recordings = [read_log(log, progress=show) for log in args.log or args.resume]
     if args.live is not None:
         check_live(args)
-        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration)
+        earlier = _earlier(args, recordings, calibration)
+        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration, earlier)
+        recordings.append(live.recording)
     with progress_line() as show:
-        recordings = [read_log(log, progress=show) for log in args.log]
-        if live is not None:
-            recordings.append(live.recording)
         nodes = args.node or ([live.node] if live is not None else _only_node(args, recordings[0]))
         gyros, warnings, used = _gyros(args, recordings, nodes, calibration, show)
     azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
@@ -115,20 +138,43 @@ def run(args: argparse.Namespace) -> FoundNorth:
 
 def _check(args: argparse.Namespace) -> None:
     """Raises InputError for arguments that do not go together, or are none."""
+    if args.sigma_deg is not None and not 0.0 < args.sigma_deg < 45.0:
+        raise InputError(f"--sigma-deg {args.sigma_deg:g}: give above 0, below 45 degrees")
+    if not 0.0 <= args.turn <= 3600.0:
+        raise InputError(f"--turn {args.turn:g}: give 0 to 3600 s")
+    if args.plan:
+        return
+    if args.sigma_deg is not None and args.live is None:
+        raise InputError("--sigma-deg goes with --plan, and with --live PORT")
     if bool(args.log) == (args.live is not None):
         raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
-    if args.live is None and (args.table is not None or args.output is not None):
-        raise InputError("--table and -o go with --live PORT")
+    if args.live is None and (args.table is not None or args.output is not None or args.resume):
+        raise InputError("--table, -o and --resume go with --live PORT")
     if args.step_deg is not None and not 1.0 <= args.step_deg <= 180.0:
         raise InputError(f"--step-deg {args.step_deg:g}: give 1 to 180 degrees")
     if args.scale_sigma is not None and not 0.0 < args.scale_sigma <= 0.2:
         raise InputError(f"--scale-sigma {args.scale_sigma:g}: give above 0, 0.2 at most")
 
 
+def _earlier(
+    args: argparse.Namespace, recordings: Sequence[Recording], calibration: Calibration | None
+) -> Mapping[str, North]:
+    """What the logs to go on from tell by themselves, by axis; nothing where they have too few stops yet."""
+    if not recordings:
+        return {}
+    nodes = args.node or _only_node(args, recordings[0])
+    try:
+        gyros, *_ = _gyros(args, recordings, nodes, calibration, lambda text, share: None)
+    except InputError as error:
+        print(f"{args.resume[0]}: counts, but tells nothing by itself yet: {error}", file=sys.stderr)
+        return {}
+    return {axis: north for _, axis, north in gyros}
+
+
 def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     nodes = list(recording.nodes)
     if len(nodes) != 1:
-        raise InputError(f"{args.log[0]}: say --node with one of: {', '.join(nodes) or 'none'}")
+        raise InputError(f"{_name(args, 0)}: say --node with one of: {', '.join(nodes) or 'none'}")
     return nodes
 
 
@@ -153,6 +199,7 @@ def _gyros(
         corrected.append(tables)
         used |= applied
         warnings += said
+    drift = None if args.allan is None else drift_of_allan(args.allan)
     for node, axis in wanted:
         show(f"{node} {axis}", len(gyros) / len(wanted))
         records = []
@@ -162,14 +209,15 @@ def _gyros(
             warnings += [f"{node} {axis}: {text}" for text in said]
         near = None if args.near_deg is None else math.radians(args.near_deg)
         latitude = math.radians(args.latitude_deg)
-        found = find_north(records, latitude, args.method, settle=args.settle, near=near)
+        found = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
         gyros.append((node, axis, found))
         warnings += [f"{node} {axis}: {text}" for text in found.warnings]
     return tuple(gyros), tuple(dict.fromkeys(warnings)), used
 
 
 def _name(args: argparse.Namespace, place: int) -> str:
-    return str(args.log[place]) if place < len(args.log) else "the recording"
+    logs = args.log or args.resume
+    return str(logs[place]) if place < len(logs) else "the recording"
 
 
 def _corrected(
@@ -210,7 +258,7 @@ def _record(
     table = None if args.find_stops else recording.table
     if table is None and args.method == "carousel":
         raise InputError("a carousel needs table.csv (t,angle,moving): turns alone do not tell its angle")
-    if table is None and len(args.log) + (args.live is not None) > 1:
+    if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
         raise InputError("several logs count together only where table.csv tells their common angles")
     step = None if args.step_deg is None else math.radians(args.step_deg)
     found = FoundAngles(_scale_sigma(args, calibration, name), step)

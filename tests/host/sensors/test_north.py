@@ -90,7 +90,7 @@ def test_east_seeking_stops_east_and_never_west():
         # Start pointing west, or nearly: the loop's other zero.
         azimuth = -np.pi / 2 + rng.uniform(-0.05, 0.05)
         table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        found = seek_east(table, table.measure, LATITUDE, stop=20.0, steps=8)
+        found = seek_east(table, table.measure, horizontal_rate(LATITUDE), stop=20.0, steps=8)
         assert abs(wrap(azimuth - found.angle - np.pi / 2)) < np.radians(5)
         assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma
         assert len(found.steps) == 8

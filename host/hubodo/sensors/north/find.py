@@ -23,7 +23,7 @@ from hubodo.sensors.north.carousel import carousel_averages, per_turn
 from hubodo.sensors.north.circle import blind_axis, summarise
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.filters import TOLERANCE, Classical, along, classical, opposite_pairs
-from hubodo.sensors.north.ml import Posterior, estimate
+from hubodo.sensors.north.ml import Posterior, azimuth_bound, estimate
 from hubodo.sensors.north.stops import Stops, split_stops
 
 Array = NDArray[np.float64]
@@ -47,9 +47,10 @@ class North:
     azimuth, sigma: rad, clockwise from north, of table zero. angle_sigma: what of sigma comes from angles
     that the gyro felt itself. candidates: azimuths that the records cannot tell apart (two for stops along
     one line only). rates: rad/s, each single estimate of the component along `direction`, the angle of the
-    first stop (east: each along its own). cross: those a quarter turn anticlockwise from it. duration: s of measurement,
-    elapsed: with the turns. horizontal: rad/s that the axis feels when it points north. white_bound: rad, 1
-    sigma if the gyro had its white noise alone. filters: the classical ones, of one record, beside.
+    first stop (east: each along its own). cross: those a quarter turn anticlockwise from it. duration: s of
+    measurement, elapsed: with the turns. horizontal: rad/s that the axis feels when it points north. bound:
+    rad, Cramér-Rao's for the gyro's noise, given or fitted, with these stops; white_bound: if it had its
+    white noise alone. filters: the classical ones, of one record, beside.
     """
 
     method: Method
@@ -63,6 +64,7 @@ class North:
     duration: float
     elapsed: float
     horizontal: float
+    bound: float
     white_bound: float
     posterior: Posterior
     filters: Mapping[str, Classical]
@@ -141,6 +143,7 @@ def find_north(
         duration=seen.duration,
         elapsed=seen.elapsed,
         horizontal=horizontal,
+        bound=azimuth_bound(seen.averages, posterior.drift, azimuth, horizontal),
         white_bound=_white_bound(seen.averages, posterior.drift.n, azimuth, horizontal),
         posterior=posterior,
         filters=filters,

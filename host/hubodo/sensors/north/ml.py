@@ -95,6 +95,19 @@ def estimate(
     return Posterior(rate, spread, angles, azimuth, density / density.sum(), likely, scale, left)
 
 
+def azimuth_bound(records: Sequence[Averages], drift: Drift, azimuth: float, horizontal: float) -> float:
+    """Cramér-Rao bound of azimuth, rad: what these intervals can tell where the drift's N, B, K are known.
+
+    Bias and ramp are unknown, the length of Earth rate is known; infinite where nothing is across it.
+    """
+    pieces = pieces_of(records)
+    mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
+    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean)
+    across = horizontal * np.array([-np.sin(azimuth), np.cos(azimuth)])
+    information = float(across @ term.gram[:2, :2] @ across) * mean / drift.n**2
+    return 1 / float(np.sqrt(information)) if information > 0 else float("inf")
+
+
 @dataclass(frozen=True)
 class _Look:
     """The records about one error of scale, straight in what it may still be off.

@@ -25,6 +25,7 @@ def gyro_json(node: str, axis: str, found: North) -> dict[str, Any]:
         "azimuth_deg": math.degrees(found.azimuth) % 360,
         "sigma_deg": math.degrees(found.sigma),
         "candidates_deg": [math.degrees(c) % 360 for c in found.candidates],
+        "bound_deg": _finite(math.degrees(found.bound)),
         "white_noise_bound_deg": _finite(math.degrees(found.white_bound)),
         "rate": [float(r) for r in found.rates],
         "rate_across": [float(r) for r in found.cross],
