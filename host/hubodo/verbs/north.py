@@ -66,20 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
     )
-    live = parser.add_argument_group("live, instead of a LOG")
-    live.add_argument("--live", metavar="PORT", help="the port of a node on a table, recorded now")
-    live.add_argument(
-        "--table", metavar="PORT", help="serial port of the table; without, you are told when to turn it"
-    )
-    live.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="keep the log; must not exist")
-    live.add_argument(
-        "--resume",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="LOG",
-        help="go on from the log of a run that was cut short; the table must not have been moved",
-    )
+    _add_live(parser.add_argument_group("live, instead of a LOG"))
     noise = parser.add_argument_group("the gyro's noise and what it allows")
     noise.add_argument(
         "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
@@ -97,6 +84,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     trial.add_argument("--stop", type=float, default=34.0, help="s, simulated and live stops (default 34)")
     trial.add_argument("--stops", type=int, default=20, help="how many, simulated or live (default 20)")
+
+
+def _add_live(live: argparse._ArgumentGroup) -> None:
+    live.add_argument("--live", metavar="PORT", help="the port of a node on a table, recorded now")
+    live.add_argument(
+        "--table", metavar="PORT", help="serial port of the table; without, you are told when to turn it"
+    )
+    live.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="keep the log; must not exist")
+    live.add_argument(
+        "--resume",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="LOG",
+        help="go on from the log of a run that was cut short; the table must not have been moved",
+    )
 
 
 def run(args: argparse.Namespace) -> FoundNorth | Planned:

@@ -18,7 +18,7 @@ from hubodo.sensors.at_rest import check_still, check_units
 from hubodo.sensors.north.advice import Advice
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.find import horizontal_rate
-from hubodo.sensors.north.plan import Plan, drift_at_rest, drift_of_allan, plan
+from hubodo.sensors.north.plan import StopPlan, drift_at_rest, drift_of_allan, plan
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Planned:
     latitude_deg: float
     sigma_deg: float
     turn: float
-    plan: Plan
+    plan: StopPlan
 
     def as_json(self) -> dict[str, Any]:
         """Times in s, angles in degrees, N, B, K in SI."""

@@ -19,7 +19,7 @@ TIMES = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 7200.0)
 
 
 @dataclass(frozen=True)
-class Plan:
+class StopPlan:
     """Four-point programmes for one gyro.
 
     best: for each of TIMES where stops fit, with the white-noise bound of that time, rad. wanted: the
@@ -46,11 +46,11 @@ def drift_at_rest(t: Array, values: Array, channel: str) -> Drift:
     return Drift(n, b, k)
 
 
-def plan(drift: Drift, horizontal: float, sigma: float, turn: float) -> Plan:
+def plan(drift: Drift, horizontal: float, sigma: float, turn: float) -> StopPlan:
     """sigma: rad wanted. turn: s from stop to stop, with what it takes to settle."""
     best = []
     for time in TIMES:
         found = best_programme(drift, time, turn, horizontal)
         if found is not None and found.sigma < np.pi / 4:
             best.append((found, white_azimuth_bound(drift.n, time, horizontal)))
-    return Plan(drift, tuple(best), time_for(drift, sigma, turn, horizontal))
+    return StopPlan(drift, tuple(best), time_for(drift, sigma, turn, horizontal))
