@@ -1,14 +1,15 @@
-"""Rate noise of known Q, N, B, K, R, made without any code of hubodo.
+"""Rate noise of known Q, N, B, K, R, and what electronics make of it, without any code of hubodo.
 
 Flicker noise by the fractional difference of Kasdin (Proc. IEEE 83(5), 1995, eq. 104..): white noise of
 variance B^2 through h_0 = 1, h_k = h_{k-1} (k - 1/2) / k has the one-sided density B^2 / (pi f) of IEEE 952's
-bias instability, at any sample rate. The others straight from their definition: quantisation is the
-difference quotient of an angle with white error Q, angle random walk a white rate of density N, rate random
-walk the sum of white steps K sqrt(dt), ramp R t.
+bias instability, at any sample rate. `relaxing` makes nearly the same from relaxations, as semiconductors
+do. The others straight from their definition: quantisation is the difference quotient of an angle with white
+error Q, angle random walk a white rate of density N, rate random walk the sum of white steps K sqrt(dt),
+ramp R t.
 """
 
 import numpy as np
-from scipy.signal import fftconvolve
+from scipy.signal import butter, fftconvolve, lfilter, sosfilt
 
 
 def gyro_noise(samples, dt, rng, *, q=0.0, n=0.0, b=0.0, k=0.0, r=0.0):
@@ -27,3 +28,38 @@ def gyro_noise(samples, dt, rng, *, q=0.0, n=0.0, b=0.0, k=0.0, r=0.0):
     if r:
         made += r * dt * np.arange(samples)
     return made
+
+
+def relaxing(samples, dt, rng, b, *, per_decade=3):
+    """(samples,) flicker noise of bias instability b as a sum of relaxations from dt to beyond the record.
+
+    Relaxations of equal variance v whose time constants are spaced evenly by a factor e^h add up to a
+    one-sided density v / (h f) (McWhorter 1957): v = h b^2 / pi.
+    """
+    step = np.log(10.0) / per_decade
+    constants = np.exp(np.arange(np.log(dt / 3.0), np.log(30.0 * samples * dt), step))
+    made = np.zeros(samples)
+    sigma = b * np.sqrt(step / np.pi)
+    for constant in constants:
+        keep = np.exp(-dt / constant)
+        drive = rng.normal(0.0, sigma * np.sqrt(-np.expm1(-2.0 * dt / constant)), samples)
+        drive[0] = rng.normal(0.0, sigma)
+        made += lfilter([1.0], [1.0, -keep], drive)
+    return made
+
+
+def one_pole(rates, dt, corner):
+    """Rates through a low-pass of one pole at corner (Hz), gain 1 at rest."""
+    keep = np.exp(-2.0 * np.pi * corner * dt)
+    return lfilter([1.0 - keep], [1.0, -keep], rates - rates[0]) + rates[0]
+
+
+def two_pole(rates, dt, corner):
+    """Rates through a Butterworth low-pass of second order, as the second filter of many chips."""
+    return sosfilt(butter(2, 2.0 * corner * dt, output="sos"), rates - rates[0]) + rates[0]
+
+
+def bartlett(rates, taps):
+    """Rates through a triangular window of 2 taps - 1 samples, as the ADIS16405 offers."""
+    window = np.convolve(np.ones(taps), np.ones(taps)) / taps**2
+    return fftconvolve(rates - rates[0], window)[: len(rates)] + rates[0]

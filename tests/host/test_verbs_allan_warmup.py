@@ -72,15 +72,28 @@ def test_allan_writes_a_png_and_a_page_that_needs_no_network(rest, tmp_path, cap
     assert png.read_bytes().startswith(b"\x89PNG")
     text = page.read_text("utf-8")
     assert "Allan deviation of left gz" in text
-    assert "<script src" not in text
+    assert "<script" not in text and "<svg" in text and len(text) < 500_000
 
 
-@pytest.mark.parametrize("verb", ["allan", "heading"])
-def test_a_png_without_matplotlib_is_refused_before_any_work(verb, tmp_path, capsys, monkeypatch):
+def test_without_matplotlib_the_page_is_written_and_one_line_says_what_to_install(
+    rest, tmp_path, capsys, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    log, png = tmp_path / "is not even looked for", tmp_path / "gz.png"
-    assert main([verb, str(log), "--figure", str(png)]) == 2
-    assert "pip install 'hubodo[figures]'" in capsys.readouterr().err.splitlines()[-1]
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.backends.backend_agg", None)
+    png, page = tmp_path / "gz.png", tmp_path / "gz.html"
+    assert main(["allan", str(rest), "--figure", str(png), "--report", str(page)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "pip install 'matplotlib" in line and "defect" not in line
+    assert "angle random walk" in page.read_text("utf-8") and not png.exists()
+
+
+def test_a_figure_takes_the_form_of_its_suffix_and_another_is_refused(rest, tmp_path, capsys):
+    for suffix, begin in ((".svg", b"<?xml"), (".pdf", b"%PDF")):
+        assert main(["allan", str(rest), "--figure", str(tmp_path / f"gz{suffix}")]) == 0
+        assert (tmp_path / f"gz{suffix}").read_bytes().startswith(begin)
+    assert main(["allan", str(rest), "--figure", str(tmp_path / "gz.gif")]) == 2
+    assert ".svg" in capsys.readouterr().err
 
 
 def test_accelerometer_channels_have_their_own_names(rest, capsys):

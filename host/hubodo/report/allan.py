@@ -1,23 +1,14 @@
-"""The Allan deviation of a channel as words, tables, an interactive figure and a PNG."""
+"""The Allan deviation of a channel as words and tables."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
-import plotly.graph_objects as go
-from numpy.typing import NDArray
 
-from hubodo.report.page import Grid, Section, figure
-from hubodo.report.png import blank
+from hubodo.report.allan_figure import allan_figure
+from hubodo.report.drawing import drawing
+from hubodo.report.page import Grid, Section
 from hubodo.sensors.allan.characterise import AllanReport
-from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.ieee952 import is_gyro, rate_unit, units
-
-FloatArray = NDArray[np.float64]
 
 MEANING = {
     "Q": "steps of the converter; gone after a fraction of a second",
@@ -26,9 +17,6 @@ MEANING = {
     "K": "the bias walks: after a time t without looking it is this · √t elsewhere",
     "R": "the bias drifts along a line",
 }
-
-_LINES = {"Q": "#8a6d3b", "N": "#1b6ca8", "B": "#2e7d5b", "K": "#d1495b", "R": "#7a4fa3"}
-_SLOPES = {"Q": "slope −1", "N": "slope −1/2", "B": "slope 0", "K": "slope +1/2", "R": "slope +1"}
 
 
 def value_words(value: float, unit: str) -> str:
@@ -94,8 +82,9 @@ def allan_sections(report: AllanReport) -> list[Section]:
         ),
         Section(
             "Allan deviation",
-            "Points with 95 % intervals; the line is the sum of the terms, dashed are their asymptotes.",
-            figures=[_figure(report)],
+            "Points with 95 % intervals; the line is the sum of the terms, dashed are their asymptotes. "
+            "Below: what the fit leaves over, with 1 sigma; hollow points had no part in it.",
+            figures=[drawing(lambda: allan_figure([(report.channel, report)], report.channel))],
         ),
         *(
             [
@@ -110,104 +99,3 @@ def allan_sections(report: AllanReport) -> list[Section]:
         ),
         Section("The record", " ".join(f"{note}." for note in report.notes), [Grid(("", ""), account)]),
     ]
-
-
-def _figure(report: AllanReport) -> go.Figure:
-    unit = rate_unit(report.channel)
-    made = figure("averaging time, s", f"Allan deviation, {unit.si}", height=460)
-    points = report.points
-    made.add_scatter(
-        x=points.tau,
-        y=points.adev,
-        error_y={
-            "type": "data",
-            "symmetric": False,
-            "array": report.high - points.adev,
-            "arrayminus": points.adev - report.low,
-        },
-        mode="markers",
-        name="measured",
-        marker={"color": "#1d2126", "size": 6},
-    )
-    tau = np.geomspace(points.tau[0], points.tau[-1], 200)
-    made.add_scatter(
-        x=tau, y=_fitted(report, tau), mode="lines", name="fit", line={"color": "#1d2126", "width": 1.5}
-    )
-    for name, line in _asymptotes(report, tau).items():
-        made.add_scatter(
-            x=tau,
-            y=line,
-            mode="lines",
-            name=f"{name}, {_SLOPES[name]}",
-            line={"color": _LINES[name], "dash": "dash", "width": 1},
-        )
-    low, high = _bottom(report), float(points.adev.max()) * 1.5
-    made.update_xaxes(type="log", dtick=1)
-    made.update_yaxes(type="log", dtick=1, range=[math.log10(low), math.log10(high)])
-    return made
-
-
-def allan_png(report: AllanReport, path: Path, title: str) -> None:
-    """The same figure as a PNG. Raises OSError when the file cannot be written."""
-    unit = rate_unit(report.channel)
-    points = report.points
-    made = blank(8.0, 5.5)
-    axes = made.add_subplot()
-    axes.errorbar(
-        points.tau,
-        points.adev,
-        [points.adev - report.low, report.high - points.adev],
-        fmt="o",
-        ms=4,
-        lw=1,
-        color="#1d2126",
-        label="measured, 95 %",
-    )
-    tau = np.geomspace(points.tau[0], points.tau[-1], 200)
-    axes.plot(tau, _fitted(report, tau), color="#1d2126", lw=1.3, label="fit")
-    for name, line in _asymptotes(report, tau).items():
-        term = report.fit.terms[name]
-        unit_of = units(report.channel)[name]
-        value = 0.0 if term.value is None else term.value * unit_of.factor
-        axes.plot(
-            tau, line, "--", color=_LINES[name], lw=1, label=f"{name} = {value:.3g} {unit_of.customary}"
-        )
-    if report.best_tau is not None:
-        axes.axvline(report.best_tau, color="#8a8d91", lw=0.8)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_ylim(_bottom(report), float(points.adev.max()) * 1.5)
-    axes.set_xlabel("averaging time, s")
-    axes.set_ylabel(f"Allan deviation, {unit.si}")
-    right = axes.secondary_yaxis("right", functions=(_scaled(unit.factor), _scaled(1.0 / unit.factor)))
-    right.set_ylabel(unit.customary)
-    axes.grid(True, which="both", lw=0.3, color="#d8dce0")
-    axes.legend(fontsize=8)
-    axes.set_title(title)
-    made.savefig(path, dpi=150, format="png")
-
-
-def _fitted(report: AllanReport, tau: FloatArray) -> FloatArray:
-    made: FloatArray = np.sqrt(report.fit.variance(tau))
-    return made
-
-
-def _scaled(factor: float) -> Callable[[Any], Any]:
-    """Multiplication by a factor, for the second axis."""
-    return lambda y: y * factor
-
-
-def _bottom(report: AllanReport) -> float:
-    """Lower end of the figure: below the points, and below the floor where one is shown."""
-    floor = math.sqrt(2.0 * math.log(2.0) / math.pi) * (report.fit.terms["B"].value or math.inf)
-    return 0.7 * min(float(report.low.min()), floor)
-
-
-def _asymptotes(report: AllanReport, tau: FloatArray) -> dict[str, FloatArray]:
-    """Each term alone, where it is shown."""
-    columns = design(tau)
-    return {
-        name: np.sqrt(columns[:, k] * report.fit.theta[k])
-        for k, name in enumerate(TERMS)
-        if report.fit.terms[name].value is not None
-    }

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
+from hubodo.report.drawing import blank, save
 from hubodo.report.page import Grid, Section, figure
-from hubodo.report.png import blank
 from hubodo.sensors.heading.summary import HeadingReport
 
 _DEG = math.degrees(1.0)
@@ -78,8 +78,11 @@ def heading_sections(report: HeadingReport) -> list[Section]:
     return sections
 
 
-def heading_png(report: HeadingReport, path: Path, title: str) -> None:
-    """Course and sigma, and the error where there is a truth. Raises OSError where it cannot be written."""
+def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
+    """Course and sigma, and the error where there is a truth.
+
+    Raises OSError where it cannot be written, InputError without matplotlib.
+    """
     track, score = report.track, report.score
     made = blank(8.0, 6.0)
     upper, lower = made.subplots(2, 1, sharex=True)
@@ -101,7 +104,7 @@ def heading_png(report: HeadingReport, path: Path, title: str) -> None:
     lower.set_xlabel("t, s")
     for axes in (upper, lower):
         axes.grid(True, lw=0.3, color="#d8dce0")
-    made.savefig(path, dpi=150, format="png")
+    save(made, path)
 
 
 def _thin(count: int) -> slice:

@@ -1,12 +1,20 @@
-"""A self-contained HTML page from sections of words, tables and figures; it opens without a network."""
+"""A self-contained HTML page from sections of words, tables and figures; it opens without a network.
+
+A figure is a `Drawing`, some tens of kB, or one of plotly, which can be zoomed: the first of those brings
+4.8 MB into the page.
+"""
+
+from __future__ import annotations
 
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import plotly.graph_objects as go
-import plotly.io
-from plotly.offline import get_plotlyjs
+from hubodo.report.drawing import Drawing
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 # The three hues differ in lightness too, so that they stay apart in grey and for colour-blind eyes.
 COLOURS = {"left": "#1b6ca8", "right": "#d1495b", "truth": "#8a8d91", "fused": "#2e7d5b", "frame": "#8a8d91"}
@@ -25,6 +33,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 0.25rem 0.9rem 0.25rem 0; border-bottom: 1px solid var(--line); }
 th:first-child, td:first-child { text-align: left; }
 th { color: var(--dim); font-weight: 600; }
+ul.todo { padding-left: 1.2rem; } ul.todo li { margin: 0.3rem 0; }
+.figure svg { display: block; width: 100%; height: auto; } .figure p { color: #5d646c; margin: 0.5rem; }
 .figure { margin-top: 0.8rem; background: #ffffff; border: 1px solid var(--line);
   border-radius: 6px; padding: 4px; }
 pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; padding: 0.8rem;
@@ -42,17 +52,20 @@ class Grid:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with words, then tables and figures; listing: text as it stands in a file."""
+    """A heading with words, then what to do, tables and figures; listing: text as it stands in a file."""
 
     title: str
     text: str = ""
     tables: Sequence[Grid] = ()
-    figures: Sequence[go.Figure] = ()
+    figures: Sequence[go.Figure | Drawing] = ()
     listing: str = ""
+    advice: Sequence[str] = ()
 
 
 def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
     """An empty figure in the style of the pages; `equal` gives both axes the same scale, as a map needs."""
+    import plotly.graph_objects as go
+
     made = go.Figure()
     made.update_layout(
         template="plotly_white",
@@ -74,7 +87,11 @@ def _grid(grid: Grid) -> str:
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _figure(made: go.Figure) -> str:
+def _figure(made: go.Figure | Drawing) -> str:
+    if isinstance(made, Drawing):
+        return f'<div class="figure">{made.html}</div>'
+    import plotly.io
+
     drawn = plotly.io.to_html(made, include_plotlyjs=False, full_html=False, config={"displaylogo": False})
     return f'<div class="figure">{drawn}</div>'
 
@@ -89,6 +106,9 @@ def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> 
         parts.append(f"<h2>{html.escape(section.title)}</h2>")
         if section.text:
             parts.append(f"<p>{html.escape(section.text)}</p>")
+        if section.advice:
+            lines = "".join(f"<li>{html.escape(line)}</li>" for line in section.advice)
+            parts.append(f'<ul class="todo">{lines}</ul>')
         parts += [_grid(grid) for grid in section.tables]
         parts += [_figure(made) for made in section.figures]
         if section.listing:
@@ -97,5 +117,14 @@ def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> 
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{html.escape(title)}</title><style>{_STYLE}</style>"
-        f"<script>{get_plotlyjs()}</script></head><body>{''.join(parts)}</body></html>\n"
+        f"{_plotly(sections)}</head><body>{''.join(parts)}</body></html>\n"
     )
+
+
+def _plotly(sections: Sequence[Section]) -> str:
+    """What draws the figures of plotly, where there are any."""
+    if all(isinstance(made, Drawing) for section in sections for made in section.figures):
+        return ""
+    from plotly.offline import get_plotlyjs
+
+    return f"<script>{get_plotlyjs()}</script>"

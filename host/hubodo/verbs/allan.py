@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.report.allan import MEANING, allan_lead, allan_png, allan_sections, duration_words, value_words
+from hubodo.report.allan import MEANING, allan_lead, allan_sections, duration_words, value_words
+from hubodo.report.allan_figure import allan_figure
+from hubodo.report.drawing import drawing_path, save
 from hubodo.report.page import page
-from hubodo.report.png import png_path
 from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.ieee952 import units
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
@@ -86,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="averaging times per octave",
     )
     parser.add_argument(
-        "--figure", type=png_path, metavar="PNG", help="write the log-log figure with asymptotes"
+        "--figure", type=drawing_path, metavar="PNG", help="the log-log figure: .png, .svg or .pdf"
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
@@ -102,9 +103,9 @@ def run(args: argparse.Namespace) -> Characterised:
         )
     except InputError as error:
         raise InputError(f"{args.log}, node {data.node}, {data.channel}: {error}") from None
-    if args.figure is not None:
-        allan_png(report, args.figure, f"{data.node} {data.channel}")
     if args.report is not None:
         title = f"Allan deviation of {data.node} {data.channel}"
         args.report.write_text(page(title, allan_lead(report), allan_sections(report)), "utf-8")
+    if args.figure is not None:
+        save(allan_figure([(data.channel, report)], f"{data.node} {data.channel}"), args.figure)
     return Characterised(str(args.log), data.node, report)

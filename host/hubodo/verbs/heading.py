@@ -18,9 +18,9 @@ from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
-from hubodo.report.heading import heading_lead, heading_png, heading_sections, score_rows
+from hubodo.report.drawing import drawing_path
+from hubodo.report.heading import heading_figure, heading_lead, heading_sections, score_rows
 from hubodo.report.page import page
-from hubodo.report.png import png_path
 from hubodo.sensors.heading.prior import noise_of_allan, upright, warmup_upwards
 from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
@@ -93,7 +93,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--step", type=float, default=0.1, help="s from row to row (default 0.1)")
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
-    parser.add_argument("--figure", type=png_path, metavar="PNG", help="write the course with its sigma")
+    parser.add_argument(
+        "--figure", type=drawing_path, metavar="PNG", help="the course with its sigma: .png, .svg or .pdf"
+    )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
@@ -114,10 +116,10 @@ def run(args: argparse.Namespace) -> HeadingTaken:
         columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
         write_table(args.output, Table(columns))
     title = f"Heading of {node} {args.axis}"
-    if args.figure is not None:
-        heading_png(report, args.figure, title)
     if args.report is not None:
         args.report.write_text(page(title, heading_lead(report), heading_sections(report)), "utf-8")
+    if args.figure is not None:
+        heading_figure(report, args.figure, title)
     return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from hubodo.errors import InputError
-from hubodo.sensors.allan.covariance import TERMS, covariance_tensor
+from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
 from hubodo.sensors.allan.ieee952 import rate_unit, units
@@ -85,7 +85,7 @@ class AllanReport:
                 "dof": self.fit.dof,
                 "relative_misfit": self.fit.misfit,
                 "tau": (self.fit.factors * self.points.dt).tolist(),
-                "covariance_of_squares": self.fit.covariance.tolist(),
+                "band": self.fit.band,
             },
             "record": {
                 "samples": int(np.count_nonzero(self.record.present)),
@@ -133,8 +133,8 @@ def characterise(
         )
     if fit.factors[0] > 1:
         notes.append(
-            f"averaging times below {fit.factors[0] * points.dt:.3g} s are not in the fit: bandwidth or "
-            "vibration, not one of the five terms"
+            f"averaging times below {fit.factors[0] * points.dt:.3g} s are not in the fit: they follow the "
+            "sensor's bandwidth or a vibration, which the longer ones are corrected for"
         )
     if fit.misfit > 0:
         notes.append(
@@ -164,7 +164,9 @@ def _edf(points: AllanPoints, fit: NoiseFit) -> FloatArray:
         tensor = covariance_tensor(np.array([factor]), points.samples, points.dt)[0, 0]
         variance[k] = fit.theta @ tensor @ fit.theta
     lost = (points.samples - 2 * points.factors + 1) / points.pairs
-    made: FloatArray = np.maximum(2.0 * fit.variance(points.tau) ** 2 / (variance * lost), 1.0)
+    # A low-pass makes the variance less, and leaves the degrees of freedom what they are.
+    plain = design(points.tau) @ fit.theta
+    made: FloatArray = np.maximum(2.0 * plain**2 / (variance * lost), 1.0)
     return made
 
 

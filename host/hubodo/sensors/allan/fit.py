@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2 as chi_square
 
-from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design
-from hubodo.sensors.allan.deviation import AllanPoints, averaging_factors
-from hubodo.sensors.allan.gls import B, Gls, K, N, Q, R
+from hubodo.sensors.allan.covariance import TERMS, design
+from hubodo.sensors.allan.deviation import AllanPoints
+from hubodo.sensors.allan.interval import interval, limit
+from hubodo.sensors.allan.likelihood import BAND, B, K, Likelihood, Maximum, N, Q, R, Terms
+from hubodo.sensors.allan.needed import needed_length
 
 FloatArray = NDArray[np.float64]
 
-# A term stays when leaving it out costs this much chi-square: 0.5 % false alarms for a variance at its zero
-# bound.
-_KEEP = 6.63
-_SIGMAS = 3.0
-_LIMIT = 1.645
-_DOUBLINGS = 12
-# Averaging times above a sixth of the record rest on fewer than about 4 degrees of freedom: their chi-square
-# is too skew for a least-squares fit.
+# A term is claimed when leaving it out costs this much of -2 ln likelihood: 3.3 sigma, one false claim in a
+# thousand.
+_KEEP = 10.8
+# Averaging times above a sixth of the record rest on fewer than about 4 degrees of freedom.
 _PARTS = 6
-# Real sensors have a bandwidth and vibrate: their shortest averaging times follow none of the five terms,
-# with an error bar of a tenth of a percent. They are left out while that brings the model error down clearly.
-_GOOD_MISFIT = 0.05
-_BETTER = 1.5
+# What comes by chance less often than this is the model's fault.
+_BY_CHANCE, _AHEAD = 0.02, 3
+_LATE, _SHARPER, _RIPPLE = 4, 0.5, 0.05
 _FEWEST, _MOST_LEFT_OUT = 7, 8
-
+# A model error is taken on when it raises twice the log-likelihood by this much.
+_CLEARLY = 6.6
 
 _NO_SHORTEST = (
-    "the shortest averaging times, in which it would show, follow the sensor's bandwidth or a vibration and "
-    "were left out; a longer record does not help, a wider bandwidth would"
+    "the shortest averaging times, in which it would show, follow the sensor's bandwidth or a vibration; "
+    "a longer record does not help, a wider bandwidth would"
 )
 _REASONS = (
     "the shortest averaging times do not fall as 1/tau: quantisation is hidden under the white noise",
@@ -48,9 +45,9 @@ _REASONS = (
 class NoiseTerm:
     """One of Q, N, B, K, R in SI; value None with the reason when the record cannot show it.
 
-    limit: the term is smaller than this with 95 % confidence (None when shown). needed: record length in s
-    that would show a term as large as the limit at 3 sigma, None when shown or when no practical record
-    would.
+    low, high: 95 % interval, None when not shown. limit: the term is smaller than this with 95 % confidence
+    (None when shown). needed: record length in s that would show a term as large as the limit at 3 sigma,
+    None when shown or when no practical record would.
     """
 
     value: float | None
@@ -58,195 +55,163 @@ class NoiseTerm:
     reason: str = ""
     limit: float | None = None
     needed: float | None = None
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """A weighted fit of the terms to an Allan deviation.
+    """The most likely terms of an Allan deviation.
 
-    terms: by name. theta: (5,) squares of Q, N, B, K, R, zero where not shown. covariance: (5, 5) of theta.
-    factors: (P,) fitted. chi2, dof: of the fit with the covariance of the points alone. misfit: relative
-    error of the model under which the residuals are most likely, mostly 0; it, and what chi2 has too much,
-    widen all sigmas.
+    terms: by name. theta: (5,) squares of Q, N, B, K, R, also of what is too faint to be claimed. band: what
+    the sensor's bandwidth does to the variance of the white noise at the first averaging time fitted,
+    relative; -0.2: it is a fifth smaller. factors: (P,) fitted. chi2, dof: of the fit. misfit: relative
+    error of the model under which the residuals are most likely, mostly 0; all sigmas hold it.
     """
 
     terms: dict[str, NoiseTerm]
     theta: FloatArray
-    covariance: FloatArray
+    band: float
     factors: NDArray[np.int64]
     chi2: float
     dof: int
     misfit: float
+    dt: float
 
     def variance(self, tau: FloatArray) -> FloatArray:
-        """(P,) fitted Allan variance at tau (s)."""
-        made: FloatArray = design(tau) @ self.theta
+        """(P,) fitted Allan variance at tau (s); the band does before the first tau what it does there."""
+        first = float(self.factors[0]) * self.dt
+        white = self.theta[N] / tau * self.band * np.minimum(first / tau, 1.0)
+        made: FloatArray = design(tau) @ self.theta + white
         return made
 
 
 def fit_noise(points: AllanPoints, slope: float) -> NoiseFit:
     """Fit sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2, all terms at once.
 
-    Generalised least squares in the squares of the terms, none negative, with the full covariance of the
-    points under the fitted model itself (Vaccaro and Zaki 2012), iterated. Terms are then left out one by one
-    as long as none of them is missed. points: octaves suffice, more only cost time. slope: of the record by
-    least squares, unit/s: a ramp is only believed when the slope is 3 sigma beyond what the other terms would
-    wander.
+    The most likely terms given the full covariance of the points under those terms (after Vaccaro and Zaki
+    2012). Behind a low-pass, and after any filter of finite memory, white noise gives N^2/tau + c/tau^2 from
+    the length of that memory on, c of either sign: it is fitted from the averaging time on from which that
+    holds. A term is claimed where the fit misses it; one that is not still takes part in the sigmas of the
+    others. points: octaves suffice, more only cost time. slope: of the record by least squares, unit/s: a
+    further observation, of the ramp.
     """
     # Octaves alone: points closer together say nothing new and make the covariance singular.
     octave = points.factors & (points.factors - 1) == 0
     used = octave & (points.factors <= max(points.samples // _PARTS, 1))
-    factors, tau = points.factors[used], points.tau[used]
-    avar = points.adev[used] ** 2
-    tensor = covariance_tensor(factors, points.samples, points.dt)
-    # Gaps leave fewer pairs than the covariance of a complete record counts on.
-    lost = (points.samples - 2 * factors + 1) / points.pairs[used]
-    tensor *= np.sqrt(np.outer(lost, lost))[:, :, None, None]
-    matrix = design(tau)
-    duration = points.samples * points.dt
-
-    def fitted(start: int) -> _Trial:
-        part = slice(start, None)
-        return _Trial.fit(matrix[part], avar[part], tensor[part, part], factors[part], slope, duration)
-
-    start, trial = _believed(fitted, min(_MOST_LEFT_OUT, max(0, len(tau) - _FEWEST)))
-    active = trial.active
-    fit = trial.gls
-    excess = fit.weigh(fit.theta).excess()
-    while len(active) > 1:
-        costs = [fit.cost_without(term) for term in active]
-        least = int(np.argmin(costs))
-        if costs[least] > _KEEP * excess:
-            break
-        active = [term for term in active if term != active[least]]
-        fit = fit.again().solve(active)
-
-    covariance = np.zeros((5, 5))
-    covariance[np.ix_(active, active)] = fit.parameter_covariance(active)
+    likelihood, best, chi2 = _believed(Likelihood.of(points, used, slope))
+    found = Terms.of(best.x)
+    dof = len(likelihood.tau) - len(best.active) + (R in best.active)
     terms = {}
     for term, name in enumerate(TERMS):
-        if term in active:
-            value = float(np.sqrt(fit.theta[term]))
-            terms[name] = NoiseTerm(value, float(np.sqrt(covariance[term, term])) / (2 * value))
+        if term == N or (term in best.active and _missed(likelihood, best, term) > _KEEP):
+            value = abs(found.ramp) if term == R else float(np.sqrt(found.theta[term]))
+            ends = interval(likelihood, best, term)
+            low, high = sorted((abs(ends.low), abs(ends.high)))
+            # What the model is wrong by, it is wrong by in the same sense everywhere.
+            sigma = float(np.hypot(ends.sigma, 0.5 * likelihood.misfit * value))
+            terms[name] = NoiseTerm(value, sigma, low=low, high=high)
         else:
-            terms[name] = _not_shown(term, fit, active, slope, points)
-    dof = len(tau) - start - len(active)
-    return NoiseFit(terms, fit.theta, covariance, factors[start:], trial.chi2, dof, fit.relative_misfit)
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """All terms fitted to the points from one averaging time on.
-
-    chi2: how badly they fit without a model error.
-    """
-
-    gls: Gls
-    active: list[int]
-    chi2: float
-
-    @classmethod
-    def fit(
-        cls,
-        matrix: FloatArray,
-        avar: FloatArray,
-        tensor: FloatArray,
-        factors: NDArray[np.int64],
-        slope: float,
-        duration: float,
-    ) -> _Trial:
-        # Quantisation lives in the shortest averaging times alone: without them it is not looked for.
-        active = [Q, N, B, K] if factors[0] == 1 else [N, B, K]
-        active = active[: max(1, len(avar) - 1)]
-        gls = Gls(matrix, avar, tensor, factors).solve(active)
-        if len(avar) > len(active) + 1:
-            # Judged by the fit that has a ramp: without one, a walk would take its place and explain any
-            # slope.
-            ramp = Gls(matrix, avar, tensor, factors).solve([*active, R])
-            if abs(slope) > _SIGMAS * slope_sigma(ramp.theta, duration):
-                gls, active = ramp, [*active, R]
-        chi2 = gls.weigh(gls.theta).chi2(gls.theta)
-        gls.relative_misfit = gls.misfit()
-        return cls(gls.solve(active), active, chi2)
-
-
-def _believed(fitted: Callable[[int], _Trial], most: int) -> tuple[int, _Trial]:
-    """From which point on, `most` at the latest, the fit is believed, and that fit."""
-    whole = fitted(0)
-    if whole.gls.relative_misfit <= _GOOD_MISFIT:
-        return 0, whole
-    later = [fitted(start) for start in range(1, most + 1)]
-    tolerable = max(_GOOD_MISFIT, _BETTER * min(trial.gls.relative_misfit for trial in (whole, *later)))
-    if whole.gls.relative_misfit > tolerable:
-        for start, trial in enumerate(later, 1):
-            # Only where the points left out are to blame themselves, by seven sigma each.
-            if trial.gls.relative_misfit <= tolerable and whole.chi2 - trial.chi2 > 50.0 * start:
-                return start, trial
-    return 0, whole
-
-
-def slope_sigma(theta: FloatArray, duration: float) -> float:
-    """1 sigma of the least-squares slope of a record, unit/s; theta: (5,) squares of the terms; duration: s.
-
-    The integral of each noise density over the response of the slope to a frequency.
-    """
-    t = duration
-    return float(
-        np.sqrt(
-            72.0 * theta[Q] / t**4
-            + 12.0 * theta[N] / t**3
-            + 9.0 / np.pi * theta[B] / t**2
-            + 1.2 * theta[K] / t
-        )
+            terms[name] = _not_shown(term, likelihood, best, points)
+    return NoiseFit(
+        terms, found.theta, found.band, likelihood.factors, chi2, dof, likelihood.misfit, points.dt
     )
 
 
-def _not_shown(term: int, fit: Gls, active: list[int], slope: float, points: AllanPoints) -> NoiseTerm:
-    duration = points.samples * points.dt
-    if term == Q and fit.starts_late:
-        return NoiseTerm(None, None, _NO_SHORTEST)
-    if term == R:
-        limit = abs(slope) + _LIMIT * slope_sigma(fit.theta, duration)
-    else:
-        square, spread = fit.estimate_with(term, active)
-        limit = float(np.sqrt(square + _LIMIT * spread))
-    needed = _needed(term, limit, fit.theta, points)
-    return NoiseTerm(None, None, _REASONS[term], limit, needed)
+def _believed(whole: Likelihood) -> tuple[Likelihood, Maximum, float]:
+    """The likelihood from where on the model holds, its maximum, and chi-square there.
 
-
-def _needed(term: int, size: float, theta: FloatArray, points: AllanPoints) -> float | None:
-    """Record length in s, to a factor of 2, in which a term of this size would stand at 3 sigma.
-
-    None beyond 4096 times this record.
+    It holds where leaving out one, two or three points more makes the fit no better than chance would.
     """
-    shortest, longest = 1, _DOUBLINGS + 1
-    while shortest < longest:
-        doublings = (shortest + longest) // 2
-        if _seen(term, size, theta, points.samples << doublings, points.dt):
-            longest = doublings
-        else:
-            shortest = doublings + 1
-    return None if shortest > _DOUBLINGS else float((points.samples << shortest) * points.dt)
+    most = 1 + min(_MOST_LEFT_OUT, max(0, len(whole.tau) - _FEWEST))
+    trials: list[tuple[Likelihood, Maximum, float]] = []
+
+    def trial(start: int) -> tuple[Likelihood, Maximum, float]:
+        while len(trials) <= start:
+            likelihood = whole.later(len(trials))
+            best = _all_terms(likelihood)
+            trials.append((likelihood, best, likelihood.chi2(Terms.of(best.x))))
+        return trials[start]
+
+    for start in range(most):
+        likelihood, best, chi2 = trial(start)
+        further = range(1, min(_AHEAD, most - 1 - start) + 1)
+        if all(chi_square.sf(chi2 - trial(start + k)[2], k) > _BY_CHANCE for k in further):
+            break
+    # What is just too small to be seen there is a quarter of that at twice the averaging time.
+    if start + 1 < most and (start > 0 or _low_pass(likelihood, best)):
+        likelihood, best, chi2 = trial(start + 1)
+    if chi_square.sf(chi2, max(1, len(likelihood.tau) - len(best.active))) < _BY_CHANCE:
+        likelihood, best = _with_misfit(likelihood, best)
+    if start < _LATE:
+        return likelihood, best, chi2
+    # A ripple of some per cent must not cost averaging times that tell more than it spoils.
+    least = _SHARPER * _white_sigma(likelihood, best)
+    for early, theirs, chi2_there in trials[:start]:
+        judged = _with_misfit(early, theirs)
+        if 0.0 < judged[0].misfit < _RIPPLE and _white_sigma(*judged) < least:
+            least, (likelihood, best), chi2 = _white_sigma(*judged), judged, chi2_there
+    return likelihood, best, chi2
 
 
-def _seen(term: int, size: float, theta: FloatArray, samples: int, dt: float) -> bool:
-    if term == R:
-        return size > _SIGMAS * slope_sigma(theta, samples * dt)
-    present = theta.copy()
-    present[term] = size**2
-    active = [int(k) for k in np.flatnonzero(present)]
-    factors, matrix, tensor = _octaves(samples, dt)
-    fit = Gls(matrix, matrix @ present, tensor, factors).weigh(present)
-    place = active.index(term)
-    return size**2 > _SIGMAS * float(np.sqrt(fit.parameter_covariance(active)[place, place]))
+def _with_misfit(likelihood: Likelihood, best: Maximum) -> tuple[Likelihood, Maximum]:
+    """The same with the relative model error under which the residuals are most likely."""
+    likelihood.misfit = _misfit(likelihood, best)
+    return likelihood, likelihood.best(best.active, best.x)
 
 
-@lru_cache(maxsize=2 * _DOUBLINGS)
-def _octaves(samples: int, dt: float) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """Factors, design and covariance tensor of a record of this length.
+def _white_sigma(likelihood: Likelihood, best: Maximum) -> float:
+    """Relative 1 sigma of N, what the model is wrong by included."""
+    ends = interval(likelihood, best, N)
+    return float(np.hypot(2.0 * ends.sigma / (ends.low + ends.high), 0.5 * likelihood.misfit))
 
-    Kept, as all terms ask for the same lengths.
+
+def _all_terms(likelihood: Likelihood) -> Maximum:
+    """The fit of every term that so many points can hold; a term that is not claimed may still be there.
+
+    What goes as 1/tau^2 is quantisation only where it is seen from the first sample on and clearly adds to
+    the white noise; else it is what a bandwidth does, of either sign.
     """
-    factors = averaging_factors(samples)
-    factors = factors[factors <= samples // _PARTS]
-    return factors, design(np.asarray(factors * dt, np.float64)), covariance_tensor(factors, samples, dt)
+    slow = [K, B][: max(0, len(likelihood.tau) - 3)]
+    best = likelihood.best((N, *slow, BAND) if len(likelihood.tau) > 2 else (N,))
+    if likelihood.factors[0] == 1 and best.x[BAND] > 0.0:
+        start = best.x.copy()
+        start[Q] = np.log(np.expm1(best.x[BAND]) * likelihood.tau[0] / 3.0) + best.x[N]
+        stepped = likelihood.best((Q, N, *slow), start)
+        if _missed(likelihood, stepped, Q) > _KEEP and stepped.cost < best.cost + _CLEARLY:
+            best = stepped
+    ramp = likelihood.best((*best.active, R), best.x)
+    return ramp if ramp.cost < best.cost - _KEEP else best
+
+
+def _missed(likelihood: Likelihood, best: Maximum, term: int) -> float:
+    """How much of -2 ln likelihood it costs to do without a term."""
+    return likelihood.best([k for k in best.active if k != term], best.x).cost - best.cost
+
+
+def _low_pass(likelihood: Likelihood, best: Maximum) -> bool:
+    """Whether the white noise is clearly less in the first averaging time than later ones tell."""
+    return best.x[BAND] < 0.0 and _missed(likelihood, best, BAND) > _KEEP
+
+
+def _misfit(likelihood: Likelihood, best: Maximum) -> float:
+    """Relative model error under which the residuals are most likely; mostly 0."""
+    costs = {0.0: best.cost}
+    for size in np.geomspace(1e-3, 1.0, 31):
+        likelihood.misfit = float(size)
+        costs[float(size)] = likelihood.cost(best.x)
+    likelihood.misfit = 0.0
+    least = min(costs, key=lambda size: costs[size])
+    return least if costs[least] < costs[0.0] - _CLEARLY else 0.0
+
+
+def _not_shown(term: int, likelihood: Likelihood, best: Maximum, points: AllanPoints) -> NoiseTerm:
+    if term == Q:
+        if likelihood.factors[0] > 1 or _low_pass(likelihood, best):
+            return NoiseTerm(None, None, _NO_SHORTEST)
+        best = likelihood.best([Q, *(k for k in best.active if k != BAND)], best.x)
+    elif term not in best.active:
+        best = likelihood.best([*best.active, term], best.x)
+    most = limit(likelihood, best, term, _missed(likelihood, best, term), _KEEP)
+    needed = needed_length(term, most, Terms.of(best.x).theta, points, _PARTS)
+    return NoiseTerm(None, None, _REASONS[term], most, needed)
