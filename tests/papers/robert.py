@@ -58,7 +58,7 @@ STIM210 = with_minimum(0.15, 0.57, 1000.0)
 
 @dataclass(frozen=True)
 class Noise:
-    """A gyro's noise made without any code of hubodo, N, B, K, R in SI, and the drift that it has in truth."""
+    """A gyro's noise made without any code of hubodo; N, B, K, R in SI."""
 
     n: float
     b: float = 0.0
@@ -111,7 +111,7 @@ def azimuth_oracle(found, sensor, azimuth):
 
 
 def two_point(sensor, stop, stops, seeds):
-    """Percent of Earth rate, table zero due north: (seeds, 4) nearest neighbour, ours, sigma, oracle; bound."""
+    """Percent of Earth rate, table zero due north: nearest neighbour, ours, sigma, oracle, others; bound."""
     rows = []
     for seed in range(seeds):
         record = programme(sensor, seed, 0.0, TWO, stop, stops)
@@ -215,8 +215,12 @@ def moving_rows(name, sensor, seeds):
         wave = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(angle))])
         c, s, _ = np.linalg.lstsq(wave, record.rate, rcond=None)[0]
         turned.append(
-            [wrap(np.arctan2(s, c) - azimuth), wrap(found.azimuth - azimuth), found.sigma]
-            + [*azimuth_oracle(found, sensor, azimuth)]
+            [
+                wrap(np.arctan2(s, c) - azimuth),
+                wrap(found.azimuth - azimuth),
+                found.sigma,
+                *azimuth_oracle(found, sensor, azimuth),
+            ]
         )
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
         loop = seek_east(table, table.measure, HORIZONTAL, steps=7)
@@ -233,7 +237,7 @@ def moving_rows(name, sensor, seeds):
 
 def noise_rows(seeds):
     """White, flicker, walk and ramp of their own, by another generator: ours over the bound, and sigma."""
-    n, b, k = 3e-5, 3e-6, 1.5e-7
+    n, b, k = 3e-5, 3e-6, 1e-6
     for name, noise in (
         ("white noise", Noise(n)),
         ("flicker", Noise(n, b=4 * b)),
@@ -333,9 +337,7 @@ def main():
     parser.add_argument("--static", type=Path, help="CSV folder of a node at rest")
     args = parser.parse_args()
     begin = time.time()
-    print(
-        f"Robert 2014 at 32.7574 deg: horizontal Earth rate {np.degrees(HORIZONTAL):.6f} deg/s (thesis 0.0035)"
-    )
+    print(f"Robert 2014 at 32.7574 deg: Earth rate there {np.degrees(HORIZONTAL):.6f} deg/s (thesis 0.0035)")
     print(f"rms over seeds from 0, 10000, 20000, 30000, 70000 on; {args.seeds} of the longest\n")
     print(f"{'':56s} | {'paper':28s} | rebuilt | ours   | bound  |")
     maytag_rows(args.seeds)

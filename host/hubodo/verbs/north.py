@@ -18,6 +18,9 @@ from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
+from hubodo.report.drawing import drawing_path, save
+from hubodo.report.north import north_figure, north_lead, north_sections
+from hubodo.report.page import page
 from hubodo.sensors.north.axis_record import AxisRecord, FoundAngles, axis_record, mounted
 from hubodo.sensors.north.circle import fuse
 from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
@@ -76,6 +79,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     noise.add_argument("--sigma-deg", type=float, help="wanted (with --plan default 1; live: stops there)")
     noise.add_argument("--turn", type=float, default=2.0, help="s of a turn, for --plan (default 2)")
+    parser.add_argument(
+        "--figure",
+        type=drawing_path,
+        metavar="PNG",
+        help="fit and residuals of the first gyro: .png, .svg, .pdf",
+    )
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
     trial = parser.add_argument_group("simulated")
     trial.add_argument(
         "--simulate-azimuth-deg",
@@ -125,6 +135,11 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
         found = [north for *_, north in gyros]
         angle_sigma = max(north.angle_sigma for north in found)
         azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
+    if args.report is not None:
+        lead = north_lead(azimuth, sigma)
+        args.report.write_text(page("North", lead, north_sections(gyros, warnings)), "utf-8")
+    if args.figure is not None:
+        save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return FoundNorth(
         args.latitude_deg,
         azimuth,

@@ -149,7 +149,11 @@ def find_north(
         filters=filters,
         stops=seen.stops,
         averages=seen.averages,
-        warnings=(*(note for stops in seen.stops for note in stops.notes), *_doubts(candidates, sigma, near)),
+        warnings=(
+            *(note for stops in seen.stops for note in stops.notes),
+            *_doubts(candidates, sigma, near),
+            *_more_noise(drift, posterior),
+        ),
     )
 
 
@@ -218,6 +222,13 @@ def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> 
     if sigma > np.radians(45):
         warnings.append("this record does not show north: the uncertainty is as large as the answer")
     return tuple(warnings)
+
+
+def _more_noise(given: Drift | None, posterior: Posterior) -> tuple[str, ...]:
+    if given is None or posterior.drift.n == given.n:
+        return ()
+    times = posterior.drift.n / given.n
+    return (f"the record is {times:.1f} times as noisy as --allan says, and sigma is widened by that",)
 
 
 def check_scale(rate: Array) -> None:

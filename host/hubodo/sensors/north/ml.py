@@ -33,6 +33,8 @@ SHAKE_RATIOS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4)
 """Q² / (N² T), the same for quantisation and shaking, of which one is chosen beforehand."""
 _SHAKEN = 4.0
 """Of log likelihood: what shaking must explain before it is believed."""
+_MORE = 4.0
+"""Sigmas of the noise's own size by which a record must have more than was given."""
 _ROUNDS = 8
 _STRAIGHT = 1e-3
 """rad at the far end of all turns: what a straight line may still miss of the scale's error."""
@@ -63,7 +65,8 @@ def estimate(
 ) -> Posterior:
     """Posterior of C, S and azimuth from records that share table zero and the drift's size, not its bias.
 
-    horizontal: rad/s of Earth rate along an axis that points north. drift: None to fit it from the records.
+    horizontal: rad/s of Earth rate along an axis that points north. drift: None to fit it from the records;
+    one that is given is widened where they have clearly more noise.
     scale_sigma: 1 sigma of the relative error of the angles that a table was felt to turn.
     """
     pieces = pieces_of(records)
@@ -75,6 +78,8 @@ def estimate(
         grid = [(f, w, shake) for f in FLICKER_RATIOS for w in WALK_RATIOS]
     else:
         grid = [_ratios(drift, mean)]
+    if drift is not None:
+        drift = _widened(pieces, drift, horizontal, freedom, mean)
     level = None if drift is None else drift.n**2 / mean
     scale = 0.0
     coarse = np.radians(np.arange(-180, 180, 0.25))
@@ -210,6 +215,17 @@ class _Look:
 def _ratios(drift: Drift, mean: float) -> Ratios:
     n = drift.n**2
     return drift.b**2 * mean / n, drift.k**2 * mean**2 / n, drift.q**2 / (n * mean)
+
+
+def _widened(pieces: Sequence[Averages], drift: Drift, horizontal: float, freedom: int, mean: float) -> Drift:
+    """A drift that was given, made larger where the record has clearly more noise than it allows."""
+    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean)
+    found = _Look([term], horizontal, freedom, None, 0.0, 0.0)._level(term)
+    more = found * mean / drift.n**2
+    if more < 1 + _MORE * np.sqrt(2 / max(freedom, 1)):
+        return drift
+    times = float(np.sqrt(more))
+    return Drift(times * drift.n, times * drift.b, times * drift.k, times * drift.q)
 
 
 def _shaking(pieces: Sequence[Averages], horizontal: float, freedom: int, mean: float) -> float:
