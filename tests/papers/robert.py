@@ -30,6 +30,7 @@ from hubodo.sensors.north.filters import FILTERS, opposite_pairs
 from hubodo.sensors.north.find import find_north, horizontal_rate
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
+from hubodo.sensors.north.tally import Tally
 
 LATITUDE = np.radians(32.7574)
 DT, TURN, SETTLE = 0.1, 2.0, 0.3
@@ -91,7 +92,10 @@ def oracle(found, sensor):
 
     The covariance is the Cramér-Rao bound; bias and ramp are unknown to it as to us.
     """
-    (a,) = found.averages
+    return oracle_of(found.averages[0], sensor)
+
+
+def oracle_of(a, sensor):
     inverse = np.linalg.inv(covariance(drift_of(sensor), a.start, a.end))
     seen = [a.cos, a.sin] if np.ptp(a.sin) > 0.1 else [a.cos]
     x = np.column_stack([*seen, np.ones(len(a.y)), a.start - a.start.mean()])
@@ -101,7 +105,11 @@ def oracle(found, sensor):
 
 def azimuth_oracle(found, sensor, azimuth):
     """Error of azimuth and its bound, rad, of the oracle, which knows the length of Earth rate."""
-    rate, spread = oracle(found, sensor)
+    return azimuth_oracle_of(found.averages[0], sensor, azimuth)
+
+
+def azimuth_oracle_of(averages, sensor, azimuth):
+    rate, spread = oracle_of(averages, sensor)
     angles = azimuth + np.radians(np.arange(-60, 60, 0.02))
     off = HORIZONTAL * np.stack([np.cos(angles), np.sin(angles)]) - rate[:, None]
     information = np.linalg.inv(spread)
@@ -223,15 +231,22 @@ def moving_rows(name, sensor, seeds):
             ]
         )
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        loop = seek_east(table, table.measure, HORIZONTAL, steps=7)
-        east.append([wrap(azimuth - loop.angle - np.pi / 2), wrap(loop.azimuth - azimuth), loop.sigma])
+        tally = Tally(HORIZONTAL)
+        loop = seek_east(table, table.measure, HORIZONTAL, steps=7, tally=tally)
+        east.append(
+            [
+                wrap(azimuth - loop.angle - np.pi / 2),
+                wrap(loop.azimuth - azimuth),
+                loop.sigma,
+                *azimuth_oracle_of(tally.averages(), sensor, azimuth),
+            ]
+        )
     turned, east = np.degrees(np.array(turned)), np.degrees(np.array(east))
     thesis = '"useless"' if name == "ADXRS646" else "-"
     row(f"carousel, {name}, 40 s a turn, deg", thesis, turned[:, 0], turned[:, 1], turned[:, 4], turned[:, 3])
     sigma(turned[:, 1], turned[:, 2])
-    drift = drift_of(sensor)
-    best = best_programme(drift, 21 * 36.0, TURN, HORIZONTAL)
-    row(f"east-seeking, {name}, 21 stops of 34 s, deg", "-", east[:, 0], east[:, 1], np.degrees(best.sigma))
+    what = f"east-seeking, {name}, 21 stops of 34 s, deg"
+    row(what, "-", east[:, 0], east[:, 1], east[:, 4], east[:, 3])
     sigma(east[:, 1], east[:, 2])
 
 

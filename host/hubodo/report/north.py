@@ -45,7 +45,8 @@ def north_figure(found: North, title: str) -> Any:
     made = blank(8.0, 8.0)
     upper, middle, lower = made.subplots(3, 1, height_ratios=(3, 2, 2))
     residuals = residuals_of(found)
-    angle = residuals.angle * _DEG % 360
+    # Zero stays on the left, whatever noise there is in angles.
+    angle = (residuals.angle * _DEG + 15) % 360 - 15
     upper.plot(angle, residuals.earth * _DEG_H, ".", ms=3, color=_DIM, label="averages")
     for at, mean, error in _by_direction(residuals, angle):
         upper.errorbar(at, mean * _DEG_H, error * _DEG_H, fmt="o", ms=4, color=_INK)
@@ -61,7 +62,8 @@ def north_figure(found: North, title: str) -> Any:
     middle.set_ylabel("left over, °/h")
     density = found.posterior.density / np.gradient(found.posterior.azimuth) / _DEG
     lower.plot(found.posterior.azimuth * _DEG, density, color=_OURS)
-    lower.axvline(((found.azimuth * _DEG + 180) % 360) - 180, color=_DIM, lw=0.8)
+    peak = float(found.posterior.azimuth[found.posterior.density.argmax()]) * _DEG
+    lower.set_xlim(peak - 6 * found.sigma * _DEG, peak + 6 * found.sigma * _DEG)
     lower.set_xlabel("azimuth of table zero, °")
     lower.set_ylabel("probability, 1/°")
     for axes in (upper, middle, lower):
@@ -130,7 +132,4 @@ def _account(found: North) -> Grid:
     ]
     if drift.q:
         rows.append(("Q, shaking", f"{drift.q:.2g} rad"))
-    if found.posterior.scale_sigma:
-        scale, left = found.posterior.scale, found.posterior.scale_sigma
-        rows.append(("error of the gyro's scale", f"{-100 * scale:+.2f} ± {100 * left:.2f} %"))
     return Grid(("", ""), rows)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
+from hubodo.fuse.ranges import node_ranges, of_node
 from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
@@ -26,6 +27,7 @@ from hubodo.sensors.north.circle import fuse
 from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
 from hubodo.sensors.north.plan import drift_of_allan
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
+from hubodo.vehicle import NodeMount
 from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
@@ -279,7 +281,9 @@ def _record(
     if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
         raise InputError("several logs count together only where table.csv tells their common angles")
     step = None if args.step_deg is None else math.radians(args.step_deg)
-    found = FoundAngles(_scale_sigma(args, calibration, name), step)
+    ranges = node_ranges(NodeMount(), of_node(recording.metadata, name), recording.nodes[name])
+    limit = ranges.limits["gyro_limit"]
+    found = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
     return axis_record(node, axis, table, latitude, found)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from hubodo.recording import Table
@@ -13,6 +14,9 @@ from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_wa
 from hubodo.sensors.north.stops import TableMotion
 
 Array = NDArray[np.float64]
+
+
+SPIKE = 20.0
 
 
 @dataclass(frozen=True)
@@ -34,10 +38,11 @@ class AxisRecord:
 
 @dataclass(frozen=True)
 class FoundAngles:
-    """How angles are taken from the gyro itself; see `find_motion`. step: rad."""
+    """How angles are taken from the gyro itself; see `find_motion`. step: rad. limit: rad/s."""
 
     scale_sigma: float
     step: float | None = None
+    limit: float = np.inf
 
 
 def mounted(node: Table, axis: str) -> Mount:
@@ -53,10 +58,15 @@ def axis_record(
     node: samples with the calibration applied. table: `table.csv`, or None to find the stops. latitude: rad.
     Raises InputError as of `find_motion`, `mount_of` and `check_direction`.
     """
+    node, spikes = _without_spikes(node)
     mount = mounted(node, axis)
     warnings = list(mount.warnings)
+    if spikes:
+        warnings.append(f"{spikes} single samples of the gyro stand out by far and are left out")
     if table is None:
-        motion = find_motion(node.t, node.gyro, mount.up, scale_sigma=found.scale_sigma, step=found.step)
+        motion = find_motion(
+            node.t, node.gyro, mount.up, scale_sigma=found.scale_sigma, step=found.step, limit=found.limit
+        )
         warnings.append("stops and angles are the gyro's: table zero is where the table stood first")
     else:
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
@@ -64,3 +74,25 @@ def axis_record(
     warnings += tilt_warning(mount, node.t, motion)
     rate = node["g" + axis] - vertical_earth(mount, latitude)
     return AxisRecord(node.t, rate, motion, mount.mounting, mount.level, mount.vertical), warnings
+
+
+def _without_spikes(node: Table) -> tuple[Table, int]:
+    """The node with single samples of its gyro that no motion makes replaced by what is around them.
+
+    A spike is further from the median of the five about it than SPIKE times what samples usually are, while
+    its neighbours are not.
+    """
+    columns, count = dict(node.columns), 0
+    if len(node) < 5:
+        return node, 0
+    for name in ("gx", "gy", "gz"):
+        values = node[name]
+        around = np.median(sliding_window_view(np.pad(values, 2, mode="edge"), 5), axis=1)
+        off = np.abs(values - around)
+        usual = float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+        odd = off > SPIKE * usual
+        odd &= ~(np.append(odd[1:], False) | np.append(False, odd[:-1]))
+        if usual and odd.any():
+            columns[name] = np.where(odd, around, values)
+            count += int(np.count_nonzero(odd))
+    return (Table(columns, node.t_ns), count) if count else (node, 0)

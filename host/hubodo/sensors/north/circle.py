@@ -16,11 +16,13 @@ def summarise(posterior: Posterior, near: float | None = None) -> tuple[float, f
     """(azimuth, sigma, candidates), rad, of a posterior over the circle.
 
     sigma is the root mean square of the wrapped distance; with two candidates it is that about the one
-    taken, over its own half.
+    taken, over its own half. near: rad; what points away from it does not count.
     """
     a, p = posterior.azimuth, posterior.density
     axis = blind_axis(posterior)
     if axis is None:
+        if near is not None and (p[abs(wrap(a - near)) < np.pi / 2] > 0).any():
+            p = np.where(abs(wrap(a - near)) < np.pi / 2, p, 0.0)
         mean = _circular_mean(a, p)
         return mean, _circular_sigma(a, p, mean), (mean,)
     # Mirror images about the line of the stops are equally likely: judge the half of the peak, and mirror it.

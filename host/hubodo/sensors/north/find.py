@@ -131,11 +131,12 @@ def find_north(
     if len(seen.stops) == 1 and method != "east":
         filters = classical(seen.stops[0], seen.direction, posterior.drift, _tolerance(seen.stops))
     sigma = float(np.hypot(sigma, np.sqrt(of_turns)))
+    angle_sigma = float(np.sqrt(angle_variance + of_turns))
     return North(
         method=method,
         azimuth=azimuth,
         sigma=sigma,
-        angle_sigma=float(np.sqrt(angle_variance + of_turns)),
+        angle_sigma=angle_sigma,
         candidates=candidates,
         direction=seen.direction,
         rates=seen.rates,
@@ -153,6 +154,7 @@ def find_north(
             *(note for stops in seen.stops for note in stops.notes),
             *_doubts(candidates, sigma, near),
             *_more_noise(drift, posterior),
+            *_felt(angle_sigma, sigma),
         ),
     )
 
@@ -222,6 +224,15 @@ def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> 
     if sigma > np.radians(45):
         warnings.append("this record does not show north: the uncertainty is as large as the answer")
     return tuple(warnings)
+
+
+def _felt(angle_sigma: float, sigma: float) -> tuple[str, ...]:
+    if angle_sigma < 0.7 * sigma:
+        return ()
+    return (
+        f"{np.degrees(angle_sigma):.1f} degrees of sigma come from angles that the gyro felt; give "
+        "table.csv, say with --step-deg where the table stops, or turn it back the way it came",
+    )
 
 
 def _more_noise(given: Drift | None, posterior: Posterior) -> tuple[str, ...]:

@@ -22,6 +22,8 @@ Fast turns show in short means; slow ones only in long ones, which are taken of 
 are beyond what the bias of a gyro changes by from one stop to the next.
 """
 SIGMAS = 8.0
+BASE_S, MAX_DRIFT = 30.0, np.radians(1.0)
+"""The bias is looked at in three times these s, every so many; it drifts less than this, rad/s."""
 BRIDGE_S = 0.6
 """Two turns with less than this between them are one."""
 BIAS_S = 10.0
@@ -58,14 +60,20 @@ class Turn:
 
 
 def find_motion(
-    t: Array, gyro: Array, up: Array, *, scale_sigma: float, step: float | None = None
+    t: Array,
+    gyro: Array,
+    up: Array,
+    *,
+    scale_sigma: float,
+    step: float | None = None,
+    limit: float = np.inf,
 ) -> TableMotion:
     """The table's motion, its angle counted from where it stood first.
 
     t: (N,) s. gyro: (N, 3) rad/s. up: (3,) unit vector in node axes. scale_sigma: 1 sigma of the relative
     error of the gyro's scale. step: rad, of a table that stops at multiples of it only; then its angles are
-    exact. Raises InputError with the time: no turn, turns about another axis, an angle that
-    is no multiple, a gap in a turn.
+    exact. limit: rad/s from which on a sample is clipped. Raises InputError with the time: no turn, turns
+    about another axis, an angle that is no multiple, a gap in a turn, a turn too fast for the gyro.
     """
     moving = _moving(t, gyro)
     turns = _turns(t, gyro, moving)
@@ -74,6 +82,8 @@ def find_motion(
             "the table never turned from one stop to the next (one that turns all the time needs table.csv); "
             "north needs stops that look different ways, or --simulate-azimuth-deg to try a gyro at rest"
         )
+    if step is None:
+        _check_clipped(t, gyro, turns, limit)
     axis = _axis(t, turns, up)
     by = np.array([float(turn.by @ axis) for turn in turns])
     angle = np.concatenate([[0.0], np.cumsum(by)])
@@ -93,19 +103,45 @@ def _moving(t: Array, gyro: Array) -> Mask:
     """(N,) whether the table moves, to the width of a mean."""
     step = float(np.median(np.diff(t)))
     moving = np.zeros(len(t), bool)
-    base = np.array([_mode(channel) for channel in _means(gyro, max(1, round(LOOKS[0][0] / step))).T])
+    base = _base(gyro, step)
     for seconds, least in LOOKS:
         width = max(1, round(seconds / step))
         found = np.zeros(len(t), bool)
         for i, j in runs(~moving):
-            found[i:j] = _stands_out(gyro[i:j] - _around(base, gyro, moving, i, j), width, least)
+            own = np.median(gyro[i:j], axis=0) if moving.any() else base[i:j]
+            found[i:j] = _stands_out(gyro[i:j] - own, width, least)
         moving |= found
     return _widened(_bridged(moving, round(BRIDGE_S / step)), gyro - base, step)
 
 
-def _around(base: Array, gyro: Array, moving: Mask, i: int, j: int) -> Array:
-    """(3,) bias of a run of samples: its own median once turns are taken out of it, else that of all."""
-    return np.asarray(np.median(gyro[i:j], axis=0)) if moving.any() else base
+def _check_clipped(t: Array, gyro: Array, turns: list[Turn], limit: float) -> None:
+    for turn in turns:
+        if np.abs(gyro[turn.first : turn.last]).max() >= limit:
+            raise InputError(
+                f"the gyro is at the end of its range in the turn at {t[turn.first]:.1f} s, so its angle is "
+                "not known; turn slower, give table.csv, or say with --step-deg where the table stops"
+            )
+
+
+def _base(gyro: Array, step: float) -> Array:
+    """(N, 3) rad/s: the bias as it drifts after power-on, from the densest rates of each minute or so.
+
+    A minute in which the table hardly stood is densest where it turned; that is no drift of a gyro.
+    """
+    width = max(1, round(LOOKS[0][0] / step))
+    means = _means(gyro, width)
+    common = np.array([_mode(channel) for channel in means.T])
+    hop = max(1, round(BASE_S / (width * step)))
+    at, found = [], []
+    for i in range(0, max(1, len(means) - hop), hop):
+        here = np.array([_mode(channel) for channel in means[i : i + 3 * hop].T])
+        if np.linalg.norm(here - common) < MAX_DRIFT:
+            at.append((i + min(1.5 * hop, (len(means) - i) / 2)) * width)
+            found.append(here)
+    if not found:
+        return np.tile(common, (len(gyro), 1))
+    rows = np.arange(len(gyro))
+    return np.column_stack([np.interp(rows, at, channel) for channel in np.array(found).T])
 
 
 def _stands_out(off: Array, width: int, least: float) -> Mask:

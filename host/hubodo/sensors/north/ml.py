@@ -35,9 +35,10 @@ _SHAKEN = 4.0
 """Of log likelihood: what shaking must explain before it is believed."""
 _MORE = 4.0
 """Sigmas of the noise's own size by which a record must have more than was given."""
-_ROUNDS = 8
-_STRAIGHT = 1e-3
-"""rad at the far end of all turns: what a straight line may still miss of the scale's error."""
+_STRAIGHT = 0.1
+"""rad at the far end of all turns, up to which angles are straight in the error of the gyro's scale."""
+_NARROW = 0.3
+"""1 sigma, and distance, of the parts of its prior where they are not; in sigmas of the prior."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,6 @@ class Posterior:
     rate: (2,) C and S, rad/s, not held to the length that latitude demands; rate_covariance (2, 2), infinite
     along a direction that was never measured; angle_covariance (2, 2): what of it the angles bring, where the
     gyro felt them. azimuth: (G,) rad and density (G,) with the known length. drift: the most likely one.
-    scale, scale_sigma: error of the gyro's scale, as far as the record shows it.
     """
 
     rate: Array
@@ -56,8 +56,6 @@ class Posterior:
     azimuth: Array
     density: Array
     drift: Drift
-    scale: float
-    scale_sigma: float
 
 
 def estimate(
@@ -81,23 +79,24 @@ def estimate(
     if drift is not None:
         drift = _widened(pieces, drift, horizontal, freedom, mean)
     level = None if drift is None else drift.n**2 / mean
-    scale = 0.0
+    looks = [
+        _Look(sufficient(pieces, grid, mean, scale), horizontal, freedom, level, width, weight)
+        for scale, width, weight in _scales(scale_sigma if reach else 0.0, reach)
+    ]
+
+    def log_density(azimuth: Array) -> Array:
+        return np.concatenate([look.log_density(azimuth) for look in looks])
+
     coarse = np.radians(np.arange(-180, 180, 0.25))
-    for _ in range(_ROUNDS if scale_sigma and reach else 1):
-        terms = sufficient(pieces, grid, mean, scale)
-        look = _Look(terms, horizontal, freedom, level, scale, scale_sigma)
-        table = look.log_density(coarse)
-        step = look.scale_step(coarse, table)
-        if abs(step) * reach < _STRAIGHT:
-            break
-        scale += step
+    table = log_density(coarse)
     best = int(table.max(axis=1).argmax())
     share = np.exp(table - table.max())
     weight = share.sum(axis=1) / share.sum()
-    azimuth, density = _closer(look.log_density, coarse, share.sum(axis=0))
-    rate, spread, angles, left = look.free(weight, float(azimuth[density.argmax()]))
-    likely = drift or _drift_of(terms[best], grid[best], freedom, mean)
-    return Posterior(rate, spread, angles, azimuth, density / density.sum(), likely, scale, left)
+    azimuth, density = _closer(log_density, coarse, share.sum(axis=0))
+    rate, spread, angles = _moments(looks, weight, float(azimuth[density.argmax()]))
+    term, ratios = looks[best // len(grid)].terms[best % len(grid)], grid[best % len(grid)]
+    likely = drift or _drift_of(term, ratios, freedom, mean)
+    return Posterior(rate, spread, angles, azimuth, density / density.sum(), likely)
 
 
 def azimuth_bound(records: Sequence[Averages], drift: Drift, azimuth: float, horizontal: float) -> float:
@@ -113,103 +112,113 @@ def azimuth_bound(records: Sequence[Averages], drift: Drift, azimuth: float, hor
     return 1 / float(np.sqrt(information)) if information > 0 else float("inf")
 
 
+def _scales(sigma: float, reach: float) -> list[tuple[float, float, float]]:
+    """(centre, 1 sigma, log weight) of narrow Gaussians that together are the prior of the scale's error.
+
+    Within each of them the angles, which turn up to `reach` rad, are straight in that error.
+    """
+    if sigma * reach < _STRAIGHT:
+        return [(0.0, sigma, 0.0)]
+    width = _NARROW * sigma
+    centre = sigma * np.arange(-3.0, 3.0 + _NARROW / 2, _NARROW)
+    weight = -0.5 * centre**2 / (sigma**2 - width**2)
+    return [(float(c), width, float(w)) for c, w in zip(centre, weight, strict=True)]
+
+
 @dataclass(frozen=True)
 class _Look:
     """The records about one error of scale, straight in what it may still be off.
 
-    level: known variance of a white average, None when it is to be found. scale, scale_sigma: where this
-    looks from, and the prior about zero.
+    level: known variance of a white average, None when it is to be found. width: 1 sigma of the error about
+    the one looked from; weight: logarithm of the share of the prior here.
     """
 
     terms: Sequence[Sufficient]
     horizontal: float
     freedom: int
     level: float | None
-    scale: float
-    scale_sigma: float
+    width: float = 0.0
+    weight: float = 0.0
 
     def log_density(self, azimuth: Array) -> Array:
         """(grid, A): log likelihood of each drift and azimuth, but for a constant."""
         rows = []
         for term in self.terms:
-            level = self._level(term)
-            rss, _, information = self._straight(term, azimuth, level)
-            narrowed = -0.5 * np.log1p(information * self.scale_sigma**2 / level)
+            level = self.level_of(term)
+            rss, information = self._straight(term, azimuth, level)
+            row = self.weight - 0.5 * np.log1p(information * self.width**2 / level)
             if self.level is None:
-                rows.append(-0.5 * self.freedom * np.log(rss / self.freedom) - 0.5 * term.logdet + narrowed)
+                row = row - 0.5 * self.freedom * np.log(rss / self.freedom) - 0.5 * term.logdet
             else:
-                rows.append(-0.5 * rss / self.level + narrowed)
+                row = row - 0.5 * rss / self.level
+            rows.append(row)
         return np.array(rows)
 
-    def scale_step(self, azimuth: Array, table: Array) -> float:
-        """From where this looks to the most likely error of scale; table: of `log_density`."""
-        if not self.scale_sigma:
-            return 0.0
-        k, a = np.unravel_index(int(table.argmax()), table.shape)
-        term = self.terms[int(k)]
-        return float(self._straight(term, azimuth[a : a + 1], self._level(term))[1][0])
+    def free(self, term: Sufficient, basis: Array, v: Array) -> tuple[Array, Array, Array]:
+        """C and S in the directions of `basis` without the known length, their covariance, what angles add.
 
-    def free(self, weight: Array, azimuth: float) -> tuple[Array, Array, Array, float]:
-        """Mean and covariance of C, S over the grid without the known length, what angles bring, scale left.
-
-        weight: (grid,). azimuth: rad, about which the scale's error acts.
+        v: (2,) rad/s, about which the scale's error acts.
         """
-        v = self.horizontal * np.array([np.cos(azimuth), np.sin(azimuth)])
         fold = np.zeros((5, 3))
         fold[:2, :2], fold[2:4, 2] = np.eye(2), v
-        grams = [(fold.T @ term.gram @ fold, fold.T @ term.gram[:, 4]) for term in self.terms]
-        total = sum(w * gram[:2, :2] for w, (gram, _) in zip(weight, grams, strict=True))
-        values, vectors = np.linalg.eigh(total)
-        seen = values > values[-1] * 1e-4
-        basis = vectors[:, seen]
-        means, spreads, angled, scales = [], [], [], []
-        for term, (gram, score) in zip(self.terms, grams, strict=True):
-            inverse = np.linalg.inv(basis.T @ gram[:2, :2] @ basis)
-            leak = inverse @ (basis.T @ gram[:2, 2])
-            level, rest = self._level(term), 0.0
-            found = inverse @ (basis.T @ score[:2])
-            off = 0.0
-            if self.scale_sigma:
-                prior = level / self.scale_sigma**2
-                alone = float(gram[2, 2] - gram[:2, 2] @ basis @ leak)
-                rest = level / (alone + prior)
-                off = float(score[2] - gram[:2, 2] @ basis @ found - prior * self.scale) / (alone + prior)
-            means.append(found - leak * off)
-            spreads.append(inverse * level)
-            angled.append(np.outer(leak, leak) * rest)
-            scales.append(rest)
-        centre = np.average(means, axis=0, weights=weight)
-        among = np.average([np.outer(m - centre, m - centre) for m in means], axis=0, weights=weight)
-        angles = basis @ np.average(angled, axis=0, weights=weight) @ basis.T
-        covariance = basis @ (np.average(spreads, axis=0, weights=weight) + among) @ basis.T + angles
-        if not seen.all():
-            blind = vectors[:, ~seen]
-            covariance = covariance + 1e6 * blind @ blind.T
-        return basis @ centre, covariance, angles, float(np.sqrt(np.average(scales, weights=weight)))
+        gram, score = fold.T @ term.gram @ fold, fold.T @ term.gram[:, 4]
+        inverse: Array = np.asarray(np.linalg.inv(basis.T @ gram[:2, :2] @ basis), np.float64)
+        found, level = inverse @ (basis.T @ score[:2]), self.level_of(term)
+        spread = np.asarray(inverse * level, np.float64)
+        if not self.width:
+            return found, spread, np.zeros((len(found), len(found)))
+        leak = inverse @ (basis.T @ gram[:2, 2])
+        known = float(gram[2, 2] - gram[:2, 2] @ basis @ leak) + level / self.width**2
+        off = float(score[2] - gram[:2, 2] @ basis @ found) / known
+        return found - leak * off, spread, np.asarray(np.outer(leak, leak) * level / known)
 
-    def _level(self, term: Sufficient) -> float:
+    def level_of(self, term: Sufficient) -> float:
         """Variance of a white average: known, or what the best C, S and scale leave of the record."""
         if self.level is not None:
             return self.level
-        count = 4 if self.scale_sigma else 2
+        count = 4 if self.width else 2
         gram, score = term.gram[:count, :count], term.gram[:count, 4]
         found = np.linalg.lstsq(gram, score, rcond=1e-9)[0]
         left = float(term.gram[4, 4] - score @ found)
         return max(left, 1e-12 * float(term.gram[4, 4]), 1e-300) / max(1, self.freedom - count)
 
-    def _straight(self, term: Sufficient, azimuth: Array, level: float) -> tuple[Array, Array, Array]:
-        """(A,) sum of squares with the scale's best error and its prior; step to that error; information."""
+    def _straight(self, term: Sufficient, azimuth: Array, level: float) -> tuple[Array, Array]:
+        """(A,) sum of squares with the scale's best error and its prior; information of that error."""
         gram = term.gram
         v = self.horizontal * np.stack([np.cos(azimuth), np.sin(azimuth)])
         rss = gram[4, 4] - 2 * gram[:2, 4] @ v + np.einsum("ik,ij,jk->k", v, gram[:2, :2], v)
-        if not self.scale_sigma:
-            return rss, np.zeros(len(azimuth)), np.zeros(len(azimuth))
+        if not self.width:
+            return rss, np.zeros(len(azimuth))
         pull = gram[2:4, 4] @ v - np.einsum("ik,ij,jk->k", v, gram[2:4, :2], v)
         information = np.einsum("ik,ij,jk->k", v, gram[2:4, 2:4], v)
-        prior = level / self.scale_sigma**2
-        step = (pull - prior * self.scale) / (information + prior)
-        rss = rss - 2 * step * pull + step**2 * information + prior * (step + self.scale) ** 2
-        return rss, step, information
+        return rss - pull**2 / (information + level / self.width**2), information
+
+
+def _moments(looks: Sequence[_Look], weight: Array, azimuth: float) -> tuple[Array, Array, Array]:
+    """Mean and covariance of C, S over drifts and scales without the known length, and what angles bring.
+
+    weight: (looks * grid,). azimuth: rad, the most likely.
+    """
+    v = looks[0].horizontal * np.array([np.cos(azimuth), np.sin(azimuth)])
+    terms = [(look, term) for look in looks for term in look.terms]
+    total = sum(w * term.gram[:2, :2] for w, (_, term) in zip(weight, terms, strict=True))
+    values, vectors = np.linalg.eigh(total)
+    seen = values > values[-1] * 1e-4
+    basis = vectors[:, seen]
+    found = [look.free(term, basis, v) for look, term in terms]
+    means = np.array([mean for mean, _, _ in found])
+    centre = np.average(means, axis=0, weights=weight)
+    among = np.einsum("k,ki,kj->ij", weight, means - centre, means - centre)
+    spread = np.average([one for _, one, _ in found], axis=0, weights=weight)
+    angles = np.average([one for *_, one in found], axis=0, weights=weight)
+    if len(looks) > 1:
+        # What the scale looked from moves is the angles' too; drifts move it as well, a little.
+        angles, among = angles + among, np.zeros_like(among)
+    covariance = basis @ (spread + among + angles) @ basis.T
+    if not seen.all():
+        blind = vectors[:, ~seen]
+        covariance = covariance + 1e6 * blind @ blind.T
+    return basis @ centre, covariance, basis @ angles @ basis.T
 
 
 def _ratios(drift: Drift, mean: float) -> Ratios:
@@ -220,7 +229,7 @@ def _ratios(drift: Drift, mean: float) -> Ratios:
 def _widened(pieces: Sequence[Averages], drift: Drift, horizontal: float, freedom: int, mean: float) -> Drift:
     """A drift that was given, made larger where the record has clearly more noise than it allows."""
     (term,) = sufficient(pieces, [_ratios(drift, mean)], mean)
-    found = _Look([term], horizontal, freedom, None, 0.0, 0.0)._level(term)
+    found = _Look([term], horizontal, freedom, None).level_of(term)
     more = found * mean / drift.n**2
     if more < 1 + _MORE * np.sqrt(2 / max(freedom, 1)):
         return drift
@@ -234,7 +243,7 @@ def _shaking(pieces: Sequence[Averages], horizontal: float, freedom: int, mean: 
     best = []
     for shake in SHAKE_RATIOS:
         grid = [(f, w, shake) for f in (0.0, 0.64) for w in (0.0, 1e-2)]
-        look = _Look(sufficient(pieces, grid, mean), horizontal, freedom, None, 0.0, 0.0)
+        look = _Look(sufficient(pieces, grid, mean), horizontal, freedom, None)
         best.append(float(look.log_density(azimuth).max()))
     likely = int(np.argmax(best))
     return SHAKE_RATIOS[likely] if best[likely] > best[0] + _SHAKEN else 0.0

@@ -36,7 +36,7 @@ def residuals_of(found: North) -> Residuals:
     rows = []
     north = found.horizontal * np.array([np.cos(found.azimuth), np.sin(found.azimuth)])
     for averages in found.averages:
-        cos, sin, _, _, y = averages.columns(found.posterior.scale).T
+        cos, sin, _, _, y = averages.columns(0.0).T
         spread = covariance(found.posterior.drift, averages.start, averages.end)
         factor = cholesky(spread, lower=True)
         middle = (averages.start + averages.end) / 2

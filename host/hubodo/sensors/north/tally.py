@@ -50,10 +50,14 @@ class Tally:
         self.stops += 1
         return float(rate.mean())
 
+    def averages(self) -> Averages:
+        """Of the stops added here."""
+        return Averages(*np.array(self._rows).T)
+
     def azimuth(self) -> tuple[float, float] | None:
         """Azimuth of table zero and sigma, rad; None before there are FEWEST stops or earlier ones."""
         if self.stops < FEWEST and not self._earlier:
             return None
-        own = [Averages(*np.array(self._rows).T)] if self.stops >= FEWEST else []
+        own = [self.averages()] if self.stops >= FEWEST else []
         azimuth, sigma, _ = summarise(estimate([*self._earlier, *own], self._horizontal), self._near)
         return azimuth, sigma
