@@ -29,6 +29,7 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_filters.py
 	$(BIN)/python tests/bench/bench_hour.py
 	$(BIN)/python tests/bench/bench_fuse.py
+	$(BIN)/python tests/bench/bench_live.py
 	$(BIN)/python tests/bench/bench_allan.py
 	$(BIN)/python tests/bench/bench_gap.py
 
@@ -36,6 +37,7 @@ papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/shah.py
 	$(BIN)/python tests/papers/barshan.py
 	$(BIN)/python tests/papers/avrutov.py
+	$(BIN)/python tests/papers/avrutov_separation.py
 	$(BIN)/python tests/papers/robert.py
 
 accuracy: setup      ## accuracy over many seeded drives and records; some ten minutes
@@ -43,6 +45,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py
+	$(BIN)/python tests/accuracy/poses.py
 
 road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes
 	$(BIN)/python tests/accuracy/car.py

@@ -95,3 +95,12 @@ def carry(
         rate,
         force,
     )
+
+
+def laid_on_faces(rng, off_deg, times=1):
+    """Attitudes of a box laid on each of its six faces, off by `off_deg` degrees about each axis, 1 sigma."""
+    flat = Rotation.from_euler(
+        "xyz", [[0, 0, 0], [180, 0, 0], [90, 0, 0], [-90, 0, 0], [0, 90, 0], [0, -90, 0]], True
+    )
+    faces = Rotation.concatenate([flat] * times)
+    return faces * Rotation.from_rotvec(np.radians(off_deg) * rng.standard_normal((len(faces), 3)))

@@ -3,8 +3,9 @@
     python tests/mutants/score.py [--seed 1] [--count 125] [--only fuse gap] [--budget 120] [--jobs 2]
 
 Of all places of the core `--count` are drawn by the seed. For each, the test files that reach the changed
-file run, nearest first, in a copy of the project, until one fails or the budget of seconds is spent: what
-nobody noticed until then has survived. What waits for the clock is left out.
+file run, nearest first, in a copy of the project, until one fails or the budget is spent: what nobody noticed
+until then has survived. The budget is seconds of processor time, so that a busy computer does not change the
+score. What waits for the clock is left out.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ from __future__ import annotations
 import argparse
 import os
 import random
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
-import time
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from queue import SimpleQueue
 
 ROOT = Path(__file__).resolve().parents[2]
+WALL = 10.0
+"""Times its processor time that a test may take; then it hangs."""
 sys.path[:0] = [str(ROOT / "tests")]
 
 from mutants.operators import Mutant, mutants  # noqa: E402
@@ -43,7 +48,7 @@ CORE = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """killed_by: the test file that failed, "" where none did. seconds: that it took."""
+    """killed_by: the test file that failed, "" where none did. seconds: of the processor that it took."""
 
     mutant: Mutant
     killed_by: str
@@ -80,30 +85,30 @@ class Copy:
         file = self.root / mutant.path
         sound = file.read_bytes()
         ill = sound[: mutant.start] + mutant.new.encode() + sound[mutant.end :]
-        end = time.monotonic() + budget
+        spent = 0.0
         for test in tests:
-            left = end - time.monotonic()
-            if left <= 0.0:
+            if spent >= budget:
                 break
             file.write_bytes(ill)
             try:
-                noticed = not self._passes(test, left)
+                passes, seconds = self._passes(test, budget - spent)
             finally:
                 file.write_bytes(sound)
-            if noticed and self._is_fair(test):
-                return Verdict(mutant, test, budget - (end - time.monotonic()))
-        return Verdict(mutant, "", budget - (end - time.monotonic()))
+            spent += seconds
+            if not passes and self._is_fair(test):
+                return Verdict(mutant, test, spent)
+        return Verdict(mutant, "", spent)
 
     def _is_fair(self, test: str) -> bool:
         """Whether a test file passes on the project as it is: one that fails anyhow notices nothing."""
         if test not in self._fair:
-            self._fair[test] = self._passes(test, 600.0)
+            self._fair[test], _ = self._passes(test, 600.0)
             if not self._fair[test]:
                 print(f"{test} fails without any mutant: left out", file=sys.stderr)
         return self._fair[test]
 
-    def _passes(self, test: str, seconds: float) -> bool:
-        """Whether a test file passes; one that is not done by then has not failed."""
+    def _passes(self, test: str, budget: float) -> tuple[bool, float]:
+        """Whether a test file passes, and its processor time; one that is not done by then has not failed."""
         command = [
             sys.executable,
             "-m",
@@ -116,13 +121,22 @@ class Copy:
             test,
         ]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        run = subprocess.Popen(command, cwd=self.root, env=self._environment, start_new_session=True, **quiet)
-        try:
-            return run.wait(seconds) in (0, 5)  # 5: all of them wait for the clock
-        except subprocess.TimeoutExpired:
-            os.killpg(run.pid, 9)
-            run.wait()
-            return True
+        limit = int(budget) + 1
+        run = subprocess.Popen(
+            command,
+            cwd=self.root,
+            env=self._environment,
+            start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
+            **quiet,
+        )
+        hangs = threading.Timer(WALL * limit, os.killpg, (run.pid, signal.SIGKILL))
+        hangs.start()
+        _, status, used = os.wait4(run.pid, 0)
+        hangs.cancel()
+        run.returncode = code = os.waitstatus_to_exitcode(status)
+        # 5: all of them wait for the clock. A negative one was killed for the time that it took.
+        return code in (0, 5) or code < 0, used.ru_utime + used.ru_stime
 
 
 def main() -> int:
@@ -176,7 +190,9 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=125)
     parser.add_argument("--only", nargs="+", choices=list(CORE), help="these rooms")
-    parser.add_argument("--budget", type=float, default=120.0, help="seconds of tests for one mutant")
+    parser.add_argument(
+        "--budget", type=float, default=120.0, help="processor seconds of tests for one mutant"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument(
         "--demand", type=float, default=0.0, help="share that must be killed, else exit code 1"

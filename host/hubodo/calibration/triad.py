@@ -14,6 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect, Quantity, known_effects
@@ -63,15 +64,29 @@ def triad_from_effects(effects: Mapping[str, CalibratedEffect], sensor: Sensor) 
     return Triad(np.array([bias.value(axis) for axis in XYZ]), triad_matrix(known_effects(effects), sensor))
 
 
-def effects_from_triad(triad: Triad, sigma: Array, sensor: Sensor) -> dict[str, Mapping[str, Quantity]]:
-    """Effect name -> parameters for the calibration file. sigma: (12,) of b, then of M row by row."""
+def effects_from_triad(
+    triad: Triad, sigma: Array, sensor: Sensor, seen: NDArray[np.bool_] | None = None
+) -> dict[str, Mapping[str, Quantity]]:
+    """Effect name -> parameters for the calibration file.
+
+    sigma: (12,) of b, then of M row by row. seen: (12,) which of them there are; all without.
+    """
+    shown = np.ones(12, bool) if seen is None else seen
     spread, angles = sigma[3:].reshape(3, 3), triad.nonorthogonality
-    return {
-        f"{sensor}_bias": {a: Quantity(float(triad.bias[i]), float(sigma[i])) for i, a in enumerate(XYZ)},
+    in_matrix = shown[3:].reshape(3, 3)
+    found = {
+        f"{sensor}_bias": {
+            a: Quantity(float(triad.bias[i]), float(sigma[i])) for i, a in enumerate(XYZ) if shown[i]
+        },
         f"{sensor}_scale_factor": {
-            a: Quantity(float(triad.scale_error[i]), float(spread[i, i])) for i, a in enumerate(XYZ)
+            a: Quantity(float(triad.scale_error[i]), float(spread[i, i]))
+            for i, a in enumerate(XYZ)
+            if in_matrix[i, i]
         },
         f"{sensor}_nonorthogonality": {
-            name: Quantity(angles[name], float(spread[i, j])) for name, (i, j, _) in CrossAxis.places.items()
+            name: Quantity(angles[name], float(spread[i, j]))
+            for name, (i, j, _) in CrossAxis.places.items()
+            if in_matrix[i, j]
         },
     }
+    return {effect: parameters for effect, parameters in found.items() if parameters}

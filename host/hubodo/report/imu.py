@@ -8,7 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hubodo.report.page import Grid, Section, figure
-from hubodo.sensors.imu.calibrate import HeldOut, ImuCalibration
+from hubodo.sensors.imu.calibrate import ImuCalibration
+from hubodo.sensors.imu.held_out import HeldOut
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:

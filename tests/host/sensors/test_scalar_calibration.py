@@ -139,7 +139,7 @@ def circle(count, axis):
         (circle(12, 0), "bias x", "x"),
         (circle(12, 1), "bias y", "y"),
         (np.vstack([np.eye(3), -np.eye(3), np.eye(3), -np.eye(3)]), "xz - yz", "midway"),
-        (sphere(8), "bias x", "up"),
+        (sphere(8), "xz - yz", "up"),
         (np.vstack([circle(8, 0), circle(8, 1)]), "xz - yz", "midway"),
     ],
     ids=[

@@ -123,6 +123,7 @@ class WheelFilter:
         self._due: deque[Step] = deque()
         self._begun = False
         self._last: dict[str, WheelSample] = {}
+        self._shown: dict[str, tuple[float, float, float]] = {}
         self._pose: Pose | None = None
 
     def handle(self, sample: WheelSample) -> FilterOutput:
@@ -135,6 +136,7 @@ class WheelFilter:
         refused = builder.refused - before
         if builder.newest == sample.t:
             self._last[sample.node] = sample
+            self._shown.pop(sample.node, None)
         if windows:
             self._queues[sample.node].extend(windows)
             self._advance(_PATIENCE)
@@ -168,8 +170,10 @@ class WheelFilter:
         pose = self._pose
         if pose is None:
             return None
-        now = [self._now(wheel) for wheel in self.core.wheels if wheel.joined and wheel.name in self._last]
-        rates = [item for item in now if item is not None and item[0] >= pose.t]
+        for wheel in self.core.wheels:
+            if wheel.joined and wheel.name in self._last and wheel.name not in self._shown:
+                self._shown[wheel.name] = self._now(wheel)
+        rates = [item for item in self._shown.values() if item[0] >= pose.t]
         if not rates or pose.still is not Stillness.MOVING:
             t = max([pose.t, *(item[0] for item in rates)])
             return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.still)
@@ -188,7 +192,7 @@ class WheelFilter:
         """Samples left out by node."""
         return {name: builder.refused for name, builder in self._builders.items()}
 
-    def _now(self, wheel: Wheel) -> tuple[float, float, float] | None:
+    def _now(self, wheel: Wheel) -> tuple[float, float, float]:
         """(t, speed, yaw rate) that the last sample of a wheel shows.
 
         By the equations of yaw.py and rolling.py.
@@ -263,6 +267,7 @@ class WheelFilter:
             poses.append(self.core.step(step, LISTENED))
         if poses:
             self._pose = poses[-1]
+            self._shown.clear()
         return tuple(poses)
 
 

@@ -57,6 +57,8 @@ _Row = tuple[float, ...]
 ) = range(22)
 _KEPT = (_GZ, _GX, _GY, _AX, _AY, _CF)
 """What `WindowSamples` are made of."""
+_TURNING, _TURNING_TOO = (_WR, _ER, _FR, _SR, _QR), (_WI, _EI, _FI, _SI, _QI)
+"""Real and imaginary parts of what turns with the wheel."""
 
 
 @dataclass
@@ -185,7 +187,7 @@ class WindowBuilder:
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
         t_before, rows_before, totals_before = self._last
         t = np.concatenate([t_before, t])
-        step = np.diff(t)
+        step = t[1:] - t[:-1]
         spin = np.concatenate([rows_before[_GZ], sign * gyro[:, 2]])
         totals = np.empty((_CZ + 2, len(t)))
         totals[:, :1] = totals_before
@@ -203,34 +205,19 @@ class WindowBuilder:
         gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
         ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
         cos, sin = cosine_and_sine(angle)
-        swing_cos, swing_sin = gz * cos, gz * sin
+        rows = np.empty((_CZ + 1, len(angle)))
+        rows[_GZ], rows[_AZ] = gz, az
+        rows[_GX], rows[_GY], rows[_AX], rows[_AY] = gx, gy, ax, ay
+        rows[_WR], rows[_WI] = gx * cos - gy * sin, gx * sin + gy * cos
+        rows[_ER], rows[_EI] = cos, sin
+        rows[_FR], rows[_FI] = ax * cos - ay * sin, ax * sin + ay * cos
+        rows[_GG], rows[_ZZ] = gx * gx + gy * gy + gz * gz, az * az
+        rows[_SR], rows[_SI] = gz * cos, gz * sin
+        rows[_QR], rows[_QI] = gz * rows[_SR], gz * rows[_SI]
         clipped, beyond = np.abs(gyro) >= self.gyro_limit, np.abs(accel) >= self.accel_limit
-        return np.stack(
-            [
-                gz,
-                gx * cos - gy * sin,
-                gx * sin + gy * cos,
-                cos,
-                sin,
-                ax * cos - ay * sin,
-                ax * sin + ay * cos,
-                az,
-                gx,
-                gy,
-                ax,
-                ay,
-                gx * gx + gy * gy + gz * gz,
-                az * az,
-                swing_cos,
-                swing_sin,
-                gz * swing_cos,
-                gz * swing_sin,
-                clipped[:, 2],
-                clipped[:, 0] | clipped[:, 1],
-                beyond[:, 0] | beyond[:, 1],
-                beyond[:, 2],
-            ]
-        )
+        rows[_CS], rows[_CA] = clipped[:, 2], clipped[:, 0] | clipped[:, 1]
+        rows[_CF], rows[_CZ] = beyond[:, 0] | beyond[:, 1], beyond[:, 2]
+        return rows
 
     def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
         """The windows, those with a clipped spin with their samples; t, rows: from the last one before on."""
@@ -254,7 +241,7 @@ class WindowBuilder:
         numbers, edges = numbers[inside], edges[inside]
         if not len(numbers):
             return []
-        right = np.clip(np.searchsorted(t, edges, side="left"), 1, len(t) - 1)
+        right = np.maximum(np.searchsorted(t, edges, side="left"), 1)
         left = right - 1
         step = t[right] - t[left]
         share = (edges - t[left]) / step
@@ -276,15 +263,13 @@ def _differences(first: int, at: Array) -> list[Window]:
 
     They lie between edges at which the integrals, the time without samples and gz are `at`.
     """
-    d = np.diff(at)
+    d = at[:, 1:] - at[:, :-1]
     count = d.shape[1]
     if not count:
         return []
     middle = 0.5 * (at[_GZ, 1:] + at[_GZ, :-1])
-    cos, sin = cosine_and_sine(middle)
     rate_start, rate_end = at[-1, :-1], at[-1, 1:]
-    carrier = _turned(d[_ER], d[_EI], cos, sin)
-    squared = _turned(d[_QR], d[_QI], cos, sin)
+    turned = _turned(d, *cosine_and_sine(middle))
     change = ((rate_end - rate_start) / WINDOW).tolist()
     mean = d / WINDOW
     gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
@@ -294,10 +279,9 @@ def _differences(first: int, at: Array) -> list[Window]:
         "spin": d[_GZ].tolist(),
         "rate_start": rate_start.tolist(),
         "rate_end": rate_end.tolist(),
-        # Multiplication by e^(-i middle): the carrier then counts from the middle of the window.
-        "across": _turned(d[_WR], d[_WI], cos, sin),
-        "carrier": carrier,
-        "force": _turned(d[_FR], d[_FI], cos, sin),
+        "across": turned[_WR],
+        "carrier": turned[_ER],
+        "force": turned[_FR],
         "axial": d[_AZ].tolist(),
         "raw_across": _complex(d[_GX], d[_GY]),
         "raw_force": _complex(d[_AX], d[_AY]),
@@ -309,19 +293,22 @@ def _differences(first: int, at: Array) -> list[Window]:
         "axial_clipped": mean[_CZ].tolist(),
         "missing": mean[-2].tolist(),
         "clock_angle": middle.tolist(),
-        "swing": _turned(d[_SR], d[_SI], cos, sin),
+        "swing": turned[_SR],
         "samples": [None] * count,
-        "lever": [1j * a * c - q for a, c, q in zip(change, carrier, squared, strict=True)],
+        "lever": [1j * a * c - q for a, c, q in zip(change, turned[_ER], turned[_QR], strict=True)],
     }
     rows = zip(*(columns[name] for name in Window._fields), strict=True)
     return [Window._make(row) for row in rows]
 
 
-def _turned(real: Array, imaginary: Array, cos: Array, sin: Array) -> list[complex]:
-    return _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
+def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
+    """Of each pair of rows that turn, by its first: times e^(-i middle), so that it counts from there."""
+    real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
+    pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
+    return dict(zip(_TURNING, pairs, strict=True))
 
 
-def _complex(real: Array, imaginary: Array) -> list[complex]:
-    pair = np.empty(len(real), complex)
+def _complex(real: Array, imaginary: Array) -> list[Any]:
+    pair = np.empty(real.shape, complex)
     pair.real, pair.imag = real, imaginary
     return list(pair.tolist())

@@ -14,14 +14,15 @@ from hubodo.calibration.triad import Triad, effects_from_triad
 from hubodo.earth import EARTH_RATE
 from hubodo.effects.gyro import GyroGSensitivity
 from hubodo.errors import CalibrationError, InputError
+from hubodo.sensors.imu.frame import frame_covariance
+from hubodo.sensors.imu.held_out import HeldOut, accel_held_out, turns_held_out
 from hubodo.sensors.imu.rests import Rests, find_rests, find_steady_rates
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, scalar_calibration
-from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_by_turns, collect_turns, turn_errors
+from hubodo.sensors.imu.turns import TurnCalibration, calibrate_by_turns, collect_turns
 from hubodo.sensors.misalignment import align_by_earth_rate, turned
 
 Array = NDArray[np.float64]
 
-FOLDS = 5
 EARTH_RATE_SNR = 10.0
 """A rest must know Earth rate this much better than its size.
 
@@ -29,28 +30,6 @@ Below it the directions in eq. 5 are mostly noise, and the bias of their squares
 cent.
 """
 G_SENSITIVITY_P = 1e-3
-
-
-@dataclass(frozen=True)
-class HeldOut:
-    """Errors on what took no part in the fit, in folds; before: the same without calibration.
-
-    error: (K,) accelerometer length less gravity, m/s², or angle of a turn, rad. None in ImuCalibration
-    where too little is left over to hold anything out.
-    """
-
-    error: Array
-    before: Array
-
-    @property
-    def rms(self) -> float:
-        """Root mean square after calibration."""
-        return float(np.sqrt(np.mean(self.error**2)))
-
-    @property
-    def rms_before(self) -> float:
-        """Root mean square before calibration."""
-        return float(np.sqrt(np.mean(self.before**2)))
 
 
 @dataclass(frozen=True)
@@ -90,12 +69,10 @@ class ImuCalibration:
 
     def effects(self) -> Mapping[str, Mapping[str, Quantity]]:
         """Effect name -> parameters, for the calibration and the model file."""
-        found = effects_from_triad(self.accel.triad, self.accel.sigma, "accel")
+        found = effects_from_triad(self.accel.triad, self.accel.sigma, "accel", self.accel.seen)
         sigma = np.sqrt(np.diag(self.gyro.covariance))
-        gyro = effects_from_triad(self.gyro.triad, sigma, "gyro")
-        if not self.gyro.seen.all():
-            gyro = {"gyro_bias": gyro["gyro_bias"]}
-        found.update(gyro)
+        seen = np.append(np.ones(3, bool), self.gyro.seen)
+        found.update(effects_from_triad(self.gyro.triad, sigma, "gyro", seen))
         g, s = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
         if g is not None and s is not None:
             names = GyroGSensitivity.rows
@@ -134,12 +111,14 @@ def calibrate_imu(
         )
     rests = find_rests(t, gyro, accel, min_duration=min_rest)
     notes = list(rests.rejected)
-    accelerometers = scalar_calibration(rests.accel, gravity, rests.accel_sigma, convention=convention)
-    held_out = _accel_held_out(rests, gravity, convention)
+    accelerometers = scalar_calibration(
+        rests.accel, gravity, rests.accel_sigma, convention=convention, partial=True
+    )
+    held_out = accel_held_out(rests, gravity, convention)
     force = accelerometers.triad.apply(rests.accel)
     every = np.asarray(accelerometers.triad.apply(accel))
     if table_rate is None:
-        calibrated = _gyro(t, gyro, every, rests, force, latitude, notes)
+        calibrated = _gyro(t, gyro, every, rests, accelerometers, latitude, notes)
     else:
         calibrated = _by_table(t, gyro, rests, force, table_rate, notes)
     notes.insert(
@@ -147,6 +126,8 @@ def calibrate_imu(
         f"accelerometer misalignments: {convention} convention, from gravity's length in {len(rests)} rests",
     )
     notes.insert(1, f"gyros: {calibrated.method}")
+    if not accelerometers.poses.sufficient:
+        notes.insert(2, f"left out: {accelerometers.poses.complaint('accel')}")
     return ImuCalibration(rests, gravity, accelerometers, held_out, calibrated, tuple(notes))
 
 
@@ -181,13 +162,23 @@ def rest_bias(
 
 
 def _gyro(
-    t: Array, gyro: Array, every: Array, rests: Rests, force: Array, latitude: float | None, notes: list[str]
+    t: Array,
+    gyro: Array,
+    every: Array,
+    rests: Rests,
+    accel: ScalarCalibration,
+    latitude: float | None,
+    notes: list[str],
 ) -> GyroCalibration:
+    force = accel.triad.apply(rests.accel)
     bias, bias_covariance, g, g_sigma = rest_bias(rests.gyro, rests.gyro_sigma, force)
     noise = float(np.sqrt((rests.gyro_sigma**2).mean(axis=1)).max())
     if latitude is not None and noise * EARTH_RATE_SNR < EARTH_RATE:
-        return _by_earth_rate(rests, force, latitude, notes)
-    if latitude is not None:
+        try:
+            return _by_earth_rate(rests, force, latitude, notes)
+        except CalibrationError as error:
+            notes.append(f"Earth rate does not serve as the gyros' reference here: {error}")
+    elif latitude is not None:
         needed = float(np.median(rests.duration)) * (noise * EARTH_RATE_SNR / EARTH_RATE) ** 2
         notes.append(
             f"gyros too noisy for Earth rate: a rest knows the rate to {noise:.2g} rad/s, Earth turns at "
@@ -207,21 +198,24 @@ def _gyro(
             Triad(bias), covariance, np.zeros(9, bool), f"bias alone, from {len(rests)} rests", g, g_sigma
         )
     notes.extend(found.dropped)
+    if found.complaint:
+        notes.append(f"left out: {found.complaint}")
+    what = (
+        "scale and all six misalignments" if found.seen.all() else "what they show of scale and misalignments"
+    )
     method = (
-        f"turns between rests, {len(found.used)} of them, gyro against accelerometer: scale and all six "
-        f"misalignments "
-        f"in the accelerometer's frame; bias{'' if g is None else ' and g-sensitivity'} from {len(rests)} "
-        f"rests"
+        f"turns between rests, {len(found.used)} of them, gyro against accelerometer: {what} in the "
+        f"accelerometer's frame; bias{'' if g is None else ' and g-sensitivity'} from {len(rests)} rests"
     )
     return GyroCalibration(
         Triad(bias + found.bias_change, found.matrix),
-        found.covariance,
-        np.ones(9, bool),
+        found.covariance + frame_covariance(found, turns, rests, accel),
+        found.seen,
         method,
         g,
         g_sigma,
         turns=found,
-        held_out=_turns_held_out(turns.select(found.used), np.sqrt(np.diag(bias_covariance))),
+        held_out=turns_held_out(turns.select(found.used), np.sqrt(np.diag(bias_covariance))),
     )
 
 
@@ -258,6 +252,8 @@ def _by_table(
     bias_sigma = found.sigma[:3]
     try:
         turns = calibrate_by_turns(collect_turns(t, gyro, found.triad.bias, rests, force), bias_sigma)
+        if turns.complaint:
+            raise CalibrationError(turns.complaint)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
         return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method, scalar=found)
@@ -268,36 +264,3 @@ def _by_table(
     covariance[3:, 3:] += turns.covariance[3:, 3:]
     method += "; all six misalignments in the accelerometer's frame from the turns between rests"
     return GyroCalibration(triad, covariance, np.ones(9, bool), method, scalar=found, turns=turns)
-
-
-def _accel_held_out(rests: Rests, gravity: float, convention: Convention) -> HeldOut | None:
-    """Each rest judged by a calibration from the other folds; None when those could not be calibrated."""
-    count = len(rests)
-    error = np.full(count, np.nan)
-    for fold in range(FOLDS):
-        out = np.arange(count) % FOLDS == fold
-        fit = rests.select(~out)
-        try:
-            found = scalar_calibration(fit.accel, gravity, fit.accel_sigma, convention=convention)
-        except CalibrationError:
-            continue
-        error[out] = np.linalg.norm(found.triad.apply(rests.accel[out]), axis=1) - gravity
-    known = np.isfinite(error)
-    if not known.any():
-        return None
-    return HeldOut(error[known], np.linalg.norm(rests.accel, axis=1)[known] - gravity)
-
-
-def _turns_held_out(turns: Turns, bias_sigma: Array) -> HeldOut | None:
-    error = np.full(len(turns.dt), np.nan)
-    for fold in range(FOLDS):
-        out = np.arange(len(error)) % FOLDS == fold
-        try:
-            found = calibrate_by_turns(turns.select(~out), bias_sigma)
-        except CalibrationError:
-            continue
-        error[out] = turn_errors(turns.select(out), found.matrix, found.bias_change)
-    known = np.isfinite(error)
-    if not known.any():
-        return None
-    return HeldOut(error[known], turn_errors(turns, np.eye(3))[known])

@@ -15,13 +15,36 @@ PARAMETERS = (
 )  # fmt: skip
 """What the columns of the scalar method's matrix belong to, in the order of Avrutov, eq. 5."""
 
-CONDITION_LIMIT = 5e4
-"""Condition beyond which the set counts as degenerate whatever the noise.
 
-The nine poses that the paper gives as good have about 7e3, exactly degenerate ones 1e8 and more.
+@dataclass(frozen=True)
+class Factory:
+    """What is known of a triad before it is measured, 1 sigma, relative to the reference.
+
+    bias: of each axis. rest: of scale errors, and of differences of two angles.
+    """
+
+    bias: float
+    rest: float = 0.03
+
+    @property
+    def sigma(self) -> Array:
+        """(9,) of `PARAMETERS`."""
+        return np.array([self.bias] * 3 + [self.rest] * 6)
+
+
+ACCELEROMETER = Factory(bias=0.1)
+"""Data sheets promise 1 to 3 % of scale (MPU-6050: 3 %, LSM6DS33 and LSM6DSO: 1 %), 1 to 2 % of one axis in
+another, and 20 to 80 mg of offset.
 """
-SIGMA_LIMIT = 0.02
-"""Relative to the reference; a parameter known no better is unknown: chips leave the factory so."""
+ANY_TRIAD = Factory(bias=1.0)
+"""A gyro's bias may be as large as Earth rate; with a larger one the vector would not be as long as it."""
+SEEN = 0.01
+"""Relative to the reference: what a set of poses knows no better than that, it does not show.
+
+A third of what the factory left. Nobody would turn a wheel by a scale of 1 %.
+"""
+NOISE_FLOOR = 1e-6
+"""Relative to the reference: no set is judged by less noise than that, however many digits a record has."""
 _MAX_SUGGESTIONS = 8
 
 
@@ -29,15 +52,14 @@ _MAX_SUGGESTIONS = 8
 class PoseSet:
     """The verdict on R poses.
 
-    condition: ratio of the largest to the smallest singular value of the matrix. amplification: (9,) 1 sigma
-    of each parameter for unit noise in every pose (infinite where unseen). sigma: (9,) the same for the
-    noise at hand, relative to the reference. unseen: names of parameters that cannot be determined.
-    suggestions: where "up" (the measured vector) should point in the node in further poses, best first.
+    condition: ratio of the largest to the smallest singular value of the matrix. sigma: (9,) what each
+    parameter is known to after the poses, relative to the reference.
+    unseen: names of the parameters that are known no better than `SEEN`. suggestions: where "up" (the
+    measured vector) should point in the node in further poses, best first.
     """
 
     count: int
     condition: float
-    amplification: Array
     sigma: Array
     unseen: tuple[str, ...]
     suggestions: tuple[str, ...]
@@ -46,6 +68,11 @@ class PoseSet:
     def sufficient(self) -> bool:
         """Whether all nine parameters can be determined."""
         return not self.unseen
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """(9,) which parameters can be determined."""
+        return np.array([name not in self.unseen for name in PARAMETERS])
 
     def complaint(self, triad: str) -> str:
         """One line that says what is missing, for a set that is not sufficient."""
@@ -68,60 +95,46 @@ def design(v: Array, w: Array | None = None) -> Array:
     return np.column_stack([v, v * w, *cross])
 
 
-def judge_poses(directions: Array, sigma: Array | float = 0.0) -> PoseSet:
+def judge_poses(directions: Array, sigma: Array | float = 0.0, factory: Factory = ANY_TRIAD) -> PoseSet:
     """Judge unit vectors (R, 3) in node axes.
 
     sigma: noise of the norm in each pose, relative, (R,) or scalar.
     """
     rows = design(directions)
-    noise = np.broadcast_to(np.asarray(sigma, float), (len(rows),))
-    condition, amplification = _judge(rows)
-    weighted = rows / np.where(noise > 0, noise, 1.0)[:, None]
-    spread = _judge(weighted)[1] if bool((noise > 0).any()) else np.zeros(9)
-    unseen = _unseen(rows, condition, spread)
-    wanted = _suggest(rows, float(np.median(noise))) if unseen else ()
-    return PoseSet(len(rows), condition, amplification, spread, unseen, wanted)
+    noise = np.broadcast_to(np.maximum(np.asarray(sigma, float), NOISE_FLOOR), (len(rows),))
+    weighted = rows / noise[:, None]
+    known = np.sqrt(np.diag(posterior(weighted, factory)))
+    unseen = tuple(name for name, s in zip(PARAMETERS, known, strict=True) if not s <= SEEN)
+    wanted = _suggest(weighted, factory, float(np.median(noise))) if unseen else ()
+    return PoseSet(len(rows), _condition(rows), known, unseen, wanted)
 
 
-def _judge(rows: Array) -> tuple[float, Array]:
-    """Condition number, and the standard deviation of each parameter for unit noise."""
+def posterior(weighted: Array, factory: Factory) -> Array:
+    """(9, 9) covariance after poses whose rows (R, 9) are in units of their noise."""
+    _, s, vt = np.linalg.svd(weighted * factory.sigma, full_matrices=True)
+    values = np.append(s, np.zeros(9 - len(s)))
+    half = vt.T / np.sqrt(values**2 + 1.0) * factory.sigma[:, None]
+    return np.asarray(half @ half.T)
+
+
+def _condition(rows: Array) -> float:
     padded = np.vstack([rows, np.zeros((max(0, 9 - len(rows)), 9))])
-    _, s, vt = np.linalg.svd(padded, full_matrices=False)
-    if s[-1] <= s[0] * 1e-15:
-        unseen = (vt[s <= s[0] * 1e-15] ** 2).sum(axis=0) > 1e-6
-        seen = s > s[0] * 1e-15
-        spread = np.sqrt(((vt[seen] / s[seen, None]) ** 2).sum(axis=0))
-        return float("inf"), np.where(unseen, np.inf, spread)
-    return float(s[0] / s[-1]), np.asarray(np.sqrt(((vt / s[:, None]) ** 2).sum(axis=0)))
+    s = np.linalg.svd(padded, compute_uv=False)
+    return float(s[0] / s[-1]) if s[-1] > s[0] * 1e-15 else float("inf")
 
 
-def _unseen(rows: Array, condition: float, sigma: Array) -> tuple[str, ...]:
-    blind = ~(sigma <= SIGMA_LIMIT)
-    if condition > CONDITION_LIMIT or len(rows) < 9:
-        padded = np.vstack([rows, np.zeros((max(0, 9 - len(rows)), 9))])
-        _, s, vt = np.linalg.svd(padded, full_matrices=False)
-        null = vt[s * CONDITION_LIMIT < s[0]]
-        # A tenth of the weight of a null direction: less is only carried along by the others.
-        blind = blind | ((null**2).max(axis=0, initial=0.0) > 0.01)
-    return tuple(name for name, hidden in zip(PARAMETERS, blind, strict=True) if hidden)
-
-
-def _suggest(rows: Array, noise: float) -> tuple[str, ...]:
+def _suggest(weighted: Array, factory: Factory, noise: float) -> tuple[str, ...]:
     """Faces, edges and corners that most reduce the trace of the covariance, taken one after the other."""
     corners = [np.array(c, float) for c in itertools.product((-1, 0, 1), repeat=3) if any(c)]
     corners.sort(key=lambda c: np.count_nonzero(c))
-    candidates = [(c, design((c / np.linalg.norm(c))[None, :])) for c in corners]
+    candidates = [(c, design((c / np.linalg.norm(c))[None, :]) / noise) for c in corners]
     found: list[str] = []
-    information = rows.T @ rows
     for _ in range(_MAX_SUGGESTIONS):
-        gains = [
-            np.trace(np.linalg.inv(information + row.T @ row + 1e-9 * np.eye(9))) for _, row in candidates
-        ]
-        best = int(np.argmin(gains))
-        information = information + candidates[best][1].T @ candidates[best][1]
+        after = [posterior(np.vstack([weighted, row]), factory) for _, row in candidates]
+        best = int(np.argmin([np.trace(covariance) for covariance in after]))
+        weighted = np.vstack([weighted, candidates[best][1]])
         found.append(_words(candidates[best][0]))
-        s = np.sqrt(np.maximum(np.linalg.eigvalsh(information), 0.0))
-        if s[0] > s[-1] / 1e3 and noise < SIGMA_LIMIT * s[0]:
+        if bool((np.diag(after[best]) <= SEEN**2).all()):
             break
     return tuple(dict.fromkeys(found))
 

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import CalibrationError
+from hubodo.sensors.imu.pose_set import ANY_TRIAD, SEEN
 from hubodo.sensors.imu.rests import Rests
 
 Array = NDArray[np.float64]
 
-MIN_TURNS = 6
+MIN_TURNS = 3
 MIN_ANGLE = 0.17
 """rad, 10 degrees; a smaller turn says less about the gyros than about the rests."""
 OUTLIER = 6.0
 """Times the robust scatter of the errors; beyond it a turn was clipped, knocked or had a gap."""
-SIGMA_LIMIT = 0.02
 _PAD_S = 0.1
 _NAMES = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
 _UNITS = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
@@ -34,20 +34,36 @@ class TurnCalibration:
     """Gyro triad from T turns.
 
     matrix: (3, 3) M in the frame of the accelerometer triad. bias_change: (3,) rad/s, correction of the bias
-    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. used: (T,) number of each
+    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. response: (12, T, 3) what
+    they answer to a change of each miss, the vector (3,) between gravity as carried and as seen. seen: (9,)
+    which elements of M the turns show; the others are as the factory promises. used: (T,) number of each
     turn, from 0. angle: (T,) rad, how far gravity turned. error: (T,) rad, between gravity as the gyros
-    carried it and as the accelerometers saw it, after calibration; before: the same with the bias alone
-    taken off. dropped: one line for each turn that was left out.
+    carried it and as the accelerometers saw it, after calibration; before: the same with the bias alone taken
+    off. dropped: one line for each turn that was left out.
     """
 
     matrix: Array
     bias_change: Array
     covariance: Array
+    response: Array
+    seen: NDArray[np.bool_]
     used: NDArray[np.int64]
     angle: Array
     error: Array
     before: Array
     dropped: tuple[str, ...] = ()
+
+    @property
+    def complaint(self) -> str:
+        """What the turns do not show and what would help, or ""."""
+        unseen = [name for name, seen in zip(_NAMES, self.seen, strict=True) if not seen]
+        if not unseen:
+            return ""
+        axes = sorted({axis for name in unseen for axis in name.replace("scale ", "") if axis in "xyz"})
+        return (
+            f"the turns between rests cannot show {', '.join(unseen)} of the gyro triad; add turns of 90 to "
+            f"180 degrees about {' and '.join(axes)} with that axis level"
+        )
 
 
 @dataclass(frozen=True)
@@ -129,8 +145,8 @@ def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -
 def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
     """M of the gyros, and a correction of their bias within its sigma (3,) rad/s from the rests.
 
-    Raises CalibrationError when there are too few turns, when their directions leave a parameter unseen, or
-    when the gyros are in another unit.
+    Raises CalibrationError when there are too few turns, when they show no element of M, or when the gyros
+    are in another unit.
     """
     large = turns.angle > MIN_ANGLE
     dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & large]]
@@ -142,7 +158,7 @@ def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
             f"({len(dropped)} clipped); turn the node about each of its axes, both ways, with rests between"
         )
     _check_unit(usable)
-    p, covariance = _fit(usable, bias_sigma)
+    p, covariance, response = _fit(usable, bias_sigma)
     error = turn_errors(usable, *_split(p))
     # Rayleigh: the median of the error is 1.18 times the deviation of each of its two components.
     bad = error > OUTLIER * max(float(np.median(error)) / 1.1774, 1e-5)
@@ -152,63 +168,62 @@ def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
             for k, e in zip(usable.number[bad], error[bad], strict=True)
         ]
         usable = usable.select(~bad)
-        p, covariance = _fit(usable, bias_sigma)
+        p, covariance, response = _fit(usable, bias_sigma)
     matrix, change = _split(p)
+    seen = np.sqrt(np.diag(covariance)[:9]) <= SEEN
     order = [9, 10, 11, *range(9)]
-    return TurnCalibration(
+    found = TurnCalibration(
         matrix,
         change,
         covariance[np.ix_(order, order)],
+        response[order].reshape(12, -1, 3),
+        seen,
         usable.number,
         usable.angle,
         turn_errors(usable, matrix, change),
         turn_errors(usable, np.eye(3)),
         tuple(dropped),
     )
+    if not seen.any():
+        raise CalibrationError(found.complaint)
+    return found
 
 
 def _split(p: Array) -> tuple[Array, Array]:
     return np.eye(3) + p[:9].reshape(3, 3), p[9:]
 
 
-def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array]:
-    """Gauss-Newton on the miss of each turn, in units of the scatter; the bias held by its sigma."""
+def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
+    """Gauss-Newton on the miss of each turn, in units of the scatter, beside what is known without turns.
+
+    Returns the parameters (12,), their covariance and their response (12, 3 T) to the misses.
+    """
     p, scatter = np.zeros(12), 0.01
     h = 1e-6
+    before = np.concatenate([np.full(9, ANY_TRIAD.rest), bias_sigma]) ** -2
     for _ in range(12):
         miss = carried(turns, *_split(p)) - turns.end
         columns = [(carried(turns, *_split(p + h * e)) - turns.end - miss).ravel() / h for e in np.eye(12)]
         jacobian = np.column_stack(columns) / scatter
-        information = jacobian.T @ jacobian + np.diag([0.0] * 9 + list(bias_sigma**-2))
-        _check_seen(information)
-        pull = jacobian.T @ miss.ravel() / scatter + np.concatenate([np.zeros(9), p[9:] * bias_sigma**-2])
-        step = -np.linalg.solve(information, pull)
+        information = jacobian.T @ jacobian + np.diag(before)
+        response = -np.linalg.solve(information, jacobian.T) / scatter
+        step = response @ miss.ravel() - np.linalg.solve(information, before * p)
         p = p + step
         after = carried(turns, *_split(p)) - turns.end
         # A miss has two components, gravity being of unit length.
-        new = max(float(np.sqrt((after**2).sum() / max(1, 2 * len(after) - 9))), 1e-7)
+        used = -float(np.trace(response @ jacobian)) * scatter
+        freedom = max(1.0, 2 * len(after) - used)
+        new = max(float(np.sqrt((after**2).sum() / freedom)), 1e-7)
         settled = np.abs(step[:9]).max() < 1e-8 and abs(new / scatter - 1) < 1e-3
         scatter = new
         if settled:
-            return p, np.linalg.inv(information)
+            # The scatter is known from few misses: the variance of Student's t.
+            widened = np.asarray(np.linalg.inv(information) * (freedom / max(freedom - 2.0, 0.5)))
+            return p, widened, np.asarray(response)
     raise CalibrationError(
         "the gyro calibration by turns does not settle; check that the gyro is in rad/s and that its axes "
-        "are those "
-        "of the accelerometer"
+        "are those of the accelerometer"
     )
-
-
-def _check_seen(information: Array) -> None:
-    values, vectors = np.linalg.eigh(information)
-    sigma = np.sqrt(((vectors**2) / np.maximum(values, 1e-12)).sum(axis=1))[:9]
-    unseen = [name for name, s in zip(_NAMES, sigma, strict=True) if s > SIGMA_LIMIT * 5]
-    if unseen:
-        axes = sorted({axis for name in unseen for axis in name.replace("scale ", "") if axis in "xyz"})
-        raise CalibrationError(
-            f"the turns between rests cannot show {', '.join(unseen)} of the gyro triad; add turns of 90 to "
-            f"180 "
-            f"degrees about {' and '.join(axes)} with that axis level"
-        )
 
 
 def _check_unit(turns: Turns) -> None:

@@ -1,0 +1,108 @@
+"""An IMU laid down by hand in poses as people choose: what is found, and whether it is as sure as it says.
+
+    python tests/accuracy/poses.py [--seeds 60] [--first 0]
+
+Errors of both triads are drawn anew for each seed (bias 0.3 m/s² and 0.02 rad/s, scale and angles 1 %). For
+every parameter that a set of poses shows, the error in units of its sigma; beside it the trivial rival, a
+node that nobody calibrates.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg import sqrtm
+from scipy.spatial.transform import Rotation
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators.poses import GRAVITY, Errors, carry, laid_on_faces
+from hubodo.errors import CalibrationError
+from hubodo.sensors.imu.calibrate import calibrate_imu
+
+POSES = {
+    "six faces, exact": lambda rng: laid_on_faces(rng, 0.0),
+    "six faces within 0.3 degrees": lambda rng: laid_on_faces(rng, 0.3),
+    "six faces within 0.3 degrees, twice": lambda rng: laid_on_faces(rng, 0.3, times=2),
+    "six faces within 5 degrees": lambda rng: laid_on_faces(rng, 5.0),
+    "9 by hand": lambda rng: Rotation.random(9, rng=rng),
+    "12 by hand": lambda rng: Rotation.random(12, rng=rng),
+    "24 by hand": lambda rng: Rotation.random(24, rng=rng),
+}
+KINDS = {"bias": range(3), "scale": (3, 7, 11), "angles": (4, 5, 6, 8, 9, 10)}
+
+
+def drawn(rng, bias):
+    """Errors of one triad, 1 % of scale and angles."""
+    names = ("xz", "xy", "yz", "yx", "zy", "zx")
+    angles = {name: 0.01 * rng.standard_normal() for name in names}
+    return Errors(tuple(bias * rng.standard_normal(3)), tuple(0.01 * rng.standard_normal(3)), angles)
+
+
+def matrix(errors):
+    """(3, 3) of a triad, from what it measures of unit vectors."""
+    return errors.measure(np.eye(3)).T - np.array(errors.b)[:, None]
+
+
+def trial(rng, poses):
+    """Of both triads (12,) error, sigma, and error without calibration; NaN where nothing is claimed."""
+    accel, gyro = drawn(rng, 0.3), drawn(rng, 0.02)
+    data = carry(rng, gyro, accel, attitudes=poses(rng))
+    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    # By convention the matrix of the accelerometers is symmetric; the gyros are told in that frame.
+    symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
+    frame = np.linalg.solve(symmetric, matrix(accel))
+    truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}
+    seen = {"accel": found.accel.seen, "gyro": np.append(np.ones(3, bool), found.gyro.seen)}
+    sigma = {"accel": found.accel.sigma, "gyro": np.sqrt(np.diag(found.gyro.covariance))}
+    triads = {"accel": found.accel.triad, "gyro": found.gyro.triad}
+    made = {}
+    for sensor, (bias, m) in truth.items():
+        told = np.append(triads[sensor].bias, triads[sensor].matrix)
+        error = np.where(seen[sensor], told - np.append(bias, m), np.nan)
+        made[sensor] = error, sigma[sensor], np.append(bias, m - np.eye(3))
+    return made
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=60)
+    parser.add_argument("--first", type=int, default=0)
+    args = parser.parse_args()
+    print(f"poses of an IMU, seeds {args.first} to {args.first + args.seeds - 1}")
+    print(f"{'poses':36s} {'triad':6s} {'what':7s} {'shown':>6s} {'rms':>9s} {'without':>9s} {'rms z':>6s}")
+    for name, poses in POSES.items():
+        trials, refused = [], 0
+        for seed in range(args.first, args.first + args.seeds):
+            try:
+                trials.append(trial(np.random.default_rng(seed), poses))
+            except CalibrationError:
+                refused += 1
+        print_rows(name, trials, refused)
+
+
+def print_rows(name, trials, refused):
+    for sensor in ("accel", "gyro") if trials else ():
+        error, sigma, without = (np.array([t[sensor][k] for t in trials]) for k in range(3))
+        for kind, places in KINDS.items():
+            e, s, w = (v[:, list(places)] for v in (error, sigma, without))
+            known = np.isfinite(e)
+            cells = (
+                ""
+                if not known.any()
+                else (f"{rms(e[known]):9.2g} {rms(w[known]):9.2g} {rms(e[known] / s[known]):6.2f}")
+            )
+            print(f"{name:36s} {sensor:6s} {kind:7s} {known.mean():6.0%} {cells}", flush=True)
+    if refused:
+        print(f"{name:36s} refused {refused}")
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+if __name__ == "__main__":
+    main()
