@@ -45,6 +45,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some ten m
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py
+	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/poses.py
 
 road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes

@@ -24,8 +24,9 @@ from hubodo.report.north import north_figure, north_lead, north_sections
 from hubodo.report.page import page
 from hubodo.sensors.north.axis_record import AxisRecord, FoundAngles, axis_record, mounted
 from hubodo.sensors.north.circle import fuse
-from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
+from hubodo.sensors.north.find import North, find_north, horizontal_rate
 from hubodo.sensors.north.plan import drift_of_allan
+from hubodo.sensors.north.seen import METHODS
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
 from hubodo.verbs.north_live import check_live, run_live

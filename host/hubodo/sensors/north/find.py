@@ -9,35 +9,28 @@ upside down has y the other way.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.earth import EARTH_RATE
-from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.north.averages import Averages, average
+from hubodo.errors import InputError
+from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.axis_record import AxisRecord
-from hubodo.sensors.north.carousel import carousel_averages, per_turn
 from hubodo.sensors.north.circle import blind_axis, summarise
 from hubodo.sensors.north.drift import Drift
-from hubodo.sensors.north.filters import TOLERANCE, Classical, along, classical, opposite_pairs
+from hubodo.sensors.north.filters import Classical, classical
 from hubodo.sensors.north.ml import Posterior, azimuth_bound, estimate
-from hubodo.sensors.north.stops import Stops, split_stops
+from hubodo.sensors.north.seen import Method, Seen, look, tolerance_of
+from hubodo.sensors.north.stops import Stops
 
 Array = NDArray[np.float64]
-Method = Literal["maytag", "maytag4", "carousel", "east"]
-METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
-
-MIN_STOPS = 4
 MIN_HORIZONTAL = 0.05
 """Of Earth rate, at 2.9 degrees from the pole.
 
 Nearer to it half a degree of tilt already outweighs what is left of it.
 """
-AVERAGES = 240
-_MAX_TOLERANCE = np.radians(20)
 
 
 @dataclass(frozen=True)
@@ -114,22 +107,14 @@ def find_north(
     """
     level = float(np.mean([record.level for record in records]))
     horizontal = horizontal_rate(latitude) * level
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is unknown; choose from {', '.join(METHODS)}")
-    for record in records:
-        check_scale(record.rate)
-    if method == "carousel":
-        seen = _together([_carouselled(record) for record in records])
-    else:
-        seen = _together([_stopped(record, method, settle) for record in records])
-        _check_stops(seen, method)
+    seen = look(records, method, settle)
     scale_sigma = max((stops.scale_sigma for stops in seen.stops), default=0.0)
     posterior = estimate(seen.averages, horizontal, drift, scale_sigma)
     azimuth, sigma, candidates = summarise(posterior, near)
     angle_variance, of_turns = _angle_variance(posterior, seen, azimuth, horizontal)
     filters = {}
     if len(seen.stops) == 1 and method != "east":
-        filters = classical(seen.stops[0], seen.direction, posterior.drift, _tolerance(seen.stops))
+        filters = classical(seen.stops[0], seen.direction, posterior.drift, tolerance_of(seen.stops))
     sigma = float(np.hypot(sigma, np.sqrt(of_turns)))
     angle_sigma = float(np.sqrt(angle_variance + of_turns))
     return North(
@@ -157,57 +142,6 @@ def find_north(
             *_felt(angle_sigma, sigma),
         ),
     )
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """What the axis felt of the Earth: averages for the likelihood, and single estimates as in `North`."""
-
-    averages: tuple[Averages, ...]
-    stops: tuple[Stops, ...]
-    direction: float
-    rates: Array
-    cross: Array
-    duration: float
-    elapsed: float
-
-
-def _together(parts: Sequence[_Seen]) -> _Seen:
-    return replace(
-        parts[0],
-        averages=tuple(made for part in parts for made in part.averages),
-        stops=tuple(made for part in parts for made in part.stops),
-        rates=np.concatenate([part.rates for part in parts]),
-        cross=np.concatenate([part.cross for part in parts]),
-        duration=sum(part.duration for part in parts),
-        elapsed=sum(part.elapsed for part in parts),
-    )
-
-
-def _carouselled(record: AxisRecord) -> _Seen:
-    averages, turn, duration = carousel_averages(record)
-    rates, cross = per_turn(averages, turn)
-    return _Seen((averages,), (), record.mounting, rates, cross, duration, duration)
-
-
-def _stopped(record: AxisRecord, method: Method, settle: float | None) -> _Seen:
-    t, rate = record.t, record.rate
-    stops = split_stops(t, rate, record.table, vertical=record.vertical, settle=settle)
-    stops = replace(stops, angle=stops.angle + record.mounting)
-    direction = float(stops.angle[0])
-    parts = max(1, min(8, AVERAGES // len(stops)))
-    spans = list(zip(map(int, stops.start), map(int, stops.end), strict=True))
-    angle, turned = np.zeros(len(t)), np.zeros(len(t))
-    for (i, j), a, by in zip(spans, stops.angle, stops.turned, strict=True):
-        angle[i:j] = a
-        turned[i:j] = by if stops.scale_sigma else 0.0
-    averages = average(t, rate, angle, spans, stops.duration / len(stops) / parts, turned)
-    if method == "east":
-        rates, cross = _turned_about(stops), np.zeros(0)
-    else:
-        rates, cross = (_single(stops, direction + quarter) for quarter in (0.0, np.pi / 2))
-    elapsed = float(stops.t[-1, 1] - stops.t[0, 0])
-    return _Seen((averages,), (stops,), direction, rates, cross, stops.duration, elapsed)
 
 
 def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> tuple[str, ...]:
@@ -242,57 +176,8 @@ def _more_noise(given: Drift | None, posterior: Posterior) -> tuple[str, ...]:
     return (f"the record is {times:.1f} times as noisy as --allan says, and sigma is widened by that",)
 
 
-def check_scale(rate: Array) -> None:
-    """Raises when the channel is constant or by its size no rate in rad/s."""
-    if len(rate) < 100:
-        raise InputError(f"the record has {len(rate)} samples; record minutes, not moments")
-    if not np.ptp(rate):
-        raise CalibrationError(
-            "the gyro axis never changes: it is stuck or quantized away; use a finer range"
-        )
-
-
-def _check_stops(seen: _Seen, method: Method) -> None:
-    """Raises InputError where there are too few stops, or none that face the ways the method needs."""
-    angles = np.concatenate([stops.angle for stops in seen.stops])
-    if len(angles) < MIN_STOPS:
-        raise InputError(
-            f"{len(angles)} stops are too few; {method} needs {MIN_STOPS} at least, 18 to 20 are usual"
-        )
-    tolerance = _tolerance(seen.stops)
-    facing, across = (along(angles, float(angles[0]) + quarter, tolerance) for quarter in (0.0, np.pi / 2))
-    need = {"maytag": [facing], "maytag4": [facing, across], "east": []}[method]
-    for kind in need:
-        if not ((kind > 0).any() and (kind < 0).any()):
-            at = sorted({round(float(np.degrees(a)) % 360, 1) for a in angles})
-            raise InputError(
-                f"{method} needs stops {'180 degrees apart' if method == 'maytag' else 'every 90 degrees'}; "
-                f"the table stopped at {', '.join(map(str, at[:8]))} degrees"
-            )
-    if method == "east" and not len(seen.rates):
-        raise InputError("east-seeking needs pairs of stops 180 degrees apart; the table never turned about")
-
-
-def _tolerance(stops: Sequence[Stops]) -> float:
-    """rad by which stops may miss a direction; more where the gyro felt the angles itself."""
-    felt = max((3 * made.scale_sigma * float(np.abs(made.turned).max()) for made in stops), default=0.0)
-    return float(min(TOLERANCE + felt, _MAX_TOLERANCE))
-
-
-def _single(stops: Stops, direction: float) -> Array:
-    sign = along(stops.angle, direction, _tolerance([stops]))
-    chosen = sign != 0
-    return opposite_pairs(sign[chosen]).rates(stops.mean[chosen])
-
-
-def _turned_about(stops: Stops) -> Array:
-    """Half differences of consecutive stops 180 degrees apart, each along the direction of its first stop."""
-    about = np.cos(np.diff(stops.angle)) < -np.cos(_tolerance([stops]))
-    return np.asarray(-np.diff(stops.mean)[about] / 2)
-
-
 def _angle_variance(
-    posterior: Posterior, seen: _Seen, azimuth: float, horizontal: float
+    posterior: Posterior, seen: Seen, azimuth: float, horizontal: float
 ) -> tuple[float, float]:
     """rad² of azimuth from the scale of angles that the gyro felt, and from what each turn adds besides."""
     across = np.array([-np.sin(azimuth), np.cos(azimuth)])
