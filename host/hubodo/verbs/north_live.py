@@ -16,7 +16,7 @@ import serial
 from numpy.typing import NDArray
 
 from hubodo import __version__
-from hubodo.calibration.apply import SampleCorrection
+from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.live.node_stream import NodeStream
@@ -124,6 +124,7 @@ class _Session:
         self._wanted = None if args.sigma_deg is None else math.radians(args.sigma_deg)
         self._done = 0
         self._asked = self._angle = math.nan
+        self._correction: SampleCorrection | None = None
 
     def stops(self, angles: tuple[float, ...]) -> None:
         """One stop at each of `angles`, rad, over and over; at most --stops, or until sigma is reached."""
@@ -211,12 +212,22 @@ class _Session:
             degrees = math.degrees(self._angle) % 360
             _say(f"stop {self._done}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table")
         samples = self._stream.measure(duration)
-        known = {} if self._calibration is None else self._calibration.nodes
-        node = known.get(self._stream.node or "", NodeCalibration())
+        if self._correction is None:
+            self._correction = self._known()
         # Neither age nor temperature: they move the bias, which turning about takes out here; the log that is
         # read in the end has both.
-        gyro, accel = SampleCorrection.from_calibration(node).apply(samples.gyro, samples.accel)
+        gyro, accel = self._correction.apply(samples.gyro, samples.accel)
         return samples.t, gyro, accel
+
+    def _known(self) -> SampleCorrection:
+        """Raises InputError and CalibrationError for a calibration of another node, before all stops."""
+        if self._calibration is None:
+            return SampleCorrection.from_calibration(NodeCalibration())
+        name, known = self._stream.node or "", self._calibration.nodes
+        if name not in known:
+            raise InputError(f"--calibration holds no node {name!r}; it has {', '.join(known) or 'none'}")
+        check_serial(name, known[name], self._stream.serial)
+        return SampleCorrection.from_calibration(known[name])
 
 
 @contextlib.contextmanager

@@ -173,6 +173,23 @@ def test_what_cannot_be_done_live_is_refused_in_one_line(table, computer, capsys
     assert len(table.visited) <= 1
 
 
+@pytest.mark.parametrize(
+    "body, text",
+    [
+        ("[nodes.left]\nserial = 'aa55'\n", "is for the node with serial aa55"),
+        ("[nodes.right]\n", "holds no node 'left'; it has right"),
+    ],
+)
+def test_a_calibration_of_another_node_is_refused_before_all_the_stops(
+    table, computer, tmp_path, capsys, body, text
+):
+    (tmp_path / "c.toml").write_text(body)
+    with FineNode(rows=OnTable(table, 0.0, 5), computer=computer) as node:
+        status, err = north(node, capsys, "--table", table.path, "--calibration", tmp_path / "c.toml")
+    assert status == 2 and text in err.splitlines()[-1]
+    assert len(table.visited) <= 1
+
+
 def test_a_log_and_live_exclude_each_other(tmp_path, capsys):
     for words in ([], [str(tmp_path), "--live", "/dev/null"], [str(tmp_path), "--table", "/dev/null"]):
         assert main(["north", *words, "--latitude-deg", "48"]) == 2
