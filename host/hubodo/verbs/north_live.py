@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 SETTLE_S = 1.0
 """After a turn, before a stop counts: the transient of a table on a bench."""
-TABLE_ANSWER_S = 1.0
+TABLE_ANSWER_S = 2.0
 """For a table to answer a line."""
 _TABLE_BAUD = 115200
 _LOOK_S = 1.0

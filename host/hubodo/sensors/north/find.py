@@ -129,7 +129,7 @@ def find_north(
         duration=seen.duration,
         elapsed=seen.elapsed,
         horizontal=horizontal,
-        bound=azimuth_bound(seen.averages, posterior.drift, azimuth, horizontal),
+        bound=azimuth_bound(seen.averages, posterior, azimuth, horizontal),
         white_bound=_white_bound(seen.averages, posterior.drift.n, azimuth, horizontal),
         posterior=posterior,
         filters=filters,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.drift import Drift
-from hubodo.sensors.north.whitening import NUISANCES, Ratios, Sufficient, pieces_of, sufficient
+from hubodo.sensors.north.whitening import BEND, RAMP, Ratios, Sufficient, pieces_of, sufficient
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,8 @@ WALK_RATIOS = (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """K² T² / N², the same for random walk."""
 SHAKE_RATIOS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4)
 """Q² / (N² T), the same for quantisation and shaking, of which one is chosen beforehand."""
+_BENT = 6.0
+"""Of log likelihood, for each piece: what two more terms of its polynomial must explain."""
 _SHAKEN = 4.0
 """Of log likelihood: what shaking must explain before it is believed."""
 _MORE = 4.0
@@ -48,6 +50,7 @@ class Posterior:
     rate: (2,) C and S, rad/s, not held to the length that latitude demands; rate_covariance (2, 2), infinite
     along a direction that was never measured; angle_covariance (2, 2): what of it the angles bring, where the
     gyro felt them. azimuth: (G,) rad and density (G,) with the known length. drift: the most likely one.
+    order: of the polynomial that went with bias and ramp.
     """
 
     rate: Array
@@ -56,6 +59,7 @@ class Posterior:
     azimuth: Array
     density: Array
     drift: Drift
+    order: int
 
 
 def estimate(
@@ -69,18 +73,19 @@ def estimate(
     """
     pieces = pieces_of(records)
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
-    freedom = sum(len(p.y) for p in pieces) - NUISANCES * len(pieces)
+    order = _order(pieces, horizontal, mean)
+    freedom = sum(len(p.y) for p in pieces) - (order + 1) * len(pieces)
     reach = max((float(np.abs(p.turned).max()) for p in pieces), default=0.0)
     if drift is None:
-        shake = _shaking(pieces, horizontal, freedom, mean)
+        shake = _shaking(pieces, horizontal, freedom, mean, order)
         grid = [(f, w, shake) for f in FLICKER_RATIOS for w in WALK_RATIOS]
     else:
         grid = [_ratios(drift, mean)]
     if drift is not None:
-        drift = _widened(pieces, drift, horizontal, freedom, mean)
+        drift = _widened(pieces, drift, horizontal, freedom, mean, order)
     level = None if drift is None else drift.n**2 / mean
     looks = [
-        _Look(sufficient(pieces, grid, mean, scale), horizontal, freedom, level, width, weight)
+        _Look(sufficient(pieces, grid, mean, scale, order), horizontal, freedom, level, width, weight)
         for scale, width, weight in _scales(scale_sigma if reach else 0.0, reach)
     ]
 
@@ -96,17 +101,21 @@ def estimate(
     rate, spread, angles = _moments(looks, weight, float(azimuth[density.argmax()]))
     term, ratios = looks[best // len(grid)].terms[best % len(grid)], grid[best % len(grid)]
     likely = drift or _drift_of(term, ratios, freedom, mean)
-    return Posterior(rate, spread, angles, azimuth, density / density.sum(), likely)
+    return Posterior(rate, spread, angles, azimuth, density / density.sum(), likely, order)
 
 
-def azimuth_bound(records: Sequence[Averages], drift: Drift, azimuth: float, horizontal: float) -> float:
+def azimuth_bound(
+    records: Sequence[Averages], posterior: Posterior, azimuth: float, horizontal: float
+) -> float:
     """Cramér-Rao bound of azimuth, rad: what these intervals can tell where the drift's N, B, K are known.
 
-    Bias and ramp are unknown, the length of Earth rate is known; infinite where nothing is across it.
+    Of the posterior's drift and order. Bias and ramp are unknown, the length of Earth rate is known;
+    infinite where nothing is across it.
     """
+    drift = posterior.drift
     pieces = pieces_of(records)
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
-    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean)
+    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean, order=posterior.order)
     across = horizontal * np.array([-np.sin(azimuth), np.cos(azimuth)])
     information = float(across @ term.gram[:2, :2] @ across) * mean / drift.n**2
     return 1 / float(np.sqrt(information)) if information > 0 else float("inf")
@@ -226,9 +235,11 @@ def _ratios(drift: Drift, mean: float) -> Ratios:
     return drift.b**2 * mean / n, drift.k**2 * mean**2 / n, drift.q**2 / (n * mean)
 
 
-def _widened(pieces: Sequence[Averages], drift: Drift, horizontal: float, freedom: int, mean: float) -> Drift:
+def _widened(
+    pieces: Sequence[Averages], drift: Drift, horizontal: float, freedom: int, mean: float, order: int
+) -> Drift:
     """A drift that was given, made larger where the record has clearly more noise than it allows."""
-    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean)
+    (term,) = sufficient(pieces, [_ratios(drift, mean)], mean, order=order)
     found = _Look([term], horizontal, freedom, None).level_of(term)
     more = found * mean / drift.n**2
     if more < 1 + _MORE * np.sqrt(2 / max(freedom, 1)):
@@ -237,13 +248,30 @@ def _widened(pieces: Sequence[Averages], drift: Drift, horizontal: float, freedo
     return Drift(times * drift.n, times * drift.b, times * drift.k, times * drift.q)
 
 
-def _shaking(pieces: Sequence[Averages], horizontal: float, freedom: int, mean: float) -> float:
+def _order(pieces: Sequence[Averages], horizontal: float, mean: float) -> int:
+    """RAMP, or BEND where a curve explains clearly more than drift does, whatever its size.
+
+    By the likelihood that is not restricted, as the restricted ones of two polynomials cannot be compared.
+    """
+    count = sum(len(p.y) for p in pieces)
+    azimuth = np.radians(np.arange(-180, 180, 5.0))
+    grid = [(f, w, 0.0) for f in (0.0, 0.64) for w in WALK_RATIOS]
+    best = []
+    for order in (RAMP, BEND):
+        terms = sufficient(pieces, grid, mean, order=order)
+        look = _Look(terms, horizontal, count, None)
+        plain = np.array([0.5 * (term.logdet - term.plain) for term in terms])
+        best.append(float((look.log_density(azimuth) + plain[:, None]).max()))
+    return BEND if best[1] > best[0] + _BENT * len(pieces) else RAMP
+
+
+def _shaking(pieces: Sequence[Averages], horizontal: float, freedom: int, mean: float, order: int) -> float:
     """The most likely of SHAKE_RATIOS beside a little drift; 0 unless another is clearly better."""
     azimuth = np.radians(np.arange(-180, 180, 5.0))
     best = []
     for shake in SHAKE_RATIOS:
         grid = [(f, w, shake) for f in (0.0, 0.64) for w in (0.0, 1e-2)]
-        look = _Look(sufficient(pieces, grid, mean), horizontal, freedom, None)
+        look = _Look(sufficient(pieces, grid, mean, order=order), horizontal, freedom, None)
         best.append(float(look.log_density(azimuth).max()))
     likely = int(np.argmax(best))
     return SHAKE_RATIOS[likely] if best[likely] > best[0] + _SHAKEN else 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
@@ -41,10 +42,11 @@ def residuals_of(found: North) -> Residuals:
         factor = cholesky(spread, lower=True)
         middle = (averages.start + averages.end) / 2
         model = np.column_stack([cos, sin]) @ north
-        nuisance = np.column_stack([np.ones(len(middle)), middle - middle.mean()])
+        ramp = (middle - middle.mean()) / max(float(np.ptp(middle)), 1e-9)
+        nuisance = legvander(2 * ramp, found.posterior.order)
         both = solve_triangular(factor, np.column_stack([nuisance, y - model]), lower=True)
-        level = np.linalg.lstsq(both[:, :2], both[:, 2], rcond=None)[0]
+        level = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
         earth = y - nuisance @ level
-        white = both[:, 2] - both[:, :2] @ level
+        white = both[:, -1] - both[:, :-1] @ level
         rows.append(np.stack([middle, earth, model, np.arctan2(sin, cos), earth - model, white]))
     return Residuals(*np.concatenate(rows, axis=1))

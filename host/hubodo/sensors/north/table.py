@@ -28,6 +28,8 @@ REACHED_DEG = 0.1
 STUCK_S = 20.0
 """A table that is busy and has not moved for so long is stuck."""
 POLL_S = 0.05
+SURE = 5
+"""Looks at a table that seems to have missed."""
 TRIES = 3
 """A line that is lost or garbled is asked for again; GOTO too, as it names a place and not a step."""
 
@@ -45,6 +47,8 @@ class TablePort(Protocol):
     def write(self, data: bytes) -> int | None: ...
 
     def readline(self) -> bytes: ...
+
+    def reset_input_buffer(self) -> None: ...
 
 
 class SerialTable:
@@ -73,6 +77,12 @@ class SerialTable:
         try:
             self._ask(f"GOTO {wanted:.4f}", "OK")
             reached = self._stand(begin)
+            for _ in range(SURE):
+                # A late answer may still be of the time before it was sent there.
+                if abs(reached - wanted) <= REACHED_DEG:
+                    break
+                self._wait(POLL_S)
+                reached = self._stand(reached)
         except BaseException:
             # Nobody looks after it any more, whatever went wrong: it must not turn on.
             with contextlib.suppress(LinkError):
@@ -125,6 +135,7 @@ class SerialTable:
         """What follows the expected word."""
         answer = "nothing"
         for _ in range(TRIES):
+            self._port.reset_input_buffer()
             self._port.write(command.encode() + b"\n")
             line = self._port.readline()
             text = line.decode("ascii", "replace").strip()

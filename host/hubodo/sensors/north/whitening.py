@@ -8,6 +8,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.lapack import dtrtri
@@ -22,8 +23,8 @@ PIECE = 300
 
 That costs little: the drift of one piece says next to nothing about Earth rate in another.
 """
-NUISANCES = 2
-"""Of each piece: bias and ramp, both unknown."""
+RAMP, BEND = 1, 3
+"""Order of the unknown polynomial of each piece: bias and ramp, or what a gyro does that warms up besides."""
 
 
 Ratios = tuple[float, float, float]
@@ -35,11 +36,12 @@ class Sufficient:
     """What the likelihood needs of records.
 
     gram: (5, 5) inner products of the columns of `Averages`, white and free of bias and ramp, in units of
-    N² / mean interval. logdet: log determinant of the restricted covariance.
+    N² / mean interval. logdet: log determinant of the restricted covariance; plain: of the whole one.
     """
 
     gram: Array
     logdet: float
+    plain: float
 
 
 def pieces_of(records: Sequence[Averages]) -> list[Averages]:
@@ -53,9 +55,12 @@ def pieces_of(records: Sequence[Averages]) -> list[Averages]:
 
 
 def sufficient(
-    pieces: Sequence[Averages], grid: Sequence[Ratios], mean: float, scale: float = 0.0
+    pieces: Sequence[Averages], grid: Sequence[Ratios], mean: float, scale: float = 0.0, order: int = RAMP
 ) -> list[Sufficient]:
-    """Summed over the pieces, at each point of the grid. mean: s, of an interval."""
+    """Summed over the pieces, at each point of the grid.
+
+    mean: s, of an interval. scale: error of the gyro's at which the angles are. order: of the polynomial.
+    """
     # Same stops, same matrix: programmes repeat from record to record, so rounding makes them meet in the
     # cache.
     keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
@@ -64,22 +69,22 @@ def sufficient(
     made = []
     for ratios in grid:
         gram: Array = np.zeros((5, 5))
-        logdet = 0.0
+        logdet = plain = 0.0
         for key, seen in zip(keys, columns, strict=True):
-            whitener, nuisance, ld = _whitener(key, ratios, unit)
+            whitener, nuisance, restricted, whole = _whitener(key, ratios, unit, order)
             white = whitener @ seen
             white = white - nuisance @ (nuisance.T @ white)
-            gram, logdet = gram + white.T @ white, logdet + ld
-        made.append(Sufficient(gram, logdet))
+            gram, logdet, plain = gram + white.T @ white, logdet + restricted, plain + whole
+        made.append(Sufficient(gram, logdet, plain))
     return made
 
 
 @lru_cache(maxsize=160)
-def _whitener(key: bytes, ratios: Ratios, unit: float) -> tuple[Array, Array, float]:
-    """Inverse Cholesky factor (M, M), orthonormal bias and ramp behind it (M, 2), log determinant.
+def _whitener(key: bytes, ratios: Ratios, unit: float, order: int) -> tuple[Array, Array, float, float]:
+    """Inverse Cholesky factor (M, M), orthonormal polynomial behind it (M, order + 1), log determinants.
 
-    key: start and end, float64. Of the covariance in units of N² / unit, restricted to what neither bias nor
-    ramp can explain.
+    key: start and end, float64. Of the covariance in units of N² / unit: restricted to what the polynomial
+    cannot explain, and whole.
     """
     start, end = np.frombuffer(key).reshape(2, -1)
     f, w, q = ratios
@@ -92,9 +97,10 @@ def _whitener(key: bytes, ratios: Ratios, unit: float) -> tuple[Array, Array, fl
     inverse = dtrtri(factor, lower=1)[0]
     middle = (start + end) / 2
     ramp = (middle - middle.mean()) / max(float(np.ptp(middle)), 1e-9)
-    behind, r = np.linalg.qr(inverse @ np.column_stack([np.ones(len(middle)), ramp]))
-    logdet = 2 * float(np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(r))).sum())
-    return np.asarray(inverse), np.asarray(behind), logdet
+    behind, r = np.linalg.qr(inverse @ legvander(2 * ramp, order))
+    whole = 2 * float(np.log(np.diag(factor)).sum())
+    restricted = whole + 2 * float(np.log(np.abs(np.diag(r))).sum())
+    return np.asarray(inverse), np.asarray(behind), restricted, whole
 
 
 @lru_cache(maxsize=8)
