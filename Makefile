@@ -47,6 +47,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some fifte
 	$(BIN)/python tests/accuracy/live_map.py
 	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/warmup_forms.py
+	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/poses.py
 
 road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes

@@ -1,6 +1,6 @@
-"""A fake turntable on a pseudo terminal: answers lines as the real one does, refusals included.
+"""A turntable on a pseudo terminal that speaks the lines of `sensors/north/table.py`, refusals included.
 
-Nobody has a table of this protocol here; the refusals are those that the protocol names: `ERR` and words.
+It turns in a thread of its own, so that it answers while it does, as the real one must.
 """
 
 from __future__ import annotations
@@ -11,12 +11,15 @@ import threading
 import tty
 from collections.abc import Callable
 
+DIGITS = 4
+
 
 class FakeTable:
     """Runs inside `with`. off: degrees by which it misses. silent: never answers. jammed: does not turn.
 
-    good: moves before it is off or jammed. turning: lasts as long as a move. visited: degrees at which it
-    stopped, in order.
+    stuck: stays busy for ever. limits: degrees. garbled: every so many answers, one is noise. version: that
+    it says. good: moves before it is off, jammed or stuck. turning: lasts as long as a move, called with
+    degrees from and to and a function that sets where it is. visited: degrees at which it stopped, in order.
     """
 
     def __init__(
@@ -25,8 +28,12 @@ class FakeTable:
         off: float = 0.0,
         silent: bool = False,
         jammed: bool = False,
+        stuck: bool = False,
+        limits: tuple[float, float] | None = None,
+        garbled: int = 0,
+        version: int = 1,
         good: int = 0,
-        turning: Callable[[], None] = lambda: None,
+        turning: Callable[..., None] = lambda *_: None,
     ) -> None:
         self._far, self._near = os.openpty()
         tty.setraw(self._far)
@@ -34,8 +41,10 @@ class FakeTable:
         self.path = os.ttyname(self._near)
         self.at = 0.0
         self.visited: list[float] = []
-        self._off, self._silent, self._jammed, self._good = off, silent, jammed, good
-        self._turning = turning
+        self.stopped = 0
+        self._off, self._silent, self._jammed, self._stuck = off, silent, jammed, stuck
+        self._limits, self._garbled, self._version, self._good = limits, garbled, version, good
+        self._turning, self._busy, self._answers = turning, False, 0
         self._thread = threading.Thread(target=self._serve, daemon=True)
 
     def __enter__(self) -> FakeTable:
@@ -44,6 +53,8 @@ class FakeTable:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._near)
+        # A number that is closed while the thread reads from it would soon be another table's.
+        self._thread.join(2.0)
         with contextlib.suppress(OSError):
             os.close(self._far)
 
@@ -54,23 +65,50 @@ class FakeTable:
                 *lines, buffer = (buffer + data).split(b"\n")
                 for line in lines:
                     answer = self._answer(line.decode("ascii", "replace").strip())
+                    self._answers += 1
+                    if self._garbled and self._answers % self._garbled == 0:
+                        answer = "\x7f#"
                     if not self._silent:
                         os.write(self._far, answer.encode() + b"\n")
 
     def _answer(self, line: str) -> str:
         word, _, rest = line.partition(" ")
-        if word == "ANGLE?" and not rest:
-            return f"ANGLE {self.at:.4f}"
+        if line == "TABLE?":
+            return f"TABLE {self._version} fake"
+        if line == "LIMITS?":
+            return "LIMITS NONE" if self._limits is None else "LIMITS {:.1f} {:.1f}".format(*self._limits)
+        if line == "POS?":
+            return f"POS {self.at:.{DIGITS}f} {'BUSY' if self._busy else 'IDLE'}"
+        if line == "STOP":
+            self.stopped += 1
+            self._busy = False
+            return "OK"
         if word != "GOTO":
             return "ERR unknown command"
+        return self._goto(rest)
+
+    def _goto(self, rest: str) -> str:
         try:
             wanted = float(rest)
         except ValueError:
             return "ERR no angle"
+        if self._limits is not None and not self._limits[0] <= wanted <= self._limits[1]:
+            return "ERR LIMIT"
+        if self._busy:
+            return "OK" if wanted == self._wanted else "ERR BUSY"
         faulty = len(self.visited) >= self._good
         if self._jammed and faulty:
             return "ERR jammed"
-        self._turning()
-        self.at = wanted + (self._off if faulty else 0.0)
+        self._busy, self._wanted = True, wanted
+        if not (self._stuck and faulty):
+            threading.Thread(target=self._move, args=(wanted, self._off * faulty), daemon=True).start()
+        return "OK"
+
+    def _move(self, wanted: float, off: float) -> None:
+        self._turning(self.at, wanted, self._put)
+        self.at = wanted + off
         self.visited.append(self.at)
-        return f"OK {self.at:.4f}"
+        self._busy = False
+
+    def _put(self, at: float) -> None:
+        self.at = at

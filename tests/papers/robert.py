@@ -1,4 +1,4 @@
-"""Robert 2014, thesis beside ours: how well two MEMS gyros measure Earth rate, and find north with it.
+"""Robert 2014, row by row: what the thesis says, its method rebuilt, ours, and the Cramér-Rao bound.
 
 .venv/bin/python tests/papers/robert.py [--seeds N] [--static FOLDER]
 """
@@ -7,6 +7,7 @@ import argparse
 import os
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 # Small matrices: threads of the linear algebra only wait for each other, and for any busy core.
@@ -16,21 +17,26 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from generators.noise import gyro_noise
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
 from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
+from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.circle import fuse, wrap
-from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.drift import Drift, covariance
 from hubodo.sensors.north.east import seek_east
 from hubodo.sensors.north.filters import FILTERS, opposite_pairs
 from hubodo.sensors.north.find import find_north, horizontal_rate
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
+from hubodo.sensors.north.tally import Tally
 
 LATITUDE = np.radians(32.7574)
-DT, TURN, SETTLE = 0.1, 2.0, 1.5
+DT, TURN, SETTLE = 0.1, 2.0, 0.3
 HORIZONTAL = horizontal_rate(LATITUDE)
+TWO, FOUR = (0.0, np.pi), (0.0, np.pi, np.pi / 2, 1.5 * np.pi)
+DEG_H = np.pi / 180 / 3600
 
 
 def with_minimum(n, lowest, at):
@@ -51,127 +57,231 @@ ADXRS646 = with_minimum(0.01 / np.sqrt(2) * 60, 12.0, 34.0)
 STIM210 = with_minimum(0.15, 0.57, 1000.0)
 
 
+@dataclass(frozen=True)
+class Noise:
+    """A gyro's noise made without any code of hubodo; N, B, K, R in SI."""
+
+    n: float
+    b: float = 0.0
+    k: float = 0.0
+    r: float = 0.0
+
+    def error(self, count, dt, rng):
+        return gyro_noise(count, dt, rng, n=self.n, b=self.b, k=self.k, r=self.r)
+
+
 def drift_of(sensor):
+    if isinstance(sensor, Noise):
+        return Drift(sensor.n, sensor.b, sensor.k)
     return Drift(np.radians(sensor.n) / 60, np.radians(sensor.b) / 3600, np.radians(sensor.k) / 3600 / 60)
 
 
-def table_of(run):
-    return TableMotion(run.table_t, run.table_angle, run.table_moving)
+def record_of(run):
+    return AxisRecord(run.t, run.rate, TableMotion(run.table_t, run.table_angle, run.table_moving))
 
 
-def programme(sensor, seed, azimuth, angles, stop):
+def programme(sensor, seed, azimuth, directions, stop, stops):
     rng = np.random.default_rng(seed)
-    count = int((len(angles) * (stop + TURN)) / DT) + 10
-    return maytag(
-        sensor.error(count, DT, rng),
-        DT,
-        azimuth,
-        LATITUDE,
-        list(angles),
-        stop,
-        TURN,
-        transient=0.003,
-        rng=rng,
-    )
+    angles = np.resize(directions, stops)
+    error = sensor.error(int(stops * (stop + TURN) / DT) + 10, DT, rng)
+    return record_of(maytag(error, DT, azimuth, LATITUDE, list(angles), stop, TURN, rng=rng))
 
 
-def two_point(name, sensor, stop, stops, seeds, thesis):
-    """Table zero due north as in the thesis: percent error of the measured Earth rate."""
-    angles = np.resize([0.0, np.pi], stops)
-    errors, sigmas = [], []
+def oracle(found, sensor):
+    """Generalised least squares that is told the truth of the noise: estimate and covariance of the seen.
+
+    The covariance is the Cramér-Rao bound; bias and ramp are unknown to it as to us.
+    """
+    return oracle_of(found.averages[0], sensor)
+
+
+def oracle_of(a, sensor):
+    inverse = np.linalg.inv(covariance(drift_of(sensor), a.start, a.end))
+    seen = [a.cos, a.sin] if np.ptp(a.sin) > 0.1 else [a.cos]
+    x = np.column_stack([*seen, np.ones(len(a.y)), a.start - a.start.mean()])
+    spread = np.linalg.inv(x.T @ inverse @ x)
+    return (spread @ x.T @ inverse @ a.y)[: len(seen)], spread[: len(seen), : len(seen)]
+
+
+def azimuth_oracle(found, sensor, azimuth):
+    """Error of azimuth and its bound, rad, of the oracle, which knows the length of Earth rate."""
+    return azimuth_oracle_of(found.averages[0], sensor, azimuth)
+
+
+def azimuth_oracle_of(averages, sensor, azimuth):
+    rate, spread = oracle_of(averages, sensor)
+    angles = azimuth + np.radians(np.arange(-60, 60, 0.02))
+    off = HORIZONTAL * np.stack([np.cos(angles), np.sin(angles)]) - rate[:, None]
+    information = np.linalg.inv(spread)
+    best = angles[np.einsum("ik,ij,jk->k", off, information, off).argmin()]
+    across = HORIZONTAL * np.array([-np.sin(azimuth), np.cos(azimuth)])
+    return float(wrap(best - azimuth)), float(1 / np.sqrt(across @ information @ across))
+
+
+def two_point(sensor, stop, stops, seeds):
+    """Percent of Earth rate, table zero due north: nearest neighbour, ours, sigma, oracle, others; bound."""
+    rows = []
     for seed in range(seeds):
-        run = programme(sensor, seed, 0.0, angles, stop)
-        found = find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag", settle=SETTLE, near=0.0)
+        record = programme(sensor, seed, 0.0, TWO, stop, stops)
+        found = find_north([record], LATITUDE, "maytag", settle=SETTLE, near=0.0)
         rate, sigma = found.components()
-        filters = [found.filters[f].rate[0] for f in FILTERS]
-        errors.append([rate[0] - HORIZONTAL, *(f - HORIZONTAL for f in filters)])
-        sigmas.append(sigma[0])
-    errors = np.array(errors) / HORIZONTAL * 100
-    sigmas = np.array(sigmas) / HORIZONTAL * 100
-    bound = drift_of(sensor).n / np.sqrt(stop * stops) / HORIZONTAL * 100
-    print(
-        f"\n{name}: N {sensor.n:.3f} deg/sqrt(h), B {sensor.b:.2f} deg/h, K {sensor.k:.1f} deg/h/sqrt(h); "
-        f"{stops} stops of {stop:.0f} s, {seeds} seeds from 0"
-    )
-    print(f"  white-noise bound on Earth rate {bound:.2f} %; thesis: {thesis}")
-    print(f"  {'':22s} rms %   mean |%|  median |%|  95th |%|   rms against ours (paired, 1 sigma)")
-    for k, label in enumerate(("maximum likelihood", *FILTERS)):
-        off = np.abs(errors[:, k])
-        ratio, spread = paired(errors[:, k], errors[:, 0])
-        print(
-            f"  {label:22s} {rms(off):6.2f} {off.mean():9.2f} {np.median(off):11.2f} "
-            f"{np.quantile(off, 0.95):9.2f}"
-            f"   {ratio:.3f} ± {spread:.3f}"
-        )
-    print(
-        f"  sigma of ours {rms(sigmas):.2f} %, rms of error/sigma {rms(errors[:, 0] / sigmas):.2f}, "
-        f"inside 1 and 2 sigma {np.mean(np.abs(errors[:, 0]) < sigmas):.2f} "
-        f"{np.mean(np.abs(errors[:, 0]) < 2 * sigmas):.2f}"
-    )
-    means = np.abs(errors[: seeds // 5 * 5, 0]).reshape(-1, 5).mean(axis=1)
-    nearest = np.abs(errors[: seeds // 5 * 5, 1]).reshape(-1, 5).mean(axis=1)
-    print(
-        f"  mean of five data sets as in the thesis, 5..95 %: nearest neighbour "
-        f"{np.quantile(nearest, 0.05):.1f}.."
-        f"{np.quantile(nearest, 0.95):.1f} %, ours "
-        f"{np.quantile(means, 0.05):.1f}..{np.quantile(means, 0.95):.1f} %"
-    )
-    return errors, sigmas
+        told, spread = oracle(found, sensor)
+        others = [found.filters[name].rate[0] for name in FILTERS]
+        rows.append([others[0], rate[0], sigma[0] + HORIZONTAL, told[0], *others[1:]])
+    return (np.array(rows) / HORIZONTAL - 1) * 100, float(np.sqrt(spread[0, 0])) / HORIZONTAL * 100
 
 
-def four_point(name, sensor, stop, stops, seeds):
-    """Any azimuth: error in degrees, honesty of sigma, and four gyros fused."""
-    angles = np.resize([0.0, np.pi, np.pi / 2, 1.5 * np.pi], stops)
-    rows, fused = [], []
+def four_point(sensor, stop, stops, seeds, first=20_000):
+    """Degrees at any azimuth: (seeds, 5) nearest neighbour, ours, sigma, oracle, bound; the posteriors."""
+    rows, kept = [], []
     for seed in range(seeds):
-        azimuth = np.random.default_rng(10_000 + seed).uniform(-np.pi, np.pi)
-        found = []
-        for gyro in range(4 if seed % 4 == 0 else 1):
-            run = programme(sensor, 20_000 + 4 * seed + gyro, azimuth, angles, stop)
-            found.append(find_north(run.t, run.rate, table_of(run), LATITUDE, "maytag4", settle=SETTLE))
-        first = found[0]
-        off = [wrap(first.azimuth - azimuth), *(wrap(first.filters[f].azimuth - azimuth) for f in FILTERS)]
-        rows.append([*np.degrees(off), np.degrees(first.sigma), np.degrees(first.white_bound)])
-        if len(found) == 4:
-            together, sigma = fuse([f.posterior for f in found], HORIZONTAL)
-            fused.append((np.degrees(wrap(together - azimuth)), np.degrees(sigma)))
-    rows, fused = np.array(rows), np.array(fused)
-    print(
-        f"\n{name}, four points, {stops} stops of {stop:.0f} s, {seeds} seeds, random azimuths, degrees rms:"
-    )
-    print(
-        f"  ours {rms(rows[:, 0]):.2f}, sigma {rms(rows[:, 6]):.2f}, error/sigma rms "
-        f"{rms(rows[:, 0] / rows[:, 6]):.2f}, "
-        f"white-noise bound {np.median(rows[:, 7]):.2f}"
-    )
-    for k, label in enumerate(FILTERS):
-        ratio, spread = paired(rows[:, 1 + k], rows[:, 0])
-        print(f"  {label:22s} {rms(rows[:, 1 + k]):.2f}   {ratio:.3f} ± {spread:.3f} of ours")
-    print(f"  four gyros fused {rms(fused[:, 0]):.2f}, sigma {rms(fused[:, 1]):.2f} ({len(fused)} runs)")
-    return rows
+        azimuth = np.random.default_rng(10_000 + seed // 4).uniform(-np.pi, np.pi)
+        record = programme(sensor, first + seed, azimuth, FOUR, stop, stops)
+        found = find_north([record], LATITUDE, "maytag4", settle=SETTLE)
+        theirs = found.filters["nearest"].azimuth
+        rows.append(
+            [
+                float(wrap(theirs - azimuth)),
+                float(wrap(found.azimuth - azimuth)),
+                found.sigma,
+                *azimuth_oracle(found, sensor, azimuth),
+            ]
+        )
+        kept.append((found, azimuth))
+    return np.degrees(np.array(rows)), kept
 
 
-def moving(name, sensor, seeds):
-    """Carousel and east-seeking in as much time as 20 stops of 34 s."""
+def maytag_rows(seeds):
+    adxrs, bound = two_point(ADXRS646, 34.0, 20, seeds)
+    row(
+        "maytag 2, ADXRS646, 20 stops of 34 s, % of Earth rate",
+        "10.9 (legs), 16.6 (floating)",
+        adxrs[:, 0],
+        adxrs[:, 1],
+        bound,
+        adxrs[:, 3],
+    )
+    sigma(adxrs[:, 1], adxrs[:, 2])
+    best = best_programme(drift_of(ADXRS646), 20 * 36.0 - TURN, TURN, HORIZONTAL)
+    short, bound = two_point(ADXRS646, best.stop, best.count, seeds)
+    row(
+        f"  the same 12 min as advised: {best.count} stops of {best.stop:g} s",
+        "-",
+        short[:, 0],
+        short[:, 1],
+        bound,
+        short[:, 3],
+    )
+    for k, name in enumerate(FILTERS[1:]):
+        ratio, spread = paired(adxrs[:, 4 + k], adxrs[:, 0])
+        print(
+            f"  {name.replace('_', ' ')}: {rms(adxrs[:, 4 + k]):.1f}, {ratio:.3f} ± {spread:.3f} of nearest"
+        )
+    stim, bound = two_point(STIM210, 16.0, 200, seeds // 4)
+    row(
+        "maytag 2, STIM210, 200 stops of 16 s, %",
+        '"more accurate"',
+        stim[:, 0],
+        stim[:, 1],
+        bound,
+        stim[:, 3],
+    )
+    four, kept = four_point(ADXRS646, 34.0, 20, seeds)
+    row("maytag 4, ADXRS646, 20 stops of 34 s, deg", "-", four[:, 0], four[:, 1], four[:, 4], four[:, 3])
+    sigma(four[:, 1], four[:, 2])
+    stim, _ = four_point(STIM210, 16.0, 40, seeds // 2)
+    row("maytag 4, STIM210, 40 stops of 16 s, deg", "-", stim[:, 0], stim[:, 1], stim[:, 4], stim[:, 3])
+    sigma(stim[:, 1], stim[:, 2])
+    several(kept, four)
+
+
+def several(kept, four):
+    """Four gyros on one table: their mean as the thesis has it, and ours."""
+    rows = []
+    for k in range(0, len(kept) - 3, 4):
+        found = [north for north, _ in kept[k : k + 4]]
+        azimuth = kept[k][1]
+        mean = np.mean([north.filters["nearest"].rate for north in found], axis=0)
+        ours, spread = fuse([(north.posterior, north.horizontal) for north in found])
+        theirs = wrap(np.arctan2(mean[1], mean[0]) - azimuth)
+        bound = rms(four[k : k + 4, 4]) / 2
+        rows.append([*np.degrees([theirs, wrap(ours - azimuth), spread]), bound])
+    rows = np.array(rows)
+    row("four gyros at once, maytag 4, ADXRS646, deg", '"1/sqrt(n)"', rows[:, 0], rows[:, 1], rows[:, 3])
+    sigma(rows[:, 1], rows[:, 2])
+
+
+def moving_rows(name, sensor, seeds):
+    """Carousel and east-seeking in as much time as 20 stops of 34 s, degrees."""
     turned, east = [], []
     for seed in range(seeds):
         rng = np.random.default_rng(30_000 + seed)
         azimuth = rng.uniform(-np.pi, np.pi)
-        run = carousel(sensor.error(7300, DT, rng), DT, azimuth, LATITUDE, 40.0, 720.0)
-        found = find_north(run.t, run.rate, table_of(run), LATITUDE, "carousel")
-        turned.append(np.degrees([wrap(found.azimuth - azimuth), found.sigma, found.white_bound]))
-        table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        loop = seek_east(table, table.measure, LATITUDE, steps=7)
-        east.append(
-            np.degrees([wrap(loop.azimuth - azimuth), loop.sigma, wrap(azimuth - loop.angle - np.pi / 2)])
+        record = record_of(carousel(sensor.error(7300, DT, rng), DT, azimuth, LATITUDE, 40.0, 720.0))
+        found = find_north([record], LATITUDE, "carousel")
+        angle = record.table.angle_at(record.t)
+        wave = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(angle))])
+        c, s, _ = np.linalg.lstsq(wave, record.rate, rcond=None)[0]
+        turned.append(
+            [
+                wrap(np.arctan2(s, c) - azimuth),
+                wrap(found.azimuth - azimuth),
+                found.sigma,
+                *azimuth_oracle(found, sensor, azimuth),
+            ]
         )
-    turned, east = np.array(turned), np.array(east)
+        table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
+        tally = Tally(HORIZONTAL)
+        loop = seek_east(table, table.measure, HORIZONTAL, steps=7, tally=tally)
+        east.append(
+            [
+                wrap(azimuth - loop.angle - np.pi / 2),
+                wrap(loop.azimuth - azimuth),
+                loop.sigma,
+                *azimuth_oracle_of(tally.averages(), sensor, azimuth),
+            ]
+        )
+    turned, east = np.degrees(np.array(turned)), np.degrees(np.array(east))
+    thesis = '"useless"' if name == "ADXRS646" else "-"
+    row(f"carousel, {name}, 40 s a turn, deg", thesis, turned[:, 0], turned[:, 1], turned[:, 4], turned[:, 3])
+    sigma(turned[:, 1], turned[:, 2])
+    what = f"east-seeking, {name}, 21 stops of 34 s, deg"
+    row(what, "-", east[:, 0], east[:, 1], east[:, 4], east[:, 3])
+    sigma(east[:, 1], east[:, 2])
+
+
+def noise_rows(seeds):
+    """White, flicker, walk and ramp of their own, by another generator: ours over the bound, and sigma."""
+    n, b, k = 3e-5, 3e-6, 1e-6
+    for name, noise in (
+        ("white noise", Noise(n)),
+        ("flicker", Noise(n, b=4 * b)),
+        ("random walk", Noise(n, k=k)),
+        ("ramp", Noise(n, r=2e-7)),
+        ("all of them", Noise(n, 2 * b, k, 1e-7)),
+    ):
+        rows, _ = four_point(noise, 20.0, 24, seeds, first=70_000)
+        row(f"maytag 4, {name}, 24 stops of 20 s, deg", "-", rows[:, 0], rows[:, 1], rows[:, 4], rows[:, 3])
+        sigma(rows[:, 1], rows[:, 2])
+
+
+def row(what, paper, theirs, ours, bound, told=None):
+    """One line of the table; told: errors of who knows the noise, on the same records."""
+    bound = rms(np.atleast_1d(bound))
+    line = f"{what:56s} | {paper:28s} | {rms(theirs):7.2f} | {rms(ours):6.2f} | {bound:6.2f} |"
+    if told is not None:
+        ratio, spread = paired(ours, told)
+        line += f" {ratio:.3f} ± {spread:.3f} of who knows the noise;"
+    ratio, spread = paired(theirs, ours)
+    print(f"{line} the thesis' way {ratio:.3f} ± {spread:.3f} of ours ({len(ours)} seeds)", flush=True)
+
+
+def sigma(errors, sigmas):
+    """Whether sigma holds: NEES of 1, and how often one and two of them hold."""
+    z = errors / sigmas
     print(
-        f"\n{name}, 12 minutes, {seeds} seeds, degrees rms: carousel {rms(turned[:, 0]):.2f} (sigma "
-        f"{rms(turned[:, 1]):.2f}, "
-        f"white-noise bound {np.median(turned[:, 2]):.2f}); east-seeking loop {rms(east[:, 2]):.2f}, all "
-        f"its stops together "
-        f"{rms(east[:, 0]):.2f} (sigma {rms(east[:, 1]):.2f})"
+        f"  sigma {rms(sigmas):.2f}, NEES {np.mean(z**2):.2f}, "
+        f"inside 1 and 2 sigma {np.mean(np.abs(z) < 1):.2f} {np.mean(np.abs(z) < 2):.2f}"
     )
 
 
@@ -184,8 +294,7 @@ def ergodic(name, sensor, seed, stop=34.0, stops=1800):
     found = ergodicity(opposite_pairs(sign).rates(error + sign * HORIZONTAL))
     print(
         f"{name}: Allan deviation of {stops - 1} estimates falls with slope {found.slope:.3f} ± "
-        f"{found.sigma:.3f} "
-        f"(thesis: -1/2), seed {seed}"
+        f"{found.sigma:.3f} (thesis: -1/2), seed {seed}"
     )
 
 
@@ -206,32 +315,23 @@ def minute(name, sensor):
     )
 
 
-def real_noise(folder, seeds):
+def real_noise(folder, parts):
     """The recorded error of an ADIS16405 at rest, cut into runs, as a gyro on a simulated table."""
     node = read_folder(folder).nodes["node"]
     dt = float(np.median(np.diff(node.t)))
     rows = []
     for axis in range(3):
         error = node.gyro[:, axis]
-        for part, azimuth in zip(np.array_split(error, seeds), np.linspace(-3, 3, seeds), strict=True):
+        for part, azimuth in zip(np.array_split(error, parts), np.linspace(-3, 3, parts), strict=True):
             table = SimulatedTable(part, dt, azimuth, LATITUDE)
-            angles = np.resize([0.0, np.pi, np.pi / 2, 1.5 * np.pi], int(len(part) * dt / 36.0) - 1)
+            angles = np.resize(FOUR, int(len(part) * dt / 36.0) - 1)
             t, rate, made = simulate_stops(table, angles, 34.0)
-            found = find_north(t, rate, made, LATITUDE, "maytag4", settle=SETTLE)
-            off = [
-                wrap(found.azimuth - azimuth),
-                *(wrap(found.filters[f].azimuth - azimuth) for f in FILTERS),
-            ]
-            rows.append([*np.degrees(off), np.degrees(found.sigma), np.degrees(found.white_bound), t[-1]])
-    rows = np.array(rows)
-    print(
-        f"\nreal noise, {len(rows)} runs of {rows[0, -1] / 60:.0f} min (three axes), four points, degrees "
-        f"rms: ours "
-        f"{rms(rows[:, 0]):.1f}, sigma {rms(rows[:, 6]):.1f}, error/sigma rms "
-        f"{rms(rows[:, 0] / rows[:, 6]):.2f}, "
-        f"white-noise bound {np.median(rows[:, 7]):.1f}; "
-        + ", ".join(f"{f} {rms(rows[:, 1 + k]):.1f}" for k, f in enumerate(FILTERS))
-    )
+            found = find_north([AxisRecord(t, rate, made)], LATITUDE, "maytag4", settle=SETTLE)
+            theirs = wrap(found.filters["nearest"].azimuth - azimuth)
+            rows.append([theirs, wrap(found.azimuth - azimuth), found.sigma, found.bound])
+    rows = np.degrees(np.array(rows))
+    row(f"maytag 4, real ADIS16405, {t[-1] / 60:.0f} min, deg", "-", rows[:, 0], rows[:, 1], rows[:, 3])
+    sigma(rows[:, 1], rows[:, 2])
 
 
 def rms(values):
@@ -252,36 +352,27 @@ def main():
     parser.add_argument("--static", type=Path, help="CSV folder of a node at rest")
     args = parser.parse_args()
     begin = time.time()
-    print(
-        f"Robert 2014 at latitude 32.7574 deg: horizontal Earth rate {np.degrees(HORIZONTAL):.6f} deg/s "
-        f"(thesis 0.0035)"
-    )
-    two_point(
-        "ADXRS646-like", ADXRS646, 34.0, 20, args.seeds, "10.9 % (table on its legs), 16.6 % (floating)"
-    )
-    two_point("STIM210-like", STIM210, 16.0, 200, args.seeds, 'no percentage given, "more accurate"')
-    four_point("ADXRS646-like", ADXRS646, 34.0, 20, args.seeds // 2)
-    four_point("STIM210-like", STIM210, 16.0, 40, args.seeds // 2)
-    moving("ADXRS646-like", ADXRS646, args.seeds // 4)
-    moving("STIM210-like", STIM210, args.seeds // 4)
+    print(f"Robert 2014 at 32.7574 deg: Earth rate there {np.degrees(HORIZONTAL):.6f} deg/s (thesis 0.0035)")
+    print(f"rms over seeds from 0, 10000, 20000, 30000, 70000 on; {args.seeds} of the longest\n")
+    print(f"{'':56s} | {'paper':28s} | rebuilt | ours   | bound  |")
+    maytag_rows(args.seeds)
+    moving_rows("ADXRS646", ADXRS646, args.seeds // 4)
+    moving_rows("STIM210", STIM210, args.seeds // 4)
+    noise_rows(args.seeds)
+    shared = Path(os.environ.get("HUBODO_SHARED", Path(__file__).resolve().parents[3] / "shared"))
+    try:
+        real_noise(args.static or shared / "data" / "static", 5)
+    except InputError as error:
+        print(f"real noise left out: {error}")
     print()
-    ergodic("ADXRS646-like", ADXRS646, 1)
+    ergodic("ADXRS646", ADXRS646, 1)
     for name, sensor in (
-        ("ADXRS646-like", ADXRS646),
-        ("STIM210-like", STIM210),
+        ("ADXRS646", ADXRS646),
+        ("STIM210", STIM210),
         ("0.01 deg/sqrt(h), 0.05 deg/h", with_minimum(0.01, 0.05, 1000)),
     ):
         minute(name, sensor)
-    shared = (
-        Path(os.environ.get("HUBODO_SHARED", Path(__file__).resolve().parents[3] / "shared"))
-        / "data"
-        / "static"
-    )
-    try:
-        real_noise(args.static or shared, 5)
-    except InputError as error:
-        print(f"real noise left out: {error}")
-    print(f"both percentages of the thesis are of the ADXRS646; run time {time.time() - begin:.0f} s")
+    print(f"run time {time.time() - begin:.0f} s, processor {time.process_time():.0f} s")
 
 
 if __name__ == "__main__":

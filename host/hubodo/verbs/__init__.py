@@ -15,7 +15,7 @@ VERBS: dict[str, str] = {
     "flash": "put the firmware onto a board, compare every file and wait until it runs",
     "doctor": "look at a board in bring-up order: port, wiring, firmware, sensor, samples, clock",
     "node": "ask a node who it is, change its settings, find its gyro's bias, or restart it",
-    "allan": "Allan deviation and noise terms of a sensor at rest, with sigmas and units of IEEE 952",
+    "allan": "Allan deviation and noise terms of sensors at rest, with sigmas and units of IEEE 952",
     "warmup": "the bias of a gyro after power-on: C1 (1 - exp(-t/T)) + C2, judged for whiteness",
     "calibrate": "calibrate wheels from a drive with known positions, or a node's triads from poses",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",

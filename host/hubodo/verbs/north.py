@@ -1,206 +1,156 @@
-"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, in a log or live."""
+"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, in logs or live."""
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
-from hubodo.calibration.file import Calibration, NodeCalibration, read_calibration
-from hubodo.calibration.triad import triad_from_effects
+from hubodo.calibration.apply import apply_calibration
+from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
+from hubodo.fuse.ranges import node_ranges, of_node
 from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
-from hubodo.recording import Recording
-from hubodo.sensors.north.circle import fuse, wrap
-from hubodo.sensors.north.east import East
-from hubodo.sensors.north.find import METHODS, North, find_north, horizontal_rate
-from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning
-from hubodo.sensors.north.report import advice, advice_words, gyro_json
+from hubodo.recording import Recording, Table
+from hubodo.report.drawing import drawing_path, save
+from hubodo.report.north import north_figure, north_lead, north_sections
+from hubodo.report.page import page
+from hubodo.sensors.north.axis_record import AxisRecord, FoundAngles, axis_record, mounted
+from hubodo.sensors.north.circle import fuse
+from hubodo.sensors.north.find import North, find_north, horizontal_rate
+from hubodo.sensors.north.plan import drift_of_allan
+from hubodo.sensors.north.seen import METHODS
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
-from hubodo.sensors.north.stops import TableMotion
+from hubodo.vehicle import NodeMount
 from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live, run_live
+from hubodo.verbs.north_plan import Planned, run_plan
+from hubodo.verbs.north_result import FoundNorth
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
 Array = NDArray[np.float64]
 PROGRAMMES = {"maytag": (0.0, 180.0), "maytag4": (0.0, 180.0, 90.0, 270.0), "east": (0.0, 180.0, 90.0, 270.0)}
-
-
-@dataclass(frozen=True)
-class FoundNorth:
-    """Azimuth of table zero: from one axis, or from several together."""
-
-    latitude_deg: float
-    azimuth: float
-    sigma: float
-    gyros: tuple[tuple[str, str, North], ...]
-    warnings: tuple[str, ...]
-    simulated_azimuth: float | None = None
-    output: str | None = None
-    east: East | None = None
-    east_table_angle: float | None = None
-
-    def as_json(self) -> dict[str, Any]:
-        """One object; angles in degrees, rates in rad/s, times in s."""
-        first = self.gyros[0][2]
-        made: dict[str, Any] = {
-            "azimuth_deg": math.degrees(self.azimuth) % 360,
-            "sigma_deg": math.degrees(self.sigma),
-            "rate": [float(r) for r in first.rates],
-            "duration": first.elapsed,
-            "measured": first.duration,
-            "latitude_deg": self.latitude_deg,
-            "horizontal_rate": first.horizontal,
-            "gyros": [gyro_json(*gyro) for gyro in self.gyros],
-            "warnings": list(self.warnings),
-            "advice": advice(first),
-        }
-        if self.output is not None:
-            made["output"] = self.output
-        if self.east is not None and self.east_table_angle is not None:
-            made["east"] = {
-                "table_angle_deg": math.degrees(self.east_table_angle) % 360,
-                "steps": [
-                    {"axis_angle_deg": math.degrees(step.angle), "rate": step.rate}
-                    for step in self.east.steps
-                ],
-            }
-        if self.simulated_azimuth is not None:
-            made["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
-            made["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
-        return made
-
-    def render(self, console: Console) -> None:
-        """The azimuth, each gyro with the classical filters, and what the next record should be."""
-        console.print(
-            f"azimuth of table zero {math.degrees(self.azimuth) % 360:.3f}° ± "
-            f"{math.degrees(self.sigma):.3f}° "
-            "clockwise from north"
-        )
-        if self.simulated_azimuth is not None:
-            off = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
-            console.print(
-                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: off by {off:+.3f}°"
-            )
-        if self.east_table_angle is not None:
-            console.print(
-                f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
-                "where it stands now"
-            )
-        for node, axis, found in self.gyros:
-            drift = found.posterior.drift
-            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}")
-            rate, spread = found.components()
-            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(found.azimuth))
-            for name, filtered in found.filters.items():
-                cells = (
-                    _deg_h(np.array(filtered.rate)),
-                    _deg_h(np.array(filtered.sigma)),
-                    _degrees(filtered.azimuth),
-                )
-                table.add_row(name.replace("_", " "), *cells)
-            console.print(table)
-            console.print(
-                f"{found.duration:.0f} s measured in {found.elapsed:.0f} s; white noise alone would leave "
-                f"{math.degrees(found.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
-                f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
-                highlight=False,
-            )
-        for line in advice_words(self.gyros[0][2]):
-            console.print(line, highlight=False)
-        for text in self.warnings:
-            console.print(f"warning: {text}", highlight=False)
-        if self.output is not None:
-            console.print(f"recorded to {self.output}", highlight=False)
+UNCALIBRATED_SCALE = 0.01
+"""1 sigma of the scale of a MEMS gyro as it leaves the factory."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo north`."""
-    parser.add_argument(
-        "log", type=Path, nargs="?", metavar="LOG", help="MCAP recording, or a CSV folder, with table.csv"
+    add = parser.add_argument
+    add(
+        "log",
+        type=Path,
+        nargs="*",
+        metavar="LOG",
+        help="MCAP recording or CSV folder; several of one table that was not moved count together",
     )
     add_log_options(parser)
-    parser.add_argument(
-        "--live", metavar="PORT", help="instead of a LOG: the port of a node on a table, recorded now"
-    )
-    parser.add_argument(
-        "--table",
-        metavar="PORT",
-        help="with --live: serial port of the table; without, you are told when to turn it by hand",
-    )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE.mcap", help="with --live: keep the log; must not exist"
-    )
-    parser.add_argument(
-        "--node", action="append", help="node; again for each that is to be fused (default: the only one)"
-    )
-    parser.add_argument(
+    add("--latitude-deg", type=float, required=True, help="north positive")
+    add("--node", action="append", help="node; again for each that is to be fused (default: the only one)")
+    add(
         "--axis",
         action="append",
         choices=("x", "y", "z"),
         help="gyro axis (default x); again to fuse several",
     )
-    parser.add_argument("--latitude-deg", type=float, required=True, help="north positive")
-    parser.add_argument(
-        "--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)"
+    add("--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)")
+    add("--near-deg", type=float, help="about where table zero points; decides between two answers")
+    add("--settle", type=float, help="s cut at both ends of each stop (default: found from the data)")
+    add("--calibration", type=Path, metavar="TOML", help="all that is known of the nodes' errors")
+    found = parser.add_argument_group("stops and angles from the gyro, where there is no table.csv")
+    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
+    found.add_argument("--step-deg", type=float, help="the table stops at multiples of this only")
+    found.add_argument(
+        "--scale-sigma",
+        type=float,
+        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
     )
-    parser.add_argument(
-        "--near-deg", type=float, help="about where table zero points; decides between two answers"
+    _add_live(parser.add_argument_group("live, instead of a LOG"))
+    noise = parser.add_argument_group("the gyro's noise and what it allows")
+    noise.add_argument(
+        "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
     )
-    parser.add_argument(
-        "--settle", type=float, help="s cut at both ends of each stop (default: found from the data)"
+    noise.add_argument(
+        "--plan", action="store_true", help="say which stops to make; --allan or a LOG at rest"
     )
+    noise.add_argument("--sigma-deg", type=float, help="wanted (with --plan default 1; live: stops there)")
+    noise.add_argument("--turn", type=float, default=2.0, help="s of a turn, for --plan (default 2)")
     parser.add_argument(
-        "--calibration", type=Path, metavar="TOML", help="gyro scale and cross-axis of the nodes"
+        "--figure",
+        type=drawing_path,
+        metavar="PNG",
+        help="fit and residuals of the first gyro: .png, .svg, .pdf",
     )
-    parser.add_argument(
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    trial = parser.add_argument_group("simulated")
+    trial.add_argument(
         "--simulate-azimuth-deg",
         type=float,
         help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
     )
-    parser.add_argument("--stop", type=float, default=34.0, help="s, simulated and live stops (default 34)")
-    parser.add_argument(
-        "--stops", type=int, default=20, help="how many stops, simulated or live (default 20)"
+    trial.add_argument("--stop", type=float, default=34.0, help="s, simulated and live stops (default 34)")
+    trial.add_argument("--stops", type=int, default=20, help="how many, simulated or live (default 20)")
+
+
+def _add_live(live: argparse._ArgumentGroup) -> None:
+    live.add_argument("--live", metavar="PORT", help="the port of a node on a table, recorded now")
+    live.add_argument(
+        "--table", metavar="PORT", help="serial port of the table; without, you are told when to turn it"
+    )
+    live.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="keep the log; must not exist")
+    live.add_argument(
+        "--resume",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="LOG",
+        help="go on from the log of a run that was cut short; the table must not have been moved",
     )
 
 
-def run(args: argparse.Namespace) -> FoundNorth:
+def run(args: argparse.Namespace) -> FoundNorth | Planned:
     """Read or record, find north with each axis, put them together."""
-    horizontal = horizontal_rate(math.radians(args.latitude_deg))
-    calibration = read_calibration(args.calibration) if args.calibration is not None else Calibration()
-    if (args.log is None) == (args.live is None):
-        raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
+    horizontal_rate(math.radians(args.latitude_deg))
+    _check(args)
+    if args.plan:
+        return run_plan(args)
+    calibration = None if args.calibration is None else read_calibration(args.calibration)
     live = None
+    with progress_line() as show:
+        recordings = [read_log(log, form=log_form(args), progress=show) for log in args.log or args.resume]
     if args.live is not None:
         check_live(args)
-        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration)
-    elif args.table is not None or args.output is not None:
-        raise InputError("--table and -o go with --live PORT")
+        earlier = _earlier(args, recordings, calibration)
+        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration, earlier)
+        recordings.append(live.recording)
     with progress_line() as show:
-        if live is None:
-            recording, nodes = read_log(args.log, form=log_form(args), progress=show), args.node
-        else:
-            recording, nodes = live.recording, [live.node]
-        gyros, warnings = _gyros(args, recording, nodes or _only_node(args, recording), calibration, show)
+        nodes = args.node or ([live.node] if live is not None else _only_node(args, recordings[0]))
+        gyros, warnings, used = _gyros(args, recordings, nodes, calibration, show)
     azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
     if len(gyros) > 1:
-        azimuth, sigma = fuse([found.posterior for *_, found in gyros], horizontal)
+        found = [north for *_, north in gyros]
+        angle_sigma = max(north.angle_sigma for north in found)
+        azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
+    if args.report is not None:
+        lead = north_lead(azimuth, sigma)
+        args.report.write_text(page("North", lead, north_sections(gyros, warnings)), "utf-8")
+    if args.figure is not None:
+        save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return FoundNorth(
         args.latitude_deg,
         azimuth,
         sigma,
         gyros,
         warnings,
+        used,
         None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg),
         None if args.output is None else str(args.output),
         None if live is None else live.east,
@@ -208,93 +158,157 @@ def run(args: argparse.Namespace) -> FoundNorth:
     )
 
 
+def _check(args: argparse.Namespace) -> None:
+    """Raises InputError for arguments that do not go together, or are none."""
+    if args.sigma_deg is not None and not 0.0 < args.sigma_deg < 45.0:
+        raise InputError(f"--sigma-deg {args.sigma_deg:g}: give above 0, below 45 degrees")
+    if not 0.0 <= args.turn <= 3600.0:
+        raise InputError(f"--turn {args.turn:g}: give 0 to 3600 s")
+    if args.plan:
+        return
+    if args.sigma_deg is not None and args.live is None:
+        raise InputError("--sigma-deg goes with --plan, and with --live PORT")
+    if bool(args.log) == (args.live is not None):
+        raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
+    if args.live is None and (args.table is not None or args.output is not None or args.resume):
+        raise InputError("--table, -o and --resume go with --live PORT")
+    if args.step_deg is not None and not 1.0 <= args.step_deg <= 180.0:
+        raise InputError(f"--step-deg {args.step_deg:g}: give 1 to 180 degrees")
+    if args.scale_sigma is not None and not 0.0 < args.scale_sigma <= 0.2:
+        raise InputError(f"--scale-sigma {args.scale_sigma:g}: give above 0, 0.2 at most")
+
+
+def _earlier(
+    args: argparse.Namespace, recordings: Sequence[Recording], calibration: Calibration | None
+) -> Mapping[str, North]:
+    """What the logs to go on from tell by themselves, by axis; nothing where they have too few stops yet."""
+    if not recordings:
+        return {}
+    nodes = args.node or _only_node(args, recordings[0])
+    try:
+        gyros, *_ = _gyros(args, recordings, nodes, calibration, lambda text, share: None)
+    except InputError as error:
+        print(f"{args.resume[0]}: counts, but tells nothing by itself yet: {error}", file=sys.stderr)
+        return {}
+    return {axis: north for _, axis, north in gyros}
+
+
 def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     nodes = list(recording.nodes)
     if len(nodes) != 1:
-        raise InputError(f"{args.log}: say --node with one of: {', '.join(nodes) or 'none'}")
+        raise InputError(f"{_name(args, 0)}: say --node with one of: {', '.join(nodes) or 'none'}")
     return nodes
+
+
+Gyros = tuple[tuple[str, str, North], ...]
 
 
 def _gyros(
     args: argparse.Namespace,
-    recording: Recording,
+    recordings: Sequence[Recording],
     nodes: Sequence[str],
-    calibration: Calibration,
+    calibration: Calibration | None,
     show: Callable[[str, float], None],
-) -> tuple[tuple[tuple[str, str, North], ...], tuple[str, ...]]:
-    """(node, axis, what it found) of each axis asked for, and the warnings of all."""
-    latitude = math.radians(args.latitude_deg)
-    simulated = args.simulate_azimuth_deg is not None
+) -> tuple[Gyros, tuple[str, ...], Mapping[str, Any]]:
+    """(node, axis, what it found) of each axis asked for, the warnings of all, the calibration as applied."""
     wanted = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
     gyros: list[tuple[str, str, North]] = []
     warnings: list[str] = []
+    corrected: list[Mapping[str, Table]] = []
+    used: dict[str, Any] = {}
+    for place, recording in enumerate(recordings):
+        tables, applied, said = _corrected(_name(args, place), recording, nodes, calibration)
+        corrected.append(tables)
+        used |= applied
+        warnings += said
+    drift = None if args.allan is None else drift_of_allan(args.allan)
     for node, axis in wanted:
         show(f"{node} {axis}", len(gyros) / len(wanted))
-        t, rate, mount, table = _channel(recording, node, axis, args, calibration.nodes)
-        found = find_north(
-            t,
-            rate,
-            table,
-            latitude,
-            args.method,
-            mounting=mount.mounting,
-            vertical=None if simulated else mount.vertical,
-            settle=args.settle,
-            near=None if args.near_deg is None else math.radians(args.near_deg),
-        )
+        records = []
+        for recording, tables in zip(recordings, corrected, strict=True):
+            record, said = _record(args, recording, tables[node], axis, calibration, node)
+            records.append(record)
+            warnings += [f"{node} {axis}: {text}" for text in said]
+        near = None if args.near_deg is None else math.radians(args.near_deg)
+        latitude = math.radians(args.latitude_deg)
+        found = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
         gyros.append((node, axis, found))
-        warnings += [f"{node} {axis}: {text}" for text in (*mount.warnings, *found.warnings)]
-        if not simulated:
-            warnings += tilt_warning(mount, t, table, latitude)
-    return tuple(gyros), tuple(warnings)
+        warnings += [f"{node} {axis}: {text}" for text in found.warnings]
+    return tuple(gyros), tuple(dict.fromkeys(warnings)), used
 
 
-def _channel(
-    recording: Recording, node: str, axis: str, args: argparse.Namespace, calibration: Any
-) -> tuple[Array, Array, Mount, TableMotion]:
-    if node not in recording.nodes:
-        raise InputError(f"{args.log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
-    data = recording.nodes[node]
-    effects = calibration.get(node, NodeCalibration()).effects
-    gyro = triad_from_effects(effects, "gyro").apply(data.gyro)
-    accel = triad_from_effects(effects, "accel").apply(data.accel)
-    mount = mount_of(gyro, accel, axis)
-    rate = gyro[:, "xyz".index(axis)]
+def _name(args: argparse.Namespace, place: int) -> str:
+    logs = args.log or args.resume
+    return str(logs[place]) if place < len(logs) else "the recording"
+
+
+def _corrected(
+    log: str, recording: Recording, nodes: Sequence[str], calibration: Calibration | None
+) -> tuple[Mapping[str, Table], Mapping[str, Any], list[str]]:
+    """The nodes asked for with the calibration applied, what of it was, and what must be said."""
+    for node in nodes:
+        if node not in recording.nodes:
+            raise InputError(f"{log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
+        if calibration is not None and node not in calibration.nodes:
+            known = ", ".join(calibration.nodes) or "none"
+            raise InputError(f"--calibration holds no node {node!r}; it has {known}")
+    tables = {node: recording.nodes[node] for node in nodes}
+    if calibration is None:
+        return tables, {}, []
+    applied = apply_calibration(
+        tables,
+        calibration,
+        metadata=recording.metadata,
+        events=recording.events,
+        t_zero_ns=recording.t_zero_ns,
+    )
+    return applied.nodes, applied.used, list(applied.warnings)
+
+
+def _record(
+    args: argparse.Namespace,
+    recording: Recording,
+    node: Table,
+    axis: str,
+    calibration: Calibration | None,
+    name: str,
+) -> tuple[AxisRecord, list[str]]:
+    """One axis of one recording, on its table, on the one found, or on a simulated one."""
     if args.simulate_azimuth_deg is not None:
-        t, rate, table = _simulate(data.t, rate, mount, args)
-        return t, rate, mount, table
-    if recording.table is None:
-        raise InputError(
-            f"{args.log}: has no table.csv (t,angle,moving), which tells where the axis pointed; record it, "
-            f"or give "
-            "--simulate-azimuth-deg to try the gyro on a simulated table"
-        )
-    table = TableMotion(recording.table.t, recording.table["angle"], recording.table["moving"] > 0.5)
-    check_direction(mount, data.t, table)
-    return data.t, rate, mount, table
+        return _simulated(args, node, axis)
+    latitude = math.radians(args.latitude_deg)
+    table = None if args.find_stops else recording.table
+    if table is None and args.method == "carousel":
+        raise InputError("a carousel needs table.csv (t,angle,moving): turns alone do not tell its angle")
+    if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
+        raise InputError("several logs count together only where table.csv tells their common angles")
+    step = None if args.step_deg is None else math.radians(args.step_deg)
+    ranges = node_ranges(NodeMount(), of_node(recording.metadata, name), recording.nodes[name])
+    limit = ranges.limits["gyro_limit"]
+    found = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
+    return axis_record(node, axis, table, latitude, found)
 
 
-def _simulate(
-    t: Array, rate: Array, mount: Mount, args: argparse.Namespace
-) -> tuple[Array, Array, TableMotion]:
+def _scale_sigma(args: argparse.Namespace, calibration: Calibration | None, node: str) -> float:
+    """1 sigma of the relative scale: as given, else the calibration's, else that of a gyro off the shelf."""
+    if args.scale_sigma is not None:
+        return float(args.scale_sigma)
+    if calibration is not None and "gyro_scale_factor" in calibration.nodes[node].effects:
+        known = calibration.nodes[node].effects["gyro_scale_factor"].parameters.values()
+        return max(quantity.sigma for quantity in known)
+    return UNCALIBRATED_SCALE
+
+
+def _simulated(args: argparse.Namespace, node: Table, axis: str) -> tuple[AxisRecord, list[str]]:
     """The record at rest as the error of a gyro on a table that makes the method's stops."""
     if args.method not in PROGRAMMES:
         raise InputError(f"--simulate-azimuth-deg makes stops; it cannot be used with --method {args.method}")
-    table = SimulatedTable(
-        rate,
-        float(np.median(np.diff(t))),
-        math.radians(args.simulate_azimuth_deg) - mount.mounting,
-        math.radians(args.latitude_deg),
-    )
     angles = np.resize(np.radians(PROGRAMMES[args.method]), max(0, args.stops))
     if len(angles) < 4 or not args.stop > 1:
         raise InputError(f"--stops {args.stops} --stop {args.stop}: give 4 stops of more than 1 s at least")
-    return simulate_stops(table, angles, args.stop)
-
-
-def _deg_h(values: Array) -> str:
-    return ", ".join(f"{math.degrees(v) * 3600:.3f}" for v in values)
-
-
-def _degrees(angle: float | None) -> str:
-    return "" if angle is None else f"{math.degrees(angle) % 360:.2f}"
+    mount = mounted(node, axis)
+    azimuth = math.radians(args.simulate_azimuth_deg) - mount.mounting
+    dt = float(np.median(np.diff(node.t)))
+    table = SimulatedTable(node["g" + axis], dt, azimuth, math.radians(args.latitude_deg))
+    t, rate, made = simulate_stops(table, angles, args.stop)
+    return AxisRecord(t, rate, made, mount.mounting), list(mount.warnings)

@@ -7,7 +7,7 @@ import contextlib
 import math
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,26 +16,27 @@ import serial
 from numpy.typing import NDArray
 
 from hubodo import __version__
+from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
-from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.live.node_stream import NodeStream
 from hubodo.log.mcap import read_recording
 from hubodo.recording import Recording
-from hubodo.sensors.north.east import East, seek_east
-from hubodo.sensors.north.find import horizontal_rate
+from hubodo.sensors.north.east import FEWEST_STEPS, STOPS_A_STEP, East, seek_east
+from hubodo.sensors.north.find import North, horizontal_rate
 from hubodo.sensors.north.mount import Mount, mount_of
 from hubodo.sensors.north.table import HandTable, SerialTable, Turntable
+from hubodo.sensors.north.tally import Tally
 
 Array = NDArray[np.float64]
 
 SETTLE_S = 1.0
 """After a turn, before a stop counts: the transient of a table on a bench."""
-TABLE_HELLO_S = 3.0
-"""For a table to answer at all; it gets longer to turn."""
-_TABLE_BAUD, _TABLE_ANSWER_S = 115200, 120.0
+TABLE_ANSWER_S = 2.0
+"""For a table to answer a line."""
+_TABLE_BAUD = 115200
 _LOOK_S = 1.0
-_FEWEST_STOPS, _FEWEST_STEPS, _STOPS_A_STEP = 4, 4, 3
+_FEWEST_STOPS = 4
 
 
 @dataclass(frozen=True)
@@ -62,18 +63,24 @@ def check_live(args: argparse.Namespace) -> None:
         raise InputError("--live takes one node; give one --node")
     if args.stops < _FEWEST_STOPS or not args.stop >= 1.0:
         raise InputError(f"--stops {args.stops} --stop {args.stop:g}: give 4 stops of 1 s at least")
-    if args.method == "east" and args.stops < _FEWEST_STEPS * _STOPS_A_STEP:
+    if args.method == "east" and args.stops < FEWEST_STEPS * STOPS_A_STEP:
         raise InputError(f"--stops {args.stops}: east-seeking takes 12 at least, three for each step")
     if args.output is not None and args.output.suffix != ".mcap":
         raise InputError(f"{args.output}: the log is an MCAP file; choose a name that ends in .mcap")
     horizontal_rate(math.radians(args.latitude_deg))
 
 
-def run_live(args: argparse.Namespace, angles: tuple[float, ...], calibration: Calibration) -> LiveProgramme:
+def run_live(
+    args: argparse.Namespace,
+    angles: tuple[float, ...],
+    calibration: Calibration | None,
+    earlier: Mapping[str, North],
+) -> LiveProgramme:
     """Make the method's stops, record them, and read the record again.
 
-    angles: rad, of the stops, begun anew when they are through. Raises InputError and LinkError of node and
-    table; what was recorded until then stays in `--output`.
+    angles: rad, of the stops, begun anew when they are through. earlier: by axis, what the records before
+    this one told. Raises InputError and LinkError of node and table; what was recorded until then stays in
+    `--output`.
     """
     node = args.node[0] if args.node else None
     metadata = {"hubodo": __version__, "verb": "north", "ports": args.live}
@@ -83,12 +90,18 @@ def run_live(args: argparse.Namespace, angles: tuple[float, ...], calibration: C
         if out is None:
             out = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-north-"))) / "log.mcap"
         found = turned = None
-        with NodeStream(args.live, out, node=node, metadata=metadata, say=_say) as stream:
-            session = _Session(args, stream, table, calibration)
-            if args.method == "east":
-                found, turned = session.seek()
-            else:
-                session.stops(np.resize(angles, args.stops))
+        stream = NodeStream(args.live, out, node=node, metadata=metadata, say=_say)
+        try:
+            with stream:
+                session = _Session(args, stream, table, calibration, earlier)
+                if args.method == "east":
+                    found, turned = session.seek()
+                else:
+                    session.stops(angles)
+        except BaseException:
+            if args.output is not None and out.exists():
+                _say(f"what was recorded is in {out}; go on with --resume {out} and another -o")
+            raise
         assert stream.node is not None
         return LiveProgramme(read_recording(out), stream.node, found, turned)
 
@@ -97,25 +110,39 @@ class _Session:
     """Turning, waiting and measuring, and the account of it in the log."""
 
     def __init__(
-        self, args: argparse.Namespace, stream: NodeStream, table: Turntable, calibration: Calibration
+        self,
+        args: argparse.Namespace,
+        stream: NodeStream,
+        table: Turntable,
+        calibration: Calibration | None,
+        earlier: Mapping[str, North],
     ) -> None:
         self._args, self._stream, self._table, self._calibration = args, stream, table, calibration
+        self._earlier = earlier
+        self._axes: list[str] = args.axis or ["x"]
         self._settle = SETTLE_S if args.settle is None else args.settle
+        self._wanted = None if args.sigma_deg is None else math.radians(args.sigma_deg)
         self._done = 0
-        self._angle = math.nan
+        self._asked = self._angle = math.nan
+        self._correction: SampleCorrection | None = None
 
-    def stops(self, angles: Array) -> None:
-        """One stop at each angle, rad."""
-        self._turn(float(angles[0]))
-        for axis in self._args.axis or ["x"]:
-            self._mount(axis)
-        for angle in angles:
-            self._turn(float(angle))
-            self._measure(self._args.stop)
+    def stops(self, angles: tuple[float, ...]) -> None:
+        """One stop at each of `angles`, rad, over and over; at most --stops, or until sigma is reached."""
+        done = max((sum(map(len, north.stops)) for north in self._earlier.values()), default=0)
+        self._turn(angles[done % len(angles)])
+        mounts = {axis: self._mount(axis) for axis in self._axes}
+        tallies = {axis: self._tally(axis, mounts[axis]) for axis in self._axes}
+        for count in range(self._args.stops):
+            self._turn(angles[(done + count) % len(angles)])
+            t, gyro, _ = self._measure(self._args.stop)
+            for axis, tally in tallies.items():
+                tally.add(t, gyro[:, "xyz".index(axis)], self._angle + mounts[axis].mounting)
+            if (count + 1) % len(angles) == 0 and self._reached(list(tallies.values())):
+                break
 
     def seek(self) -> tuple[East, float]:
         """The loop that turns the axis to the east; leaves it there. Gives the table's angle there too."""
-        axis = (self._args.axis or ["x"])[0]
+        axis = self._axes[0]
         self._turn(0.0)
         mount = self._mount(axis)
         session = self
@@ -123,18 +150,44 @@ class _Session:
         class AxisTable:
             """The table in angles of the axis instead of its own."""
 
-            def turn_to(self, angle: float) -> None:
+            def turn_to(self, angle: float) -> float:
                 session._turn(angle - mount.mounting)
+                return session._angle + mount.mounting
 
         def measure(duration: float) -> tuple[Array, Array]:
             t, gyro, _ = session._measure(duration)
             return t, gyro[:, "xyz".index(axis)]
 
-        steps = self._args.stops // _STOPS_A_STEP
-        latitude = math.radians(self._args.latitude_deg)
-        found = seek_east(AxisTable(), measure, latitude, stop=self._args.stop, steps=steps)
+        found = seek_east(
+            AxisTable(),
+            measure,
+            self._horizontal(mount),
+            stop=self._args.stop,
+            steps=self._args.stops // STOPS_A_STEP,
+            sigma=self._wanted,
+            tally=self._tally(axis, mount),
+        )
         self._turn(found.angle - mount.mounting)
         return found, self._angle
+
+    def _horizontal(self, mount: Mount) -> float:
+        return horizontal_rate(math.radians(self._args.latitude_deg)) * mount.level
+
+    def _tally(self, axis: str, mount: Mount) -> Tally:
+        earlier = self._earlier[axis].averages if axis in self._earlier else ()
+        near = None if self._args.near_deg is None else math.radians(self._args.near_deg)
+        return Tally(self._horizontal(mount), earlier, near)
+
+    def _reached(self, tallies: Sequence[Tally]) -> bool:
+        """Whether the axes together know azimuth as well as asked for; says how well."""
+        if self._wanted is None:
+            return False
+        known = [azimuth for azimuth in (tally.azimuth() for tally in tallies) if azimuth is not None]
+        if not known:
+            return False
+        sigma = sum(sigma**-2 for _, sigma in known) ** -0.5
+        _say(f"azimuth {math.degrees(known[0][0]) % 360:.2f}° ± {math.degrees(sigma):.2f}° so far")
+        return bool(sigma <= self._wanted)
 
     def _mount(self, axis: str) -> Mount:
         """Raises InputError when the axis is too steep, before the table makes all its stops."""
@@ -143,13 +196,13 @@ class _Session:
 
     def _turn(self, angle: float) -> None:
         """Nothing where the table stands there already; else turns, notes it in the log, lets it settle."""
-        if angle == self._angle:
+        if angle == self._asked:
             return
         if not math.isnan(self._angle):
             self._stream.table(self._angle, moving=True)
-        self._table.turn_to(angle)
-        self._angle = angle
-        self._stream.table(angle, moving=False)
+        self._angle = self._table.turn_to(angle)
+        self._asked = angle
+        self._stream.table(self._angle, moving=False)
         self._stream.measure(self._settle)
 
     def _measure(self, duration: float, *, count: bool = True) -> tuple[Array, Array, Array]:
@@ -159,10 +212,22 @@ class _Session:
             degrees = math.degrees(self._angle) % 360
             _say(f"stop {self._done}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table")
         samples = self._stream.measure(duration)
-        nodes = self._calibration.nodes
-        effects = nodes.get(self._stream.node or "", NodeCalibration()).effects
-        gyro, accel = (triad_from_effects(effects, kind) for kind in ("gyro", "accel"))
-        return samples.t, gyro.apply(samples.gyro), accel.apply(samples.accel)
+        if self._correction is None:
+            self._correction = self._known()
+        # Neither age nor temperature: they move the bias, which turning about takes out here; the log that is
+        # read in the end has both.
+        gyro, accel = self._correction.apply(samples.gyro, samples.accel)
+        return samples.t, gyro, accel
+
+    def _known(self) -> SampleCorrection:
+        """Raises InputError and CalibrationError for a calibration of another node, before all stops."""
+        if self._calibration is None:
+            return SampleCorrection.from_calibration(NodeCalibration())
+        name, known = self._stream.node or "", self._calibration.nodes
+        if name not in known:
+            raise InputError(f"--calibration holds no node {name!r}; it has {', '.join(known) or 'none'}")
+        check_serial(name, known[name], self._stream.serial)
+        return SampleCorrection.from_calibration(known[name])
 
 
 @contextlib.contextmanager
@@ -172,15 +237,11 @@ def _table(port: str | None) -> Iterator[Turntable]:
         yield HandTable(_ask)
         return
     try:
-        line = serial.Serial(port, _TABLE_BAUD, timeout=_TABLE_ANSWER_S, exclusive=True)
+        line = serial.Serial(port, _TABLE_BAUD, timeout=TABLE_ANSWER_S, exclusive=True)
     except (OSError, ValueError) as error:
         raise LinkError(f"--table {port}: {error}; check the port and who else has it open") from error
     with line:
-        table = SerialTable(line)
-        line.timeout = TABLE_HELLO_S
-        table.angle()
-        line.timeout = _TABLE_ANSWER_S
-        yield table
+        yield SerialTable(line)
 
 
 def _ask(line: str) -> str:

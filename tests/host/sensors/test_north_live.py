@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -74,16 +75,20 @@ def computer(monkeypatch):
     return made
 
 
-@pytest.fixture
-def turning(computer):
-    """Lasts 50 ms of virtual time."""
+def lasting(computer):
+    """A turn of 50 ms of this computer's time."""
 
-    def wait():
+    def wait(*_):
         end_ns = computer.now_ns() + 50_000_000
         while computer.now_ns() < end_ns:
             time.sleep(0.001)
 
     return wait
+
+
+@pytest.fixture
+def turning(computer):
+    return lasting(computer)
 
 
 @pytest.fixture
@@ -98,7 +103,9 @@ def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, comput
     with FineNode(rows=OnTable(table, azimuth, 1), computer=computer) as node:
         found = north(node, capsys, *words)
     assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 80
+    # It takes the nearer way: 270 degrees from 90 on are -90 from where 0 is.
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0, 180, 90, 270]
+    assert all(abs(b - a) <= 180 for a, b in pairwise(table.visited))
     assert found["output"] == str(out) and found["gyros"][0]["stops"]["count"] == 8
     # The log that was kept gives the same answer, and holds the raw frames beside.
     words = ["north", str(out), "--latitude_deg", str(LATITUDE_DEG), "--method", "maytag4"]
@@ -166,15 +173,30 @@ def test_what_cannot_be_done_live_is_refused_in_one_line(table, computer, capsys
     assert len(table.visited) <= 1
 
 
+@pytest.mark.parametrize(
+    "body, text",
+    [
+        ("[nodes.left]\nserial = 'aa55'\n", "is for the node with serial aa55"),
+        ("[nodes.right]\n", "holds no node 'left'; it has right"),
+    ],
+)
+def test_a_calibration_of_another_node_is_refused_before_all_the_stops(
+    table, computer, tmp_path, capsys, body, text
+):
+    (tmp_path / "c.toml").write_text(body)
+    with FineNode(rows=OnTable(table, 0.0, 5), computer=computer) as node:
+        status, err = north(node, capsys, "--table", table.path, "--calibration", tmp_path / "c.toml")
+    assert status == 2 and text in err.splitlines()[-1]
+    assert len(table.visited) <= 1
+
+
 def test_a_log_and_live_exclude_each_other(tmp_path, capsys):
     for words in ([], [str(tmp_path), "--live", "/dev/null"], [str(tmp_path), "--table", "/dev/null"]):
         assert main(["north", *words, "--latitude-deg", "48"]) == 2
         assert "--live PORT" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "fault, text", [({"jammed": True}, "ERR jammed"), ({"off": 3.0}, "stopped at 183.000")]
-)
+@pytest.mark.parametrize("fault, text", [({"jammed": True}, "ERR jammed"), ({"off": 3.0}, "stopped at")])
 def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(
     computer, turning, tmp_path, capsys, fault, text
 ):
@@ -189,12 +211,52 @@ def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(
     assert len(log.nodes["left"]) > 200 and log.table["moving"].tolist() == [0.0, 1.0]
 
 
+def test_it_ends_when_sigma_is_reached(table, computer, capsys):
+    words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 40, "--sigma-deg", 20]
+    with FineNode(rows=OnTable(table, 300.0, 7), computer=computer) as node:
+        found = north(node, capsys, *words)
+    count = found["gyros"][0]["stops"]["count"]
+    print(count, found["azimuth_deg"], found["sigma_deg"])
+    assert count < 40 and count % 4 == 0 and found["sigma_deg"] < 22
+    assert abs(off_by(found, 300.0)) < 4 * found["sigma_deg"]
+
+
+@pytest.mark.parametrize("method", ["maytag4", "east"])
+def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
+    computer, turning, tmp_path, capsys, monkeypatch, method
+):
+    first, second = tmp_path / "first.mcap", tmp_path / "second.mcap"
+    words = ["--stop", 1.2, "--method", method, "--stops", 12]
+    azimuth = 140.0
+    with (
+        FakeTable(jammed=True, good=7, turning=turning) as table,
+        FineNode(rows=OnTable(table, azimuth, 8), computer=computer) as node,
+    ):
+        status, err = north(node, capsys, "--table", table.path, *words, "-o", first)
+    assert status == 1 and f"go on with --resume {first}" in err
+    later = VirtualComputer()
+    monkeypatch.setattr(node_stream, "ThisComputer", lambda: later)
+    with (
+        FakeTable(turning=lasting(later)) as table,
+        FineNode(rows=OnTable(table, azimuth, 9), computer=later) as node,
+    ):
+        found = north(node, capsys, "--table", table.path, *words, "--resume", first, "-o", second)
+    assert isinstance(found, dict), found
+    stops = found["gyros"][0]["stops"]["count"]
+    assert stops == (7 + 12 if method == "maytag4" else stops) and stops > 14
+    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 100
+    if method == "maytag4":
+        again = ["north", str(first), str(second), "--latitude-deg", str(LATITUDE_DEG), "--method", method]
+        assert main([*again, "--settle", "0.2", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["azimuth_deg"] == found["azimuth_deg"]
+
+
 def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path, capsys, monkeypatch):
     out = tmp_path / "north.mcap"
-    monkeypatch.setattr(north_live, "TABLE_HELLO_S", 0.2)
+    monkeypatch.setattr(north_live, "TABLE_ANSWER_S", 0.1)
     with FakeTable(silent=True) as table, FineNode(computer=computer) as node:
         status, err = north(node, capsys, "--table", table.path, "-o", out)
-        assert status == 1 and "answered nothing to 'ANGLE?'" in err
+        assert status == 1 and "answered nothing to 'TABLE?'" in err
         status, err = north(node, capsys, "--table", tmp_path / "none", "-o", out)
         assert status == 1 and "--table" in err and err.count("\n") == 1
     assert not out.exists()

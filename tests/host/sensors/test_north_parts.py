@@ -198,31 +198,57 @@ def test_a_leaning_table_is_named_with_what_it_costs():
         (len(lean), 3)
     )
     gyro = np.column_stack([run.rate, run.rate, run.vertical])
-    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE)
+    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run))
     assert "leans by 1.0" in words[0]
     accel[:, 0] -= lean
-    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run), LATITUDE) == []
+    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run)) == []
 
 
 def test_a_serial_table_is_driven_over_a_real_port():
     with FakeTable() as fake, Serial(fake.path, 115200, timeout=5) as port:
-        table = SerialTable(port)
-        table.turn_to(np.radians(-90.0))
-        assert table.angle() == pytest.approx(np.radians(-90.0))
+        assert SerialTable(port).turn_to(np.radians(-90.0)) == pytest.approx(np.radians(-90.0))
         assert fake.visited == [pytest.approx(-90.0)]
 
 
+def test_a_table_with_limits_looks_the_same_way_from_the_other_side():
+    with FakeTable(limits=(-180.0, 185.0)) as fake, Serial(fake.path, 115200, timeout=5) as port:
+        table = SerialTable(port)
+        reached = [np.degrees(table.turn_to(np.radians(angle))) for angle in (0, 180, 270, 90, 450, -200)]
+    assert reached == pytest.approx([0, 180, -90, 90, 90, 160])
+    with FakeTable(limits=(0.0, 100.0)) as fake, Serial(fake.path, 115200, timeout=5) as port:
+        table = SerialTable(port)
+        with pytest.raises(InputError, match=r"from 0 to 100 degrees and cannot look to 180\.0"):
+            table.turn_to(np.pi)
+        assert fake.visited == []
+
+
+def test_a_table_that_is_turning_already_is_waited_for_and_noise_on_the_line_is_asked_again():
+    waits = []
+    with FakeTable(garbled=3) as fake, Serial(fake.path, 115200, timeout=5) as port:
+        table = SerialTable(port, waits.append)
+        for degrees in (10.0, 20.0, 30.0):
+            assert np.degrees(table.turn_to(np.radians(degrees))) == pytest.approx(degrees)
+        assert set(fake.visited) == {10.0, 20.0, 30.0}
+
+
 @pytest.mark.parametrize(
-    "fault, words",
-    [({"off": 0.5}, "stopped at"), ({"silent": True}, "answered nothing"), ({"jammed": True}, "ERR jammed")],
+    "fault, words, stopped",
+    [
+        ({"off": 0.5}, "stopped at", 0),
+        ({"silent": True}, "answered nothing", 0),
+        ({"jammed": True}, "ERR jammed", 1),
+        ({"stuck": True}, "is busy but has stood", 1),
+        ({"version": 2}, "speaks version 2", 0),
+    ],
 )
-def test_a_table_that_misses_or_does_not_answer_is_an_error(fault, words):
+def test_a_table_that_misses_or_does_not_answer_is_an_error_and_it_is_told_to_stop(fault, words, stopped):
     with (
         FakeTable(**fault) as fake,
-        Serial(fake.path, 115200, timeout=0.3) as port,
+        Serial(fake.path, 115200, timeout=0.1) as port,
         pytest.raises(LinkError, match=words),
     ):
-        SerialTable(port).turn_to(1.0)
+        SerialTable(port, lambda seconds: None).turn_to(1.0)
+    assert fake.stopped == stopped or not stopped
 
 
 def test_who_turns_a_table_by_hand_is_told_which_way_and_how_far():

@@ -1,6 +1,8 @@
 """`hubodo north` from a CSV folder to the JSON that other programs read."""
 
 import json
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,8 +10,14 @@ import pytest
 import wanted
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.cli import main
+from hubodo.log.convert import write_recording
+from hubodo.log.csv_folder import read_folder
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Table
+from hubodo.sensors.north.axis_record import AxisRecord
+from hubodo.sensors.north.circle import wrap
+from hubodo.sensors.north.find import find_north
+from hubodo.sensors.north.stops import TableMotion
 
 LATITUDE_DEG = 48.0
 DT = 0.05
@@ -112,9 +120,135 @@ def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):
     assert status == 2 and text in err and err.count("\n") == 1
 
 
-def test_a_log_without_a_table_says_what_to_do(tmp_path, capsys):
-    status, err = north(capsys, folder(tmp_path / "log", stops(8, 10.0, count=6), table=False))
-    assert status == 2 and "--simulate-azimuth-deg" in err
+def test_a_log_without_a_table_finds_its_stops_and_says_so(tmp_path, capsys):
+    azimuth = 130.0
+    run = stops(8, azimuth, count=12)
+    with_table = folder(tmp_path / "with", run)
+    status, known = north(capsys, with_table, "--method", "maytag4")
+    status, found = north(capsys, folder(tmp_path / "log", run, table=False), "--method", "maytag4")
+    assert status == 0 and any("angles are the gyro's" in text for text in found["warnings"])
+    assert found["gyros"][0]["stops"]["count"] == 12
+    assert abs(found["azimuth_deg"] - azimuth) < 4 * found["sigma_deg"]
+    assert found["sigma_deg"] >= 0.9 * known["sigma_deg"]
+    assert found["gyros"][0]["angle_sigma_deg"] > 0.1 > known["gyros"][0]["angle_sigma_deg"]
+    # The same where table.csv is to be passed over, and exact angles where the table has steps.
+    status, stepped = north(capsys, with_table, "--method", "maytag4", "--find-stops", "--step-deg", "90")
+    assert status == 0 and stepped["gyros"][0]["angle_sigma_deg"] == 0.0
+
+
+def test_the_whole_calibration_is_applied_and_said(tmp_path, capsys):
+    """Bias, scale, what follows temperature, age and force: a log with all of them ends as one without."""
+    rng = np.random.default_rng(11)
+    run = stops(9, 250.0)
+    clean = folder(tmp_path / "clean", run)
+    table = read_folder(clean).nodes["imu"]
+    warm = 25.0 + 5.0 * np.exp(-table.t / 100.0)
+    heat, age, pull = 2e-5 * (warm - 25.0), 1e-4 * (1 - np.exp(-table.t / 200.0)), 3e-5 * table["ax"]
+    spoilt = {**table.columns, "gx": 1.05 * table["gx"] + 0.01 + heat + age + pull, "temperature": warm}
+    path = folder(tmp_path / "spoilt", run)
+    write_table(path / "imu.csv", Table(spoilt))
+    calibration = tmp_path / "c.toml"
+    lines = {
+        "gyro_bias": "x = { value = 0.01, sigma = 0 }",
+        "gyro_scale_factor": "x = { value = 0.05, sigma = 0.001 }",
+        "gyro_temperature": "x = { value = 2e-5, sigma = 0 }",
+        "gyro_warmup": "x = { value = 1e-4, sigma = 0 }\ntime_constant = { value = 200, sigma = 0 }",
+        "gyro_g_sensitivity": "xx = { value = 3e-5, sigma = 0 }",
+    }
+    text = "\n".join(f"[nodes.imu.effects.{name}]\n{line}" for name, line in lines.items())
+    calibration.write_text(text)
+    status, pure = north(capsys, clean, "--method", "maytag4")
+    status, found = north(capsys, path, "--method", "maytag4", "--calibration", str(calibration))
+    assert status == 0, found
+    assert found["azimuth_deg"] == pytest.approx(pure["azimuth_deg"], abs=1e-6)
+    assert set(found["calibration"]["imu"]["applied"]) == set(lines)
+    assert any("not say when the node was switched on" in text for text in found["warnings"])
+    assert rng is not None
+
+
+@pytest.mark.parametrize(
+    "body, text",
+    [
+        ("[nodes.imu]\nserial = 'aa55'\n", "is for the node with serial aa55, the log has 1234"),
+        ("[nodes.left]\nserial = '1234'\n", "holds no node 'imu'; it has left"),
+    ],
+)
+def test_a_calibration_of_another_node_is_refused(tmp_path, capsys, body, text):
+    path = folder(tmp_path / "log", stops(8, 10.0, count=6))
+    log = tmp_path / "log.mcap"
+    recording = read_folder(path)
+    write_recording(replace(recording, metadata={**recording.metadata, "serial.imu": "1234"}), log)
+    (tmp_path / "c.toml").write_text(body + "[nodes.left.effects.gyro_bias]\nx = { value = 0, sigma = 0 }\n")
+    status, err = north(capsys, log, "--calibration", str(tmp_path / "c.toml"))
+    assert status == 2 and text in err and err.count("\n") == 1
+
+
+def test_page_and_figure_show_estimates_fit_and_what_to_do(tmp_path, capsys):
+    path = folder(tmp_path / "log", stops(8, 130.0, count=12), table=False)
+    page, figure = tmp_path / "north.html", tmp_path / "north.png"
+    words = ["--method", "maytag4", "--report", str(page), "--figure", str(figure)]
+    status, found = north(capsys, path, *words)
+    assert status == 0, found
+    text = page.read_text("utf-8")
+    assert len(text) < 1_000_000 and not re.search(r"(src|href)=.http", text)
+    for said in (
+        f"{found['azimuth_deg']:.2f}°",
+        "maximum likelihood",
+        "nearest",
+        "<svg",
+        "What to do",
+        "stops of",
+    ):
+        assert said in text
+    assert figure.read_bytes()[:4] == b"\x89PNG"
+    # One figure per gyro; what is left over is noise.
+    left = float(text.split("in units of noise and drift, ")[1].split(" ")[0])
+    assert 0.6 < left < 1.5
+
+
+def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
+    """From a record at rest, and from what hubodo allan --json prints of it."""
+    rng = np.random.default_rng(21)
+    count = 72_000
+    sensor = Sensor(0.05, 0.5, 1.0)
+    columns = {"t": np.arange(count) * DT}
+    for name in ("gx", "gy", "gz"):
+        columns[name] = sensor.error(count, DT, rng)
+    columns |= {"ax": rng.normal(0, 0.01, count), "ay": rng.normal(0, 0.01, count)}
+    (tmp_path / "rest").mkdir()
+    write_table(tmp_path / "rest" / "imu.csv", Table({**columns, "az": 9.81 + rng.normal(0, 0.01, count)}))
+    status, plan = north(capsys, tmp_path / "rest", "--plan", "--sigma-deg", "2")
+    assert status == 0, plan
+    assert plan["drift"]["N"] == pytest.approx(np.radians(sensor.n) / 60, rel=0.03)
+    assert main(["allan", str(tmp_path / "rest"), "--channel", "gx", "--json"]) == 0
+    (tmp_path / "gx.json").write_text(capsys.readouterr().out)
+    words = ["north", "--plan", "--allan", str(tmp_path / "gx.json"), "--latitude-deg", str(LATITUDE_DEG)]
+    assert main([*words, "--sigma-deg", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["wanted"] == plan["wanted"]
+    wanted = plan["wanted"]
+    z = []
+    for seed in range(12):
+        rng = np.random.default_rng(100 + seed)
+        stop, number = wanted["stop"], wanted["stops"]
+        error = sensor.error(int(number * (stop + 2) / DT) + 10, DT, rng)
+        angles = list(np.resize(POINTS, number))
+        latitude = np.radians(LATITUDE_DEG)
+        run = maytag(error, DT, 1.0 + seed, latitude, angles, stop, 2.0)
+        motion = TableMotion(run.table_t, run.table_angle, run.table_moving)
+        found = find_north([AxisRecord(run.t, run.rate, motion)], latitude, "maytag4", settle=0.1)
+        z.append(np.degrees(float(wrap(found.azimuth - 1.0 - seed))) / wanted["sigma_deg"])
+    print(np.round(z, 2))
+    # rms of 12 values scatters by 20 %.
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_noise_that_is_given_is_widened_where_the_record_has_more(tmp_path, capsys):
+    path = folder(tmp_path / "log", stops(8, 130.0, count=12))
+    allan = {"coefficients": {name: {"value": value} for name, value in (("N", 1e-7), ("B", 0), ("K", 0))}}
+    (tmp_path / "gx.json").write_text(json.dumps(allan))
+    status, found = north(capsys, path, "--method", "maytag4", "--allan", str(tmp_path / "gx.json"))
+    assert status == 0 and any("times as noisy as --allan says" in text for text in found["warnings"])
+    assert abs(found["azimuth_deg"] - 130.0) < 4 * found["sigma_deg"]
 
 
 def test_a_real_gyro_on_a_simulated_table_finds_north_within_its_sigma(capsys):

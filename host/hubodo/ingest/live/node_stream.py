@@ -128,6 +128,13 @@ class NodeStream:
         """s since the log's start, on its clock."""
         return (self._computer.now_ns() - self._zero_ns) * 1e-9
 
+    @property
+    def serial(self) -> str:
+        """Of the node, "" before it has said so."""
+        nodes = list(self._recorder.nodes.values())
+        hello = next((node.decoder.hello for node in nodes if node.name == self.node), None)
+        return "" if hello is None else hello.serial.hex()
+
     def table(self, angle: float, *, moving: bool) -> None:
         """A row of the log's turntable: its angle, rad, from now on."""
         self._computer.put(_TableRow(self._computer.now_ns(), angle, moving))

@@ -13,9 +13,11 @@ from hubodo.sensors.north.drift import Drift, covariance
 
 Array = NDArray[np.float64]
 
-STOP_LENGTHS = (2.0, 4.0, 8.0, 16.0, 24.0, 34.0, 48.0, 68.0, 100.0, 150.0, 240.0)
+STOP_LENGTHS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 20.0, 24.0, 34.0, 48.0, 68.0, 100.0, 150.0, 240.0)
 MAX_STOPS = 80
 """Longer programmes are taken as repetitions of this many stops: drift does not reach across more."""
+FEWEST = 5
+"""Four unknowns, two components with bias and ramp, and one stop to see that they fit."""
 MIN_ESTIMATES = 16
 OCTAVES_OVERLAP = 1.4
 """By how much more the slope of white noise scatters than independent points would let it.
@@ -83,7 +85,8 @@ def ergodicity(rates: Array, *, shared: bool = True) -> Ergodicity | None:
 def programme_sigma(drift: Drift, stop: float, count: int, turn: float, horizontal: float) -> float:
     """Azimuth sigma, rad, of `count` stops of `stop` s at 0, 180, 90, 270 degrees with the best weights.
 
-    turn: s between stops. Mean over all azimuths: sqrt(tr(information^-1) / 2) / horizontal.
+    turn: s between stops. Bias and ramp are unknown. Mean over all azimuths: sqrt(tr(information^-1) / 2) /
+    horizontal.
     """
     whole = min(count, MAX_STOPS)
     return _unit_sigma(drift, stop, whole, turn) * float(np.sqrt(whole / count)) / horizontal
@@ -95,20 +98,21 @@ def _unit_sigma(drift: Drift, stop: float, whole: int, turn: float) -> float:
     start = np.arange(whole, dtype=np.float64) * (stop + turn)
     angle = np.resize(np.array([0.0, np.pi, np.pi / 2, 3 * np.pi / 2]), whole)
     inverse = np.linalg.inv(covariance(drift, start, start + stop))
-    columns = np.column_stack([np.ones(whole), np.cos(angle), np.sin(angle)])
-    spread = np.linalg.inv(columns.T @ inverse @ columns)[1:, 1:]
+    ramp = np.linspace(-1.0, 1.0, whole)
+    columns = np.column_stack([np.ones(whole), ramp, np.cos(angle), np.sin(angle)])
+    spread = np.linalg.inv(columns.T @ inverse @ columns)[2:, 2:]
     return float(np.sqrt(np.trace(spread) / 2))
 
 
 def best_programme(drift: Drift, time: float, turn: float, horizontal: float) -> Advice | None:
     """The stop length that gives the smallest azimuth sigma within `time` s.
 
-    None when not even four stops fit.
+    None when not even FEWEST stops fit.
     """
     found = []
     for stop in STOP_LENGTHS:
         count = int((time + turn) // (stop + turn))
-        if count >= 4:
+        if count >= FEWEST:
             sigma = programme_sigma(drift, stop, count, turn, horizontal)
             found.append(Advice(stop, count, count * (stop + turn) - turn, sigma))
     return min(found, key=lambda advice: advice.sigma) if found else None

@@ -16,11 +16,13 @@ def summarise(posterior: Posterior, near: float | None = None) -> tuple[float, f
     """(azimuth, sigma, candidates), rad, of a posterior over the circle.
 
     sigma is the root mean square of the wrapped distance; with two candidates it is that about the one
-    taken, over its own half.
+    taken, over its own half. near: rad; what points away from it does not count.
     """
     a, p = posterior.azimuth, posterior.density
     axis = blind_axis(posterior)
     if axis is None:
+        if near is not None and (p[abs(wrap(a - near)) < np.pi / 2] > 0).any():
+            p = np.where(abs(wrap(a - near)) < np.pi / 2, p, 0.0)
         mean = _circular_mean(a, p)
         return mean, _circular_sigma(a, p, mean), (mean,)
     # Mirror images about the line of the stops are equally likely: judge the half of the peak, and mirror it.
@@ -39,20 +41,20 @@ def summarise(posterior: Posterior, near: float | None = None) -> tuple[float, f
     return first, sigma, (first, second)
 
 
-def fuse(posteriors: Sequence[Posterior], horizontal: float) -> tuple[float, float]:
+def fuse(found: Sequence[tuple[Posterior, float]], angle_sigma: float = 0.0) -> tuple[float, float]:
     """Azimuth and sigma, rad, of several gyros on one table, whose errors are independent of each other.
 
-    The rates are added by their information, then held to the length that latitude demands.
+    found: posterior of each, and rad/s that it feels when it points north. The rates are added by their
+    information, then held to that length. angle_sigma: rad, of the table's angles, which all share.
     """
     a = np.radians(np.arange(-180, 180, 0.02))
-    v = horizontal * np.stack([np.cos(a), np.sin(a)])
     log = np.zeros(len(a))
-    for posterior in posteriors:
-        off = v - posterior.rate[:, None]
+    for posterior, horizontal in found:
+        off = horizontal * np.stack([np.cos(a), np.sin(a)]) - posterior.rate[:, None]
         log -= 0.5 * np.einsum("ik,ij,jk->k", off, np.linalg.inv(posterior.rate_covariance), off)
     p = np.exp(log - log.max())
     mean = _circular_mean(a, p)
-    return mean, _circular_sigma(a, p, mean)
+    return mean, float(np.hypot(_circular_sigma(a, p, mean), angle_sigma))
 
 
 def wrap(angle: Array | float) -> Array:

@@ -1,9 +1,10 @@
-"""Covariance of averages of a drifting gyro: white noise, flicker and rate random walk of IEEE 952.
+"""Covariance of averages of a drifting gyro: the noises Q, N, B and K of IEEE 952.
 
 For averages over intervals i, j of one continuous record. Rate random walk W (K = 1) is a Wiener process
 that starts with the record. Flicker F (B = 1) is the sum of first-order Markov processes with time constants
 evenly spaced in their logarithm: variance B² ln(r)/pi each gives S(f) = B²/(2 pi f) between the shortest and
-the longest.
+the longest. Quantisation Q is white noise of the angle; shaking that comes back to where it began adds to
+averages in the same way.
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ RATIO = 3.0
 
 @dataclass(frozen=True)
 class Drift:
-    """N in rad/sqrt(s), B in rad/s, K in rad/s/sqrt(s), names and definitions of IEEE 952."""
+    """N in rad/sqrt(s), B in rad/s, K in rad/s/sqrt(s), Q in rad, names and definitions of IEEE 952."""
 
     n: float
     b: float
     k: float
+    q: float = 0.0
 
     def allan_deviation(self, tau: Array) -> Array:
         """rad/s at averaging times tau, s."""
-        return np.asarray(np.sqrt(self.n**2 / tau + 2 * np.log(2) / np.pi * self.b**2 + self.k**2 * tau / 3))
+        slow = 2 * np.log(2) / np.pi * self.b**2 + self.k**2 * tau / 3
+        return np.asarray(np.sqrt(3 * self.q**2 / tau**2 + self.n**2 / tau + slow))
 
 
 def white(start: Array, end: Array) -> Array:
@@ -69,10 +72,20 @@ def flicker(start: Array, end: Array) -> Array:
     return made
 
 
+def quantization(start: Array, end: Array) -> Array:
+    """(M, M) for Q = 1: the angle's error at the end less that at the start, which neighbours share."""
+    made = np.diag(2 / (end - start) ** 2)
+    touching = np.flatnonzero(start[1:] - end[:-1] < 0.01 * (end - start)[1:])
+    shared = -1 / ((end - start)[touching] * (end - start)[touching + 1])
+    made[touching, touching + 1] = made[touching + 1, touching] = shared
+    return np.asarray(made)
+
+
 def covariance(drift: Drift, start: Array, end: Array) -> Array:
     """(M, M) (rad/s)² of the averages, each relative to an unknown constant bias."""
     return np.asarray(
-        drift.n**2 * white(start, end)
+        drift.q**2 * quantization(start, end)
+        + drift.n**2 * white(start, end)
         + drift.b**2 * flicker(start, end)
         + drift.k**2 * random_walk(start, end)
     )

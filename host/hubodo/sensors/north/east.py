@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.sensors.north.circle import summarise, wrap
-from hubodo.sensors.north.find import horizontal_rate
-from hubodo.sensors.north.ml import Averages, estimate
+from hubodo.sensors.north.circle import wrap
 from hubodo.sensors.north.table import Turntable
+from hubodo.sensors.north.tally import Tally
 
 Array = NDArray[np.float64]
 
-PARTS = 4
+FEWEST_STEPS = 4
+STOPS_A_STEP = 3
 
 Measure = Callable[[float], tuple[Array, Array]]
 """Called with s; returns t (N,) s, on one clock from call to call, and the axis's rate (N,) rad/s."""
@@ -25,7 +25,7 @@ Measure = Callable[[float], tuple[Array, Array]]
 
 @dataclass(frozen=True)
 class EastStep:
-    """One maytag of the closed loop: where the table stood, rad, and the component found there, rad/s."""
+    """One maytag of the closed loop: where the axis pointed, rad, and the component found there, rad/s."""
 
     angle: float
     rate: float
@@ -48,53 +48,52 @@ class East:
 def seek_east(
     table: Turntable,
     measure: Measure,
-    latitude: float,
+    horizontal: float,
     *,
-    start: float = 0.0,
     stop: float = 34.0,
     steps: int = 10,
+    sigma: float | None = None,
+    tally: Tally | None = None,
 ) -> East:
     """Turn the axis until it reads no Earth rate between both ways round, then make sure that it is not west.
 
     Each step maytags once (here, about, here again). The first two, a quarter turn apart, say roughly where
-    east is; from there the table turns by arcsin(rate / horizontal), less and less as steps add up, so that
-    noise is averaged as in stochastic approximation. West is the loop's other zero: the last maytag, a
-    quarter turn on, must read north. Raises InputError for fewer than 4 steps.
+    east is, unless earlier records in `tally` do; from there the table turns by arcsin(rate / horizontal),
+    less and less as steps add up, so that noise is averaged as in stochastic approximation. West is the
+    loop's other zero: the last maytag, a quarter turn on, must read north. horizontal: rad/s. steps: at most;
+    it ends before when all stops together know azimuth to `sigma`, rad. Raises InputError for fewer than 4
+    steps.
     """
-    if steps < 4:
+    if steps < FEWEST_STEPS:
         raise InputError(f"{steps} steps cannot close the loop; give 4 or more")
-    horizontal = horizontal_rate(latitude)
-    angle, history = start, []
-    rows: list[tuple[float, float, float, float, float]] = []
+    tally = tally or Tally(horizontal)
+    history: list[EastStep] = []
 
     def maytag(at: float) -> float:
         means = []
         for way in (0.0, math.pi, 0.0):
-            table.turn_to(at + way)
-            t, rate = measure(stop)
-            means.append(float(rate.mean()))
-            step = float(np.median(np.diff(t)))
-            for part in np.array_split(np.arange(len(t)), PARTS):
-                rows.append(
-                    (
-                        t[part[0]],
-                        t[part[-1]] + step,
-                        rate[part].mean(),
-                        math.cos(at + way),
-                        math.sin(at + way),
-                    )
-                )
+            reached = table.turn_to(at + way)
+            means.append(tally.add(*measure(stop), reached))
         component = (means[0] - 2 * means[1] + means[2]) / 4
         history.append(EastStep(at, component))
         return component
 
-    along, across = maytag(angle), maytag(angle + math.pi / 2)
-    angle += math.atan2(across, along) - math.pi / 2
-    for k in range(steps - 3):
+    known = tally.azimuth()
+    more = 1
+    if known is None:
+        more = -1
+        along, across = maytag(0.0), maytag(math.pi / 2)
+        angle = math.atan2(across, along) - math.pi / 2
+    else:
+        angle = known[0] - math.pi / 2
+    while len(history) < steps - 1:
         component = maytag(angle)
-        angle -= math.asin(max(-1.0, min(1.0, component / horizontal))) / (k + 2)
+        angle -= math.asin(max(-1.0, min(1.0, component / horizontal))) / (len(history) + more)
+        known = tally.azimuth()
+        if sigma is not None and known is not None and known[1] <= sigma:
+            break
     if maytag(angle + math.pi / 2) < 0:
         angle += math.pi
-    posterior = estimate(Averages(*np.array(rows).T), horizontal)
-    azimuth, sigma, _ = summarise(posterior)
-    return East(float(wrap(angle)), azimuth, sigma, tuple(history))
+    known = tally.azimuth()
+    assert known is not None
+    return East(float(wrap(angle)), *known, tuple(history))

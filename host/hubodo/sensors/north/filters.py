@@ -26,6 +26,8 @@ against the two and three nearest opposite ones on each side ("five", "seven"). 
 the difference of both means. sliding_average: nearest neighbours smoothed over SLIDING estimates before they
 are averaged."""
 SLIDING = 5
+TOLERANCE = np.radians(2.0)
+"""By which stops may miss a direction and still count as along it."""
 
 
 @dataclass(frozen=True)
@@ -97,21 +99,23 @@ def weights(name: str, sign: Signs) -> Array:
     return made
 
 
-def along(angle: Array, direction: float, tolerance: float = np.radians(2.0)) -> NDArray[np.int64]:
+def along(angle: Array, direction: float, tolerance: float = TOLERANCE) -> NDArray[np.int64]:
     """(S,) +1 for stops at `direction`, -1 for stops opposite, 0 for others; rad."""
     off = np.cos(angle - direction)
     limit = np.cos(tolerance)
     return np.asarray(np.where(off > limit, 1, np.where(off < -limit, -1, 0)))
 
 
-def classical(stops: Stops, direction: float, drift: Drift) -> dict[str, Classical]:
+def classical(
+    stops: Stops, direction: float, drift: Drift, tolerance: float = TOLERANCE
+) -> dict[str, Classical]:
     """Each filter along `direction`, rad, and across it where stops point that way too."""
     made = {}
     spread = covariance(drift, stops.t[:, 0], stops.t[:, 1])
     for name in FILTERS:
         vectors = []
         for quarter in (0.0, np.pi / 2):
-            sign = along(stops.angle, direction + quarter)
+            sign = along(stops.angle, direction + quarter, tolerance)
             chosen = np.flatnonzero(sign)
             if not ((sign > 0).any() and (sign < 0).any()):
                 continue

@@ -8,49 +8,48 @@ upside down has y the other way.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.earth import EARTH_RATE
-from hubodo.errors import CalibrationError, InputError
+from hubodo.errors import InputError
+from hubodo.sensors.north.averages import Averages
+from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.circle import blind_axis, summarise
 from hubodo.sensors.north.drift import Drift
-from hubodo.sensors.north.filters import Classical, along, classical, opposite_pairs
-from hubodo.sensors.north.ml import Averages, Posterior, average, estimate
-from hubodo.sensors.north.stops import Stops, TableMotion, split_stops
+from hubodo.sensors.north.filters import Classical, classical
+from hubodo.sensors.north.ml import Posterior, azimuth_bound, estimate
+from hubodo.sensors.north.seen import Method, Seen, look, tolerance_of
+from hubodo.sensors.north.stops import Stops
 
 Array = NDArray[np.float64]
-Method = Literal["maytag", "maytag4", "carousel", "east"]
-METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
-
-MIN_STOPS = 4
 MIN_HORIZONTAL = 0.05
 """Of Earth rate, at 2.9 degrees from the pole.
 
 Nearer to it half a degree of tilt already outweighs what is left of it.
 """
-AVERAGES = 240
-PER_TURN = 16
 
 
 @dataclass(frozen=True)
 class North:
     """Azimuth of table zero and what it rests on.
 
-    azimuth, sigma: rad, clockwise from north, of table zero. candidates: azimuths that the record cannot
-    tell apart (two for stops along one line only). rates: rad/s, each single estimate of the component along
-    `direction`, the angle of the first stop (east: each along its own). cross: those a quarter turn
-    anticlockwise from it. duration: s of measurement, elapsed: with the turns. white_bound: rad, 1 sigma
-    if the gyro had its white noise alone. filters: the classical ones beside.
+    azimuth, sigma: rad, clockwise from north, of table zero. angle_sigma: what of sigma comes from angles
+    that the gyro felt itself. candidates: azimuths that the records cannot tell apart (two for stops along
+    one line only). rates: rad/s, each single estimate of the component along `direction`, the angle of the
+    first stop (east: each along its own). cross: those a quarter turn anticlockwise from it. duration: s of
+    measurement, elapsed: with the turns. horizontal: rad/s that the axis feels when it points north. bound:
+    rad, Cramér-Rao's for the gyro's noise, given or fitted, with these stops; white_bound: if it had its
+    white noise alone. filters: the classical ones, of one record, beside.
     """
 
     method: Method
     azimuth: float
     sigma: float
+    angle_sigma: float
     candidates: tuple[float, ...]
     direction: float
     rates: Array
@@ -58,10 +57,12 @@ class North:
     duration: float
     elapsed: float
     horizontal: float
+    bound: float
     white_bound: float
     posterior: Posterior
     filters: Mapping[str, Classical]
-    stops: Stops | None
+    stops: tuple[Stops, ...]
+    averages: tuple[Averages, ...]
     warnings: tuple[str, ...] = ()
 
     def components(self) -> tuple[Array, Array]:
@@ -89,44 +90,38 @@ def horizontal_rate(latitude: float) -> float:
 
 
 def find_north(
-    t: Array,
-    rate: Array,
-    table: TableMotion,
+    records: Sequence[AxisRecord],
     latitude: float,
     method: Method,
     *,
-    mounting: float = 0.0,
-    vertical: Array | None = None,
     settle: float | None = None,
     near: float | None = None,
     drift: Drift | None = None,
 ) -> North:
-    """Find the azimuth of table zero.
+    """Find the azimuth of table zero from one record of an axis, or from several that share table zero.
 
-    t: (N,) s. rate: (N,) rad/s of one level axis. mounting: rad, the axis anticlockwise from table zero at
-    table angle zero. vertical: (N,) rad/s upwards, proves that stops were stops. near: rad, about where
-    table zero points; decides between the two candidates of stops along one line. drift: that of the gyro
-    where known; else it is fitted. Raises InputError: too few stops, directions missing for the method,
-    latitude impossible, table moved while still.
+    latitude: rad. settle: s cut at both ends of each stop, None to find it. near: rad, about where table zero
+    points; decides between the two candidates of stops along one line. drift: that of the gyro where known;
+    else it is fitted. Raises InputError: too few stops, directions missing for the method, latitude
+    impossible, table moved while still.
     """
-    horizontal = horizontal_rate(latitude)
-    if method not in METHODS:
-        raise InputError(f"method {method!r} is unknown; choose from {', '.join(METHODS)}")
-    check_scale(rate)
-    if method == "carousel":
-        seen = _carouselled(t, rate, table, mounting)
-    else:
-        stops = split_stops(t, rate, table, vertical=vertical, settle=settle)
-        seen = _stopped(t, rate, replace(stops, angle=stops.angle + mounting), method)
-    posterior = estimate(seen.averages, horizontal, drift)
+    level = float(np.mean([record.level for record in records]))
+    horizontal = horizontal_rate(latitude) * level
+    seen = look(records, method, settle)
+    scale_sigma = max((stops.scale_sigma for stops in seen.stops), default=0.0)
+    posterior = estimate(seen.averages, horizontal, drift, scale_sigma)
     azimuth, sigma, candidates = summarise(posterior, near)
+    angle_variance, of_turns = _angle_variance(posterior, seen, azimuth, horizontal)
     filters = {}
-    if seen.stops is not None and method != "east":
-        filters = classical(seen.stops, seen.direction, posterior.drift)
+    if len(seen.stops) == 1 and method != "east":
+        filters = classical(seen.stops[0], seen.direction, posterior.drift, tolerance_of(seen.stops))
+    sigma = float(np.hypot(sigma, np.sqrt(of_turns)))
+    angle_sigma = float(np.sqrt(angle_variance + of_turns))
     return North(
         method=method,
         azimuth=azimuth,
         sigma=sigma,
+        angle_sigma=angle_sigma,
         candidates=candidates,
         direction=seen.direction,
         rates=seen.rates,
@@ -134,44 +129,19 @@ def find_north(
         duration=seen.duration,
         elapsed=seen.elapsed,
         horizontal=horizontal,
-        # Half of the information of a level axis that looks all ways evenly is across the azimuth.
+        bound=azimuth_bound(seen.averages, posterior, azimuth, horizontal),
         white_bound=_white_bound(seen.averages, posterior.drift.n, azimuth, horizontal),
         posterior=posterior,
         filters=filters,
         stops=seen.stops,
-        warnings=_doubts(candidates, sigma, near),
+        averages=seen.averages,
+        warnings=(
+            *(note for stops in seen.stops for note in stops.notes),
+            *_doubts(candidates, sigma, near),
+            *_more_noise(drift, posterior),
+            *_felt(angle_sigma, sigma),
+        ),
     )
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """What the axis felt of the Earth: averages for the likelihood, and single estimates as in `North`."""
-
-    averages: Averages
-    stops: Stops | None
-    direction: float
-    rates: Array
-    cross: Array
-    duration: float
-    elapsed: float
-
-
-def _carouselled(t: Array, rate: Array, table: TableMotion, mounting: float) -> _Seen:
-    angle = table.angle_at(t) + mounting
-    averages, duration = _carousel(t, rate, angle, table)
-    rates, cross = _per_turn(averages, t, angle)
-    return _Seen(averages, None, mounting, rates, cross, duration, duration)
-
-
-def _stopped(t: Array, rate: Array, stops: Stops, method: Method) -> _Seen:
-    averages, duration = _stops(t, rate, stops, method)
-    direction = float(stops.angle[0])
-    if method == "east":
-        rates, cross = _turned_about(stops), np.zeros(0)
-    else:
-        rates, cross = (_single(stops, direction + quarter) for quarter in (0.0, np.pi / 2))
-    elapsed = float(stops.t[-1, 1] - stops.t[0, 0])
-    return _Seen(averages, stops, direction, rates, cross, duration, elapsed)
 
 
 def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> tuple[str, ...]:
@@ -190,100 +160,48 @@ def _doubts(candidates: tuple[float, ...], sigma: float, near: float | None) -> 
     return tuple(warnings)
 
 
-def check_scale(rate: Array) -> None:
-    """Raises when the channel is constant or by its size no rate in rad/s."""
-    if len(rate) < 100:
-        raise InputError(f"the record has {len(rate)} samples; record minutes, not moments")
-    if not np.ptp(rate):
-        raise CalibrationError(
-            "the gyro axis never changes: it is stuck or quantized away; use a finer range"
-        )
+def _felt(angle_sigma: float, sigma: float) -> tuple[str, ...]:
+    if angle_sigma < 0.7 * sigma:
+        return ()
+    return (
+        f"{np.degrees(angle_sigma):.1f} degrees of sigma come from angles that the gyro felt; give "
+        "table.csv, say with --step-deg where the table stops, or turn it back the way it came",
+    )
 
 
-def _stops(t: Array, rate: Array, stops: Stops, method: Method) -> tuple[Averages, float]:
-    count = len(stops)
-    if count < MIN_STOPS:
-        raise InputError(
-            f"{count} stops are too few; {method} needs {MIN_STOPS} at least, 18 to 20 are usual"
-        )
-    facing = along(stops.angle, float(stops.angle[0]))
-    across = along(stops.angle, float(stops.angle[0]) + np.pi / 2)
-    need = {"maytag": [facing], "maytag4": [facing, across], "east": []}[method]
-    for kind in need:
-        if not ((kind > 0).any() and (kind < 0).any()):
-            seen = sorted({round(float(np.degrees(a)) % 360, 1) for a in stops.angle})
-            raise InputError(
-                f"{method} needs stops {'180 degrees apart' if method == 'maytag' else 'every 90 degrees'}; "
-                f"the table stopped at {', '.join(map(str, seen[:8]))} degrees"
-            )
-    if method == "east" and not len(_turned_about(stops)):
-        raise InputError("east-seeking needs pairs of stops 180 degrees apart; the table never turned about")
-    parts = max(1, min(8, AVERAGES // count))
-    spans = list(zip(map(int, stops.start), map(int, stops.end), strict=True))
-    angle = np.zeros(len(t))
-    for (i, j), a in zip(spans, stops.angle, strict=True):
-        angle[i:j] = a
-    mean = stops.duration / count
-    return average(t, rate, angle, spans, mean / parts), stops.duration
+def _more_noise(given: Drift | None, posterior: Posterior) -> tuple[str, ...]:
+    if given is None or posterior.drift.n == given.n:
+        return ()
+    times = posterior.drift.n / given.n
+    return (f"the record is {times:.1f} times as noisy as --allan says, and sigma is widened by that",)
 
 
-def _carousel(t: Array, rate: Array, angle: Array, table: TableMotion) -> tuple[Averages, float]:
-    inside = np.flatnonzero((t >= table.t[0]) & (t <= table.t[-1]))
-    if len(inside) < 100:
-        raise InputError("table.csv and the node have no time in common; put both on one clock")
-    span = (int(inside[0]), int(inside[-1]) + 1)
-    turns = float(np.ptp(angle[span[0] : span[1]])) / (2 * np.pi)
-    if turns < 2:
-        raise InputError(f"the table made {turns:.1f} turns; a carousel needs 2 at least, better 10")
-    if (
-        len(table.t) > 1
-        and float(np.abs(np.diff(table.angle)).max()) > np.pi
-        and np.abs(table.angle).max() <= 7
-    ):
-        # Wrapped angles are joined by the nearest way, which needs rows at less than half a turn.
-        worst = float(np.abs(np.diff(np.unwrap(table.angle))).max())
-        if worst > np.radians(150):
-            raise InputError(
-                "table.csv is too sparse to follow its wrapped angle; write a row every 10 degrees or less"
-            )
-    length = float(t[span[1] - 1] - t[span[0]])
-    return average(t, rate, angle, [span], length / (turns * PER_TURN)), length
+def _angle_variance(
+    posterior: Posterior, seen: Seen, azimuth: float, horizontal: float
+) -> tuple[float, float]:
+    """rad² of azimuth from the scale of angles that the gyro felt, and from what each turn adds besides."""
+    across = np.array([-np.sin(azimuth), np.cos(azimuth)])
+    of_scale = float(across @ posterior.angle_covariance @ across) / horizontal**2
+    of_turns = 0.0
+    for stops in seen.stops:
+        # A stop tells of the azimuth as much as it looks east or west; its angle is off by all turns so far.
+        weight = np.sin(azimuth - stops.angle) ** 2 * (stops.t[:, 1] - stops.t[:, 0])
+        weight = weight / max(float(weight.sum()), 1e-300)
+        later = np.cumsum(weight[::-1])[::-1][1:]
+        of_turns += stops.turn_sigma**2 * float((later**2).sum())
+    return of_scale, float(of_turns)
 
 
-def _per_turn(averages: Averages, t: Array, angle: Array) -> tuple[Array, Array]:
-    """C and S of each full turn by itself, with a bias and a slope of its own."""
-    middle = (averages.start + averages.end) / 2
-    turn = np.floor(np.abs(np.interp(middle, t, angle) - angle[0]) / (2 * np.pi)).astype(int)
-    found = []
-    for k in range(int(turn.max()) + 1):
-        rows = turn == k
-        if np.count_nonzero(rows) >= PER_TURN - 1:
-            m = middle[rows]
-            columns = np.column_stack([averages.cos[rows], averages.sin[rows], np.ones(len(m)), m - m.mean()])
-            found.append(np.linalg.lstsq(columns, averages.y[rows], rcond=None)[0][:2])
-    made = np.array(found).reshape(-1, 2)
-    return made[:, 0], made[:, 1]
-
-
-def _single(stops: Stops, direction: float) -> Array:
-    sign = along(stops.angle, direction)
-    chosen = sign != 0
-    return opposite_pairs(sign[chosen]).rates(stops.mean[chosen])
-
-
-def _turned_about(stops: Stops) -> Array:
-    """Half differences of consecutive stops 180 degrees apart, each along the direction of its first stop."""
-    about = np.cos(np.diff(stops.angle)) < -np.cos(np.radians(2.0))
-    return np.asarray(-np.diff(stops.mean)[about] / 2)
-
-
-def _white_bound(averages: Averages, n: float, azimuth: float, horizontal: float) -> float:
+def _white_bound(records: Sequence[Averages], n: float, azimuth: float, horizontal: float) -> float:
     """1 sigma of azimuth for white noise alone, at the true length.
 
-    With even coverage sqrt(2/T) N / horizontal.
+    With even coverage sqrt(2/T) N / horizontal: half of the information of a level axis that looks all ways
+    evenly is across the azimuth.
     """
-    across = horizontal * (-np.sin(azimuth) * averages.cos + np.cos(azimuth) * averages.sin)
-    length = averages.end - averages.start
-    across = across - np.average(across, weights=length)
-    information = float((across**2 * length).sum()) / n**2 if n > 0 else np.inf
+    information = 0.0
+    for averages in records:
+        across = horizontal * (-np.sin(azimuth) * averages.cos + np.cos(azimuth) * averages.sin)
+        length = averages.end - averages.start
+        across = across - np.average(across, weights=length)
+        information += float((across**2 * length).sum()) / n**2 if n > 0 else np.inf
     return float(1 / np.sqrt(information)) if information > 0 else float("inf")

@@ -22,12 +22,15 @@ MIN_TURN = np.radians(60)
 class Mount:
     """How one axis of a node sits on the table.
 
-    mounting: rad, the axis anticlockwise from table zero at table angle zero. vertical: (N,) rad/s upwards.
-    lean: (N,) sine of the axis's elevation. warnings: one line each.
+    up: (3,) unit vector in node axes. mounting: rad, the axis anticlockwise from table zero at table angle
+    zero. level: cosine of the axis's elevation, the share of level Earth rate that it feels. vertical: (N,)
+    rad/s upwards. lean: (N,) sine of the axis's elevation. warnings: one line each.
     """
 
     axis: str
+    up: Array
     mounting: float
+    level: float
     vertical: Array
     lean: Array
     warnings: tuple[str, ...]
@@ -55,8 +58,7 @@ def mount_of(gyro: Array, accel: Array, axis: str) -> Mount:
     if abs(elevation) > WARN_ELEVATION:
         warnings.append(
             f"axis {axis} is {np.degrees(elevation):+.1f} degrees off level (or the accelerometer is not "
-            f"calibrated); "
-            f"rates read {100 * (1 - np.cos(elevation)):.2f} % low"
+            f"calibrated); that it reads {100 * (1 - np.cos(elevation)):.2f} % low is taken into account"
         )
     mounting = 0.0
     if abs(up[2]) > 0.7:
@@ -64,7 +66,17 @@ def mount_of(gyro: Array, accel: Array, axis: str) -> Mount:
     else:
         warnings.append(f"z is not upright, so azimuth is that of axis {axis} at table angle zero")
     lean = accel[:, index] / size if size > 1.0 else np.zeros(len(accel))
-    return Mount(axis, float(mounting), np.asarray(gyro @ up), lean, tuple(warnings))
+    level = float(np.cos(elevation))
+    return Mount(axis, up, float(mounting), level, np.asarray(gyro @ up), lean, tuple(warnings))
+
+
+def vertical_earth(mount: Mount, latitude: float) -> Array:
+    """(N,) rad/s: what the axis feels of Earth's vertical rate as the table leans it up and down.
+
+    The accelerometer tells the lean; its bias is the same all round and so counts as the gyro's. Zero for a
+    node without accelerometer.
+    """
+    return np.asarray(EARTH_RATE * np.sin(latitude) * mount.lean)
 
 
 def check_direction(mount: Mount, t: Array, table: TableMotion) -> None:
@@ -93,8 +105,8 @@ def check_direction(mount: Mount, t: Array, table: TableMotion) -> None:
         )
 
 
-def tilt_warning(mount: Mount, t: Array, table: TableMotion, latitude: float) -> list[str]:
-    """A line when the table's axis is so far from the vertical that Earth rate leaks in, else nothing."""
+def tilt_warning(mount: Mount, t: Array, table: TableMotion) -> list[str]:
+    """A line when the table's axis is so far from the vertical that gravity turns with it, else nothing."""
     inside = (t >= table.t[0]) & (t <= table.t[-1])
     angle = (table.angle_at(t) + mount.mounting)[inside]
     lean = mount.lean[inside]
@@ -103,15 +115,12 @@ def tilt_warning(mount: Mount, t: Array, table: TableMotion, latitude: float) ->
     columns = np.column_stack([np.ones(len(angle)), np.cos(angle), np.sin(angle)])
     if np.linalg.cond(columns) > 1e3:
         columns = columns[:, :2]
-    found = np.linalg.lstsq(columns, lean, rcond=None)[0][1:]
-    tilt = float(np.linalg.norm(found))
-    noise = float((lean - columns @ np.concatenate([[lean.mean()], found])).std()) * np.sqrt(4 / len(lean))
+    found = np.linalg.lstsq(columns, lean, rcond=None)[0]
+    tilt = float(np.linalg.norm(found[1:]))
+    noise = float((lean - columns @ found).std()) * np.sqrt(4 / len(lean))
     if tilt < max(5 * noise, 1e-3):
         return []
-    leak = tilt * abs(np.tan(latitude))
     return [
-        f"the table's axis leans by {np.degrees(tilt):.2f} degrees: vertical Earth rate "
-        f"({EARTH_RATE * abs(np.sin(latitude)):.1e} rad/s) may turn the azimuth by {np.degrees(leak):.2f} "
-        f"degrees, and "
-        "g-sensitivity by more; level the table"
+        f"the table's axis leans by {np.degrees(tilt):.2f} degrees: the vertical Earth rate in it is taken "
+        "out, what the gyro feels of gravity is not; level the table"
     ]

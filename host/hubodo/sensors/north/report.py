@@ -7,6 +7,7 @@ from typing import Any
 
 from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
 from hubodo.sensors.north.find import North
+from hubodo.sensors.north.stops import Stops
 
 TURN_S = 2.0
 MEANINGLESS = math.radians(45)
@@ -15,7 +16,7 @@ MEANINGLESS = math.radians(45)
 
 def gyro_json(node: str, axis: str, found: North) -> dict[str, Any]:
     """One gyro's result; angles in degrees, rates in rad/s, N, B, K in SI."""
-    drift, ergodic = found.posterior.drift, ergodicity(found.rates, shared=found.stops is not None)
+    drift, ergodic = found.posterior.drift, ergodicity(found.rates, shared=bool(found.stops))
     components, spread = found.components()
     return {
         "node": node,
@@ -24,6 +25,7 @@ def gyro_json(node: str, axis: str, found: North) -> dict[str, Any]:
         "azimuth_deg": math.degrees(found.azimuth) % 360,
         "sigma_deg": math.degrees(found.sigma),
         "candidates_deg": [math.degrees(c) % 360 for c in found.candidates],
+        "bound_deg": _finite(math.degrees(found.bound)),
         "white_noise_bound_deg": _finite(math.degrees(found.white_bound)),
         "rate": [float(r) for r in found.rates],
         "rate_across": [float(r) for r in found.cross],
@@ -41,9 +43,21 @@ def gyro_json(node: str, axis: str, found: North) -> dict[str, Any]:
         "ergodicity": None
         if ergodic is None
         else {"slope": ergodic.slope, "sigma": ergodic.sigma, "ergodic": ergodic.ergodic},
-        "stops": None
-        if found.stops is None
-        else {"count": len(found.stops), "cut": list(found.stops.cut), "mean": found.stops.mean.tolist()},
+        "angle_sigma_deg": math.degrees(found.angle_sigma),
+        "stops": _stops_json(found.stops),
+    }
+
+
+def _stops_json(records: tuple[Stops, ...]) -> dict[str, Any] | None:
+    """All stops of the records in order; angles as the table counts them, or as the gyro felt them."""
+    if not records:
+        return None
+    return {
+        "count": sum(map(len, records)),
+        "cut": list(records[0].cut),
+        "mean": [float(mean) for stops in records for mean in stops.mean],
+        "t": [[float(a), float(b)] for stops in records for a, b in stops.t],
+        "angle_deg": [math.degrees(angle) for stops in records for angle in stops.angle],
     }
 
 
@@ -95,7 +109,7 @@ def advice_words(found: North) -> list[str]:
         if wanted
         else "1° cannot be reached within a day with this gyro"
     )
-    ergodic = ergodicity(found.rates, shared=found.stops is not None)
+    ergodic = ergodicity(found.rates, shared=bool(found.stops))
     if ergodic is not None:
         lines.append(
             f"Allan deviation of the estimates falls with slope {ergodic.slope:.2f} ± {ergodic.sigma:.2f}: "

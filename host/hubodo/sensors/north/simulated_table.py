@@ -31,10 +31,11 @@ class SimulatedTable:
     angle: float = 0.0
     position: int = 0
 
-    def turn_to(self, angle: float) -> None:
+    def turn_to(self, angle: float) -> float:
         """Turn at the table's speed."""
         self.position += round(abs(angle - self.angle) / self.turn / self.dt)
         self.angle = angle
+        return angle
 
     def measure(self, duration: float) -> tuple[Array, Array]:
         """The next `duration` s. Raises InputError when the record is used up."""

@@ -20,18 +20,24 @@ _PROBE = 5.0
 ANGLE_TOLERANCE = np.radians(0.1)
 MOVED_SIGMA = 8.0
 MOVED_ANGLE = np.radians(0.5)
+NOISY = 4.0
+"""Times the median noise of a stop: something shook the table."""
 
 
 @dataclass(frozen=True)
 class TableMotion:
     """What the turntable did: t (K,) s, angle (K,) rad anticlockwise seen from above, moving (K,) bool.
 
-    A row holds until the next; while the table moves, the angle runs evenly from row to row.
+    A row holds until the next; while the table moves, the angle runs evenly from row to row. Where the gyro
+    felt the angles itself, scale_sigma is 1 sigma of their common relative error and turn_sigma, rad, what
+    each turn adds; both are 0 for angles that are exact.
     """
 
     t: Array
     angle: Array
     moving: NDArray[np.bool_]
+    scale_sigma: float = 0.0
+    turn_sigma: float = 0.0
 
     def angle_at(self, t: Array) -> Array:
         """(N,) rad at any time."""
@@ -46,7 +52,8 @@ class Stops:
     """S stops.
 
     start, end: (S,) first sample and one past the last. t: (S, 2) s. angle: (S,) rad. mean: (S,) rad/s. cut:
-    (2,) s that were taken off the beginning and the end of every stop.
+    (2,) s that were taken off the beginning and the end of every stop. scale_sigma, turn_sigma: of the
+    angles, as in `TableMotion`. notes: what was left out, one line each.
     """
 
     start: NDArray[np.int64]
@@ -55,6 +62,9 @@ class Stops:
     angle: Array
     mean: Array
     cut: tuple[float, float]
+    scale_sigma: float = 0.0
+    turn_sigma: float = 0.0
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.start)
@@ -63,6 +73,11 @@ class Stops:
     def duration(self) -> float:
         """s of measurement in all stops together."""
         return float((self.t[:, 1] - self.t[:, 0]).sum())
+
+    @property
+    def turned(self) -> Array:
+        """(S,) rad from the first stop."""
+        return np.asarray(self.angle - self.angle[0])
 
 
 def split_stops(
@@ -93,8 +108,10 @@ def split_stops(
         raise InputError(
             f"nothing is left of any stop after cutting {cut[0]:.1f} and {cut[1]:.1f} s; make longer stops"
         )
+    notes: list[str] = []
     if vertical is not None:
         _check_still(t, vertical, kept, step)
+        kept, notes = _without_noisy(t, vertical, kept)
     starts, ends = (np.array([k[c] for k in kept]) for c in (0, 1))
     return Stops(
         starts,
@@ -103,6 +120,9 @@ def split_stops(
         np.array([k[2] for k in kept]),
         np.array([rate[i:j].mean() for i, j, _ in kept]),
         cut,
+        table.scale_sigma,
+        table.turn_sigma,
+        tuple(notes),
     )
 
 
@@ -134,6 +154,9 @@ def _transient(
 
     Twice as long as the pooled mean square stands out.
     """
+    # One stop cut short must not hide the transients of the others.
+    usual = float(np.median([j - i for i, j, _ in spans]))
+    spans = [span for span in spans if span[1] - span[0] > usual / 2]
     shortest = min(j - i for i, j, _ in spans)
     width = max(1, round(_BIN_S / step))
     probe = min(round(MAX_CUT_S / step), shortest // 4)
@@ -159,23 +182,35 @@ def _transient(
 
 
 def _check_still(t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]], step: float) -> None:
-    """The vertical gyro sees a table that turns.
-
-    No stop may stand out in what it adds up to, or in its noise.
-    """
+    """The vertical gyro sees a table that turns: no stop may stand out in what it adds up to."""
     means = np.array([vertical[i:j].mean() for i, j, _ in spans])
-    noise = np.array([vertical[i:j].std() for i, j, _ in spans])
     length = np.array([(j - i) * step for i, j, _ in spans])
     middle = np.median(means)
     scatter = 1.4826 * float(np.median(np.abs(means - middle)))
     swept = np.abs(means - middle) * length
     limit = np.maximum(MOVED_SIGMA * scatter * length, MOVED_ANGLE)
-    for k in np.flatnonzero((swept > limit) | (noise > 4 * np.median(noise))):
+    for k in np.flatnonzero(swept > limit):
         i, j, _ = spans[int(k)]
         raise InputError(
-            f"the table moved while it was said to be still: stop {k + 1}, {t[i]:.1f}..{t[j - 1]:.1f} s, "
-            f"the vertical "
-            f"gyro adds up to {np.degrees(swept[k]):.1f} degrees with {noise[k] / np.median(noise):.1f} "
-            f"times the usual "
-            "noise; repeat the recording or correct table.csv"
+            f"the table moved while it was said to be still: stop {k + 1}, {t[i]:.1f}..{t[j - 1]:.1f} s, the "
+            f"vertical gyro adds up to {np.degrees(swept[k]):.1f} degrees; correct table.csv, or take stops "
+            "and angles from the gyro with --find-stops"
         )
+
+
+def _without_noisy(
+    t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]]
+) -> tuple[list[tuple[int, int, float]], list[str]]:
+    """The stops without those in which something shook the table, and a line for each of these."""
+    noise = np.array([vertical[i:j].std() for i, j, _ in spans])
+    ratio = noise / max(float(np.median(noise)), 1e-300)
+    kept, notes = [], []
+    for span, times in zip(spans, ratio, strict=True):
+        if times > NOISY:
+            i, j, _ = span
+            notes.append(
+                f"the stop at {t[i]:.1f}..{t[j - 1]:.1f} s is left out: {times:.1f} times the usual noise"
+            )
+        else:
+            kept.append(span)
+    return kept, notes

@@ -1,0 +1,135 @@
+"""North as words, tables and figures: what was found, how the record fits, what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hubodo.report.drawing import blank, drawing
+from hubodo.report.page import Grid, Section
+from hubodo.sensors.north.find import North
+from hubodo.sensors.north.report import advice_words
+from hubodo.sensors.north.residuals import Residuals, residuals_of
+
+_DEG, _DEG_H = math.degrees(1.0), math.degrees(1.0) * 3600.0
+_INK, _GRID, _OURS, _DIM = "#1d2126", "#d8dce0", "#1b6ca8", "#8a8d91"
+
+Gyros = Sequence[tuple[str, str, North]]
+
+
+def north_lead(azimuth: float, sigma: float) -> str:
+    """The result in one sentence. azimuth, sigma: rad."""
+    return f"Table zero points {azimuth * _DEG % 360:.2f}° ± {sigma * _DEG:.2f}° clockwise from north."
+
+
+def north_sections(gyros: Gyros, warnings: Sequence[str]) -> list[Section]:
+    """What to do, then estimates, fit and account of each gyro, for a page."""
+    advice = advice_words(gyros[0][2])
+    sections = [Section("What to do", advice=[f"{line}." for line in (*warnings, *advice)])]
+    for node, axis, found in gyros:
+        name = f"{node} {axis}"
+        figures = [drawing(lambda found=found, name=name: north_figure(found, name))]  # type: ignore[misc]
+        sections.append(Section(f"{name}: estimates", _words(found), [_estimates(found)]))
+        sections.append(Section(f"{name}: fit", _fit_words(residuals_of(found)), [_account(found)], figures))
+    return sections
+
+
+def north_figure(found: North, title: str) -> Any:
+    """Earth rate over the angle with the fit, what is left over time, and the azimuth's probability.
+
+    A matplotlib figure. Raises InputError where matplotlib cannot be loaded.
+    """
+    made = blank(8.0, 8.0)
+    upper, middle, lower = made.subplots(3, 1, height_ratios=(3, 2, 2))
+    residuals = residuals_of(found)
+    # Zero stays on the left, whatever noise there is in angles.
+    angle = (residuals.angle * _DEG + 15) % 360 - 15
+    upper.plot(angle, residuals.earth * _DEG_H, ".", ms=3, color=_DIM, label="averages")
+    for at, mean, error in _by_direction(residuals, angle):
+        upper.errorbar(at, mean * _DEG_H, error * _DEG_H, fmt="o", ms=4, color=_INK)
+    turn = np.radians(np.arange(0, 361, 2))
+    wave = found.horizontal * np.cos(found.azimuth - turn) * _DEG_H
+    upper.plot(turn * _DEG, wave, color=_OURS, label="fit")
+    upper.set_xlabel("angle of the axis from table zero, °")
+    upper.set_ylabel("Earth rate, °/h")
+    upper.legend(fontsize=8)
+    upper.set_title(title)
+    middle.plot(residuals.t / 60, residuals.left * _DEG_H, ".-", ms=3, lw=0.6, color=_INK)
+    middle.set_xlabel("t, min")
+    middle.set_ylabel("left over, °/h")
+    density = found.posterior.density / np.gradient(found.posterior.azimuth) / _DEG
+    lower.plot(found.posterior.azimuth * _DEG, density, color=_OURS)
+    peak = float(found.posterior.azimuth[found.posterior.density.argmax()]) * _DEG
+    lower.set_xlim(peak - 6 * found.sigma * _DEG, peak + 6 * found.sigma * _DEG)
+    lower.set_xlabel("azimuth of table zero, °")
+    lower.set_ylabel("probability, 1/°")
+    for axes in (upper, middle, lower):
+        axes.grid(True, lw=0.4, color=_GRID)
+    return made
+
+
+def _by_direction(residuals: Residuals, angle: Any) -> list[tuple[float, float, float]]:
+    """(degrees, mean, its scatter) of the averages at each direction, where there are few directions."""
+    directions = np.unique(np.round(angle / 3) * 3)
+    if len(directions) > 12:
+        return []
+    made = []
+    for at in directions:
+        here = residuals.earth[np.round(angle / 3) * 3 == at]
+        if len(here) > 1:
+            made.append((float(at), float(here.mean()), float(here.std(ddof=1) / math.sqrt(len(here)))))
+    return made
+
+
+def _words(found: North) -> str:
+    text = (
+        f"Cramér-Rao's bound for this gyro's noise and these stops is {found.bound * _DEG:.2f}°, for its "
+        f"white noise alone {found.white_bound * _DEG:.2f}°; sigma is {found.sigma * _DEG:.2f}°, with what "
+        "is not known of the noise."
+    )
+    if found.angle_sigma:
+        text += f" {found.angle_sigma * _DEG:.2f}° of it come from angles that the gyro felt itself."
+    return text
+
+
+def _estimates(found: North) -> Grid:
+    rate, spread = found.components()
+    rows = [("maximum likelihood", _rates(rate), _rates(spread), f"{found.azimuth * _DEG % 360:.2f}")]
+    for name, one in found.filters.items():
+        azimuth = "" if one.azimuth is None else f"{one.azimuth * _DEG % 360:.2f}"
+        rows.append((name.replace("_", " "), _rates(one.rate), _rates(one.sigma), azimuth))
+    return Grid(("estimate", "rate, °/h", "sigma, °/h", "azimuth, °"), rows)
+
+
+def _rates(values: Sequence[float] | Any) -> str:
+    return ", ".join(f"{value * _DEG_H:.2f}" for value in values)
+
+
+def _fit_words(residuals: Residuals) -> str:
+    share = float(np.mean(residuals.white**2))
+    neighbours = float(np.mean(residuals.white[1:] * residuals.white[:-1])) / share
+    limit = 2 / math.sqrt(len(residuals.white))
+    verdict = "as noise has it" if abs(neighbours) < limit else "more than noise has: something else is in it"
+    return (
+        f"Left over, in units of noise and drift, {share:.2f} (1 where the fit holds); correlation of "
+        f"neighbours {neighbours:+.2f}, {verdict}."
+    )
+
+
+def _account(found: North) -> Grid:
+    drift = found.posterior.drift
+    stops = sum(map(len, found.stops))
+    rows = [
+        ("method", found.method),
+        ("measured", f"{found.duration:.0f} s in {found.elapsed:.0f} s"),
+        ("stops", str(stops) if stops else "none, it turned all the time"),
+        ("N", f"{drift.n * _DEG * 60:.3g} °/√h"),
+        ("B", f"{drift.b * _DEG_H:.3g} °/h"),
+        ("K", f"{drift.k * _DEG_H * 60:.3g} °/h/√h"),
+    ]
+    if drift.q:
+        rows.append(("Q, shaking", f"{drift.q:.2g} rad"))
+    return Grid(("", ""), rows)

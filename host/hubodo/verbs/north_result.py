@@ -1,0 +1,119 @@
+"""What `hubodo north` found, as JSON and as words and tables in a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from hubodo.sensors.north.circle import wrap
+from hubodo.sensors.north.east import East
+from hubodo.sensors.north.find import North
+from hubodo.sensors.north.report import advice, advice_words, gyro_json
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FoundNorth:
+    """Azimuth of table zero: from one axis, or from several together."""
+
+    latitude_deg: float
+    azimuth: float
+    sigma: float
+    gyros: tuple[tuple[str, str, North], ...]
+    warnings: tuple[str, ...]
+    calibration: Mapping[str, Mapping[str, Any]]
+    simulated_azimuth: float | None = None
+    output: str | None = None
+    east: East | None = None
+    east_table_angle: float | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """One object; angles in degrees, rates in rad/s, times in s."""
+        first = self.gyros[0][2]
+        made: dict[str, Any] = {
+            "azimuth_deg": math.degrees(self.azimuth) % 360,
+            "sigma_deg": math.degrees(self.sigma),
+            "rate": [float(r) for r in first.rates],
+            "duration": first.elapsed,
+            "measured": first.duration,
+            "latitude_deg": self.latitude_deg,
+            "horizontal_rate": first.horizontal,
+            "gyros": [gyro_json(*gyro) for gyro in self.gyros],
+            "warnings": list(self.warnings),
+            "advice": advice(first),
+        }
+        if self.calibration:
+            made["calibration"] = {node: dict(used) for node, used in self.calibration.items()}
+        if self.output is not None:
+            made["output"] = self.output
+        if self.east is not None and self.east_table_angle is not None:
+            made["east"] = {
+                "table_angle_deg": math.degrees(self.east_table_angle) % 360,
+                "steps": [
+                    {"axis_angle_deg": math.degrees(step.angle), "rate": step.rate}
+                    for step in self.east.steps
+                ],
+            }
+        if self.simulated_azimuth is not None:
+            made["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
+            made["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+        return made
+
+    def render(self, console: Console) -> None:
+        """The azimuth, each gyro with the classical filters, and what the next record should be."""
+        console.print(
+            f"azimuth of table zero {math.degrees(self.azimuth) % 360:.3f}° ± "
+            f"{math.degrees(self.sigma):.3f}° "
+            "clockwise from north"
+        )
+        if self.simulated_azimuth is not None:
+            off = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+            console.print(
+                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: off by {off:+.3f}°"
+            )
+        if self.east_table_angle is not None:
+            console.print(
+                f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
+                "where it stands now"
+            )
+        for node, axis, found in self.gyros:
+            drift = found.posterior.drift
+            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}")
+            rate, spread = found.components()
+            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(found.azimuth))
+            for name, filtered in found.filters.items():
+                cells = (
+                    _deg_h(np.array(filtered.rate)),
+                    _deg_h(np.array(filtered.sigma)),
+                    _degrees(filtered.azimuth),
+                )
+                table.add_row(name.replace("_", " "), *cells)
+            console.print(table)
+            console.print(
+                f"{found.duration:.0f} s measured in {found.elapsed:.0f} s; white noise alone would leave "
+                f"{math.degrees(found.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
+                f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
+                highlight=False,
+            )
+        for line in advice_words(self.gyros[0][2]):
+            console.print(line, highlight=False)
+        for text in self.warnings:
+            console.print(f"warning: {text}", highlight=False)
+        if self.output is not None:
+            console.print(f"recorded to {self.output}", highlight=False)
+
+
+def _deg_h(values: Array) -> str:
+    return ", ".join(f"{math.degrees(v) * 3600:.3f}" for v in values)
+
+
+def _degrees(angle: float | None) -> str:
+    return "" if angle is None else f"{math.degrees(angle) % 360:.2f}"

@@ -1,0 +1,54 @@
+"""North from the gyro alone, without a file of the table: errors, and whether sigma holds, by kind of record.
+
+.venv/bin/python tests/accuracy/north_found.py [--seeds N]
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from generators.table_worlds import LATITUDE, WORLDS
+from hubodo.sensors.north.axis_record import FoundAngles, axis_record
+from hubodo.sensors.north.circle import wrap
+from hubodo.sensors.north.find import find_north
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=40)
+    seeds = parser.parse_args().seeds
+    begin = time.process_time()
+    print(f"12 stops of about 20 s, gyro scale off by 1 %, {seeds} seeds from 0; degrees rms; NEES of 1")
+    print("record    ours  sigma  of angles  NEES  inside 1, 2 sigma   nearest neighbours, angles rounded")
+    for name, world in WORLDS.items():
+        rows = []
+        for seed in range(seeds):
+            node, azimuth, *_ = world(seed)
+            record, _ = axis_record(node, "x", None, LATITUDE, FoundAngles(0.01))
+            found = find_north([record], LATITUDE, "maytag4")
+            theirs = wrap(found.filters["nearest"].azimuth - azimuth)
+            rows.append([wrap(found.azimuth - azimuth), found.sigma, found.angle_sigma, theirs])
+        off, sigma, angles, theirs = np.degrees(np.array(rows, float)).T
+        z = np.abs(off / sigma)
+        print(
+            f"{name:9s} {rms(off):4.1f} {rms(sigma):6.1f} {rms(angles):8.1f} {np.mean(z**2):8.2f} "
+            f"{np.mean(z < 1):9.2f} {np.mean(z < 2):5.2f} {rms(theirs):15.1f}",
+            flush=True,
+        )
+    print(f"processor {time.process_time() - begin:.0f} s")
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,102 @@
+"""A node with three axes on a turntable as it comes: unequal stops, nudges, lean, shaking, scale, drift.
+
+From first principles: attitudes are products of matrices, Earth rate and gravity are vectors in east, north,
+up. Shares nothing with the estimators.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from generators.noise import gyro_noise
+
+EARTH_RATE = 7.292115e-5
+DEG_H = np.pi / 180 / 3600
+
+
+@dataclass
+class Programme:
+    """turns: degrees of each turn, anticlockwise positive. stops: s of each stop, one more than turns.
+
+    rates: deg/s of each turn. nudges: (s, degrees) of sudden small turns while the table stands.
+    """
+
+    turns: list
+    stops: list
+    rates: list
+    nudges: list = field(default_factory=list)
+
+    def angle(self, t):
+        """(N,) rad, and (stops, 2) s from when to when it stood, (stops,) rad there."""
+        knots_t, knots_a, stood = [0.0], [0.0], []
+        for stop, turn, rate in zip(self.stops, [*self.turns, None], [*self.rates, None], strict=True):
+            begin = knots_t[-1]
+            knots_t.append(begin + stop)
+            knots_a.append(knots_a[-1])
+            stood.append((begin, begin + stop, knots_a[-1]))
+            if turn is not None:
+                # A rate that rises and falls evenly, a raised cosine.
+                length = 2 * abs(turn) / rate
+                s = np.linspace(0, 1, 60)[1:]
+                knots_a += list(knots_a[-1] + turn * (s - np.sin(2 * np.pi * s) / (2 * np.pi)))
+                knots_t += list(knots_t[-1] + length * s)
+        made = np.radians(np.interp(t, knots_t, knots_a))
+        for at, by in self.nudges:
+            made += np.radians(by) * np.clip((t - at) / 0.15, 0, 1)
+        return made, np.array(stood)
+
+    @property
+    def duration(self):
+        return sum(self.stops) + sum(2 * abs(a) / r for a, r in zip(self.turns, self.rates, strict=True))
+
+
+def about(axis, angle):
+    """(N, 3, 3) rotation matrices by angle (N,) about a coordinate axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    made = np.zeros((len(angle), 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    made[:, axis, axis] = 1
+    made[:, i, i] = made[:, j, j] = c
+    made[:, j, i], made[:, i, j] = s, -s
+    return made
+
+
+def table_record(
+    programme,
+    rng,
+    *,
+    azimuth,
+    latitude,
+    hz=50.0,
+    noise=None,
+    scale=0.0,
+    elevation=0.0,
+    lean=(0.0, 0.0),
+    vibration=0.0,
+    bias=(0.01, -0.006, 0.008),
+):
+    """t, gyro (N, 3), accel (N, 3), stops as of `Programme.angle`.
+
+    azimuth: rad, of x at table zero, clockwise from north. noise: n, b, k, r of each axis, of `gyro_noise`.
+    scale: relative error of the gyro. elevation: rad by which x looks up. lean: rad by which the table's axis
+    leans, about east and north. vibration: rad/s amplitude of a shaking at 23.7 Hz, one axis after the other.
+    """
+    dt = 1 / hz
+    t = np.arange(0, programme.duration, dt)
+    angle, stood = programme.angle(t)
+    fine = np.arange(0, programme.duration + dt, dt / 4)
+    spin = np.diff(programme.angle(fine)[0])[: 4 * len(t)].reshape(-1, 4).sum(axis=1) / dt
+    # The mean of a sample's interval, as a gyro with its low-pass gives it; table axes to east, north, up.
+    base = about(0, np.array([lean[0]]))[0] @ about(1, np.array([lean[1]]))[0]
+    zero = np.pi / 2 - azimuth
+    world = base @ about(2, np.full(1, zero))[0] @ about(2, angle) @ about(1, np.full(1, -elevation))[0]
+    earth = EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    turning = spin[:, None] * (base @ [0.0, 0.0, 1.0])
+    gyro = np.einsum("nij,nj->ni", world.transpose(0, 2, 1), earth + turning)
+    gyro = (1 + scale) * gyro + np.array(bias)
+    accel = np.einsum("nij,j->ni", world.transpose(0, 2, 1), [0.0, 0.0, 9.80665])
+    accel = accel + 0.02 * rng.standard_normal(accel.shape) + [0.05, -0.08, 0.1]
+    for axis in range(3):
+        gyro[:, axis] += gyro_noise(len(t), dt, rng, **(noise or {}))
+        gyro[:, axis] += vibration * np.sin(2 * np.pi * 23.7 * t + axis)
+    return t, gyro, accel, stood

@@ -1,0 +1,54 @@
+"""Ours against who knows the noise, which no code of hubodo made; `make papers` has more seeds."""
+
+import numpy as np
+import pytest
+
+from generators.noise import gyro_noise
+from generators.north_table import maytag
+from hubodo.sensors.north.axis_record import AxisRecord
+from hubodo.sensors.north.circle import wrap
+from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.north.find import find_north
+from hubodo.sensors.north.stops import TableMotion
+
+LATITUDE = np.radians(45)
+DT, STOP, STOPS, SEEDS = 0.1, 16.0, 16, 40
+NOISES = {
+    "white": {"n": 3e-5},
+    "flicker": {"n": 3e-5, "b": 1.2e-5},
+    "walk": {"n": 3e-5, "k": 1e-6},
+    "ramp": {"n": 3e-5, "r": 3e-7},
+}
+
+
+def runs(noise):
+    for seed in range(SEEDS):
+        rng = np.random.default_rng(seed)
+        azimuth = rng.uniform(-np.pi, np.pi)
+        error = gyro_noise(int(STOPS * (STOP + 2) / DT) + 10, DT, rng, **noise)
+        angles = list(np.resize([0.0, np.pi, np.pi / 2, 1.5 * np.pi], STOPS))
+        run = maytag(error, DT, azimuth, LATITUDE, angles, STOP, 2.0)
+        yield (
+            azimuth,
+            AxisRecord(run.t, run.rate, TableMotion(run.table_t, run.table_angle, run.table_moving)),
+        )
+
+
+@pytest.mark.parametrize("name", NOISES)
+def test_azimuth_is_within_a_tenth_of_the_bound_and_sigma_holds(name):
+    noise = NOISES[name]
+    drift = Drift(noise["n"], noise.get("b", 0.0), noise.get("k", 0.0))
+    ours, told, z = [], [], []
+    for azimuth, record in runs(noise):
+        found = find_north([record], LATITUDE, "maytag4", settle=0.3)
+        knowing = find_north([record], LATITUDE, "maytag4", settle=0.3, drift=drift)
+        ours.append(float(wrap(found.azimuth - azimuth)))
+        told.append(float(wrap(knowing.azimuth - azimuth)))
+        z.append(ours[-1] / found.sigma)
+        bound = knowing.bound
+    ratio = np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(told)))
+    print(name, ratio, np.degrees(bound), np.mean(np.square(z)), f"seeds 0 to {SEEDS - 1}")
+    assert ratio < 1.1
+    # Who knows the noise is at the bound: chi-square of 40, 99.9 %.
+    assert 0.42 < np.mean(np.square(told)) / bound**2 < 1.85
+    assert 0.42 < np.mean(np.square(z)) < 1.85

@@ -1,0 +1,97 @@
+"""`hubodo north --live` end to end: the real firmware on a virtual board, a table on a pty, real time."""
+
+import json
+import math
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from fakes.fake_table import FakeTable
+from hubodo.cli import main
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.emulator.board.settings import Clock, Flash, Host
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.log.mcap import read_recording
+from hubodo.sensors.north.find_stops import find_motion
+from virtual_runs import FIRMWARE, micropython_or_skip
+
+SPEED = 180.0
+"""deg/s of the table."""
+
+
+@dataclass(frozen=True)
+class Turned(StillMotion):
+    """Lies on a table: its z axis feels each turn, at the time at which the table made it."""
+
+    begun: list = field(default_factory=list)
+    turns: list = field(default_factory=list)
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
+
+    def angular_rate(self, t):
+        made = self.rng.normal(0.0, 0.002, (len(t), 3))
+        # The board was switched on when its clock, which never runs ahead, was least behind.
+        self.begun.append(time.monotonic() - float(np.max(t)))
+        begun = min(self.begun)
+        for start, end, rate in list(self.turns):
+            made[:, 2] += rate * ((t >= start - begun) & (t < end - begun))
+        return made
+
+    def specific_force(self, t):
+        return np.tile([0.0, 0.0, STANDARD_GRAVITY], (len(t), 1))
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A node on a port, and a table under it that turns at SPEED."""
+    micropython_or_skip()
+    motion = Turned()
+
+    def turning(begin, end, put):
+        length = abs(end - begin) / SPEED
+        start = time.monotonic()
+        # Told a little ahead: the board makes its samples just before it sends them.
+        motion.turns.append(
+            (start + 0.2, start + 0.2 + length, math.radians(math.copysign(SPEED, end - begin)))
+        )
+        while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0:
+            put(begin + share * (end - begin))
+            time.sleep(0.02)
+
+    port = tmp_path / "tty"
+    node = VirtualNode(
+        motion,
+        Flash(FIRMWARE, {"rate_hz": 104}),
+        clock=Clock("paced"),
+        host=Host("pty", path=port),
+        own_process=False,
+    )
+    with FakeTable(turning=turning) as table, node:
+        yield port, table
+
+
+def north(capsys, port, *words):
+    common = ["--latitude-deg", "48", "--method", "maytag4", "--stop", "2", "--settle", "0.8", "--json"]
+    status = main(["north", "--live", str(port), *common, *map(str, words)])
+    out, err = capsys.readouterr()
+    assert status == 0, err
+    return json.loads(out), err
+
+
+@pytest.mark.real_time
+def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, tmp_path, capsys):
+    port, table = bench
+    out = tmp_path / "north.mcap"
+    found, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
+    assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0]
+    # A hub's gyro in five seconds: it must say that it does not know.
+    assert found["sigma_deg"] > 45 and any("does not show north" in text for text in found["warnings"])
+    # What the node felt of the turns is what the table said: one clock, one sign, one scale.
+    log = read_recording(out)
+    (name,) = log.nodes
+    node = log.nodes[name]
+    felt = find_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
+    stood = np.degrees(felt.angle[~felt.moving])
+    assert stood[0] == 0.0 and np.round(stood[1:4] / 90).tolist() == [2, 1, 3]
