@@ -78,7 +78,7 @@ def test_a_rosbag2_folder_is_the_file_in_it_and_parts_are_asked_for(tmp_path):
     bag.mkdir()
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
     fuse = ("fuse", bag, "--vehicle", vehicle, "-o", tmp_path / "out")
-    assert "without an .mcap file" in hubodo(*fuse).err
+    assert "without an .mcap or .db3 file" in hubodo(*fuse).err
     write_recording(timed(1.0, 0.0), bag / "bag_0.mcap")
     assert hubodo(*fuse).code == 0
     write_recording(timed(1.0, 0.0), bag / "bag_1.mcap")

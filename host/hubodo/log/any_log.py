@@ -60,6 +60,10 @@ def mcap_file(path: Path) -> Path | None:
         return files[0]
     if files:
         raise InputError(f"{path}: a rosbag2 folder in {len(files)} parts; name one: {files[0].name}, ...")
+    if not any(path.glob("*.db3")):
+        raise InputError(
+            f"{path}: a rosbag2 folder without an .mcap or .db3 file; give the file that holds the messages"
+        )
     return None
 
 
