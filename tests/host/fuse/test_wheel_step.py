@@ -4,9 +4,12 @@ import numpy as np
 import pytest
 
 from generators import wheel_drives
+from hubodo.fuse.wheel.about_axle import about_the_axle
+from hubodo.fuse.wheel.entries import MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.step import WheelStep
 from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.window import WINDOW, Window
 from wheel_runs import BOTH, config, short, tables
 
 
@@ -34,3 +37,18 @@ def test_a_node_that_faces_the_other_way_is_named_whichever_stands_first(
     said = [line for line in run(config(drive, order), tables(drive)).report.warnings if "mounted" in line]
     assert len(said) == (wrong is not None)
     assert all(f"on the {wrong} wheel" in line for line in said)
+
+
+def test_the_turning_that_a_tilted_gyro_feels_is_no_spin() -> None:
+    rng = np.random.default_rng(8)
+    core = WheelStep(config(short(1)))
+    wheel = core.wheels[0]
+    wheel.joined = True
+    for _ in range(20):
+        tilt, rate = 0.02 * rng.standard_normal(2), rng.standard_normal(3)
+        core.x[wheel.at[MISALIGNMENT_X]], core.x[wheel.at[MISALIGNMENT_Y]] = tilt
+        felt = (rate - np.cross([*tilt, 0.0], rate)) * WINDOW
+        window = Window(spin=felt[2], raw_across=complex(felt[0], felt[1]))
+        found = about_the_axle(core.x, wheel, window).spin
+        # To the first order of the tilt.
+        assert abs(found - rate[2] * WINDOW) < 2.0 * np.linalg.norm(tilt) ** 2 * np.linalg.norm(rate) * WINDOW

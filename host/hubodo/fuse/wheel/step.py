@@ -12,6 +12,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel import two_wheels
+from hubodo.fuse.wheel.about_axle import about_the_axle
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import EXCESS, SPEED, TRACK_WIDTH, WHEEL_ANGLE, Entry, X, Y
 from hubodo.fuse.wheel.excess import carried, keep_upright
@@ -234,7 +235,7 @@ class WheelStep:
         """The windows with the spin that they are believed to have; adds to `renewed`."""
         made = []
         for wheel, window in pairs:
-            turned, anew = carried(self.x, self.p, wheel, window)
+            turned, anew = carried(self.x, self.p, wheel, about_the_axle(self.x, wheel, window))
             made.append((wheel, turned))
             renewed += anew
             if anew or window.all_clipped:
