@@ -292,3 +292,23 @@ def test_a_receiver_whose_clock_jumps_is_said_and_costs_sigma(folder, with_fixes
     assert "sigmas were widened" in found.warnings
     assert found.sigma > 1.3 * whole_with_fixes.sigma
     assert found.covered
+
+
+@pytest.mark.parametrize(
+    ("columns", "share", "words"),
+    [(("gx", "gy", "gz"), 180.0 / np.pi, "--unit deg/s"), (("ax", "ay", "az"), 1 / 9.80665, "--unit g")],
+    ids=["degrees per second", "g"],
+)
+def test_a_node_in_other_units_is_refused_and_put_right_when_told(
+    folder, whole, sound, columns, share, words
+):
+    left = sound.nodes["left"]
+    other = changed(left, **{name: left[name] * share for name in columns})
+    right = sound.nodes["right"]
+    wrong = replace(
+        sound,
+        nodes={"left": other, "right": changed(right, **{name: right[name] * share for name in columns})},
+    )
+    assert words in folder.refused(wrong)
+    told = folder.fuse(wrong, *words.split())
+    assert told.track["x"][-1] == pytest.approx(whole.track["x"][-1], abs=1e-3)

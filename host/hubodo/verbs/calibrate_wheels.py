@@ -31,7 +31,7 @@ from hubodo.fuse.wheels import located, log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -114,6 +114,7 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     """Read, calibrate, add to the calibration file."""
     vehicle = load_vehicle(args.vehicle)
     recording = read_log(args.log, form=log_form(args))
+    check_units(recording, vehicle.nodes, str(args.log))
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))
     priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))

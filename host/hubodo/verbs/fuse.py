@@ -20,7 +20,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
 
@@ -127,6 +127,7 @@ def run(args: argparse.Namespace) -> Fused:
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
     recording = read_log(args.log, form=log_form(args))
+    check_units(recording, vehicle.nodes, str(args.log))
     odometry = wheel_odometry(
         recording,
         vehicle,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterable
 
 from hubodo.errors import InputError
 from hubodo.log.foreign import LogForm
 from hubodo.log.units import doubtful
-from hubodo.recording import Table
+from hubodo.recording import Recording, Table
 
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy)"
 
@@ -53,3 +54,10 @@ def check_node_units(table: Table, where: str) -> None:
     words = doubtful(table.gyro, table.accel)
     if words is not None:
         raise InputError(f"{where}: {words}")
+
+
+def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:
+    """The same of those of these nodes that a recording has."""
+    for node in nodes:
+        if node in recording.nodes:
+            check_node_units(recording.nodes[node], f"{log}, node {node}")

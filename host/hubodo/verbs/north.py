@@ -29,7 +29,7 @@ from hubodo.sensors.north.plan import drift_of_allan
 from hubodo.sensors.north.seen import METHODS
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
-from hubodo.verbs.log_options import add_log_options, log_form
+from hubodo.verbs.log_options import add_log_options, check_units, log_form
 from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
@@ -217,6 +217,7 @@ def _gyros(
     corrected: list[Mapping[str, Table]] = []
     used: dict[str, Any] = {}
     for place, recording in enumerate(recordings):
+        check_units(recording, nodes, _name(args, place))
         tables, applied, said = _corrected(_name(args, place), recording, nodes, calibration)
         corrected.append(tables)
         used |= applied
