@@ -56,15 +56,16 @@ def main() -> int:
     seeds = range(args.first_seed, args.first_seed + args.drives)
     kinds: list[list[str]] = []
     rows = []
+    alarms = dict.fromkeys(NAMES, 0)
     for seed in seeds:
         it = drawn(seed)
         numbers = [plain(it.drive) / it.drive.length]
-        for names in NAMES.values():
-            found = run(wheel_runs.config(it.drive, names), wheel_runs.tables(it.drive))
-            numbers += [
-                wheel_runs.end_error(it.drive, found) / it.drive.length,
-                wheel_runs.nees(it.drive, found),
-            ]
+        for name, nodes in NAMES.items():
+            found = run(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
+            numbers.append(wheel_runs.end_error(it.drive, found) / it.drive.length)
+            numbers.append(wheel_runs.nees(it.drive, found))
+            told = any(wheel.grip.slips for wheel in found.filter.core.wheels)
+            alarms[name] += told and not it.slips
         rows.append(numbers)
         kinds.append(["all", *_kinds(it)])
         if args.each:
@@ -77,6 +78,9 @@ def main() -> int:
     )
     for kind in dict.fromkeys(name for row in kinds for name in row):
         _print(kind, table[[kind in row for row in kinds]])
+    gripping = sum("grips" in row for row in kinds)
+    told = ", ".join(f"{name} {count}" for name, count in alarms.items())
+    print(f"of {gripping} drives that grip, said to have slipped: {told}")
     means = table[:, [2, 4]].mean(axis=0)
     held = bool(((means >= 0.7 * DEGREES) & (means <= 2.0 * DEGREES)).all())
     bounds = f"{0.7 * DEGREES:.1f} and {2 * DEGREES:.1f}"
