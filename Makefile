@@ -70,7 +70,7 @@ mutants: setup       ## small mistakes put into the core one at a time, and how 
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
-	@command -v chromium >/dev/null || command -v google-chrome >/dev/null || tools/debian_packages chromium || true
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup
