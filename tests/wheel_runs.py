@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import numpy as np
 from generators import wheel_drives
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack
+from hubodo.fuse.wheel.window import WINDOW
 from hubodo.recording import Table
 
 BOTH = ("left", "right")
@@ -52,19 +54,25 @@ def truth(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
 
 def end_error(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
     """m between the end of a track and the truth."""
-    x, y, _ = truth(drive, found.track.t[-1])
-    return float(np.hypot(found.track.x[-1] - x, found.track.y[-1] - y))
+    return float(np.hypot(*_error(drive, found.track, -1)[:2]))
 
 
 def nees(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
     """Squared error of x, y, heading at the end over their covariance: chi-square of 3 where it is honest."""
-    track = found.track
-    error = np.array([track.x[-1], track.y[-1], track.heading[-1]]) - truth(drive, track.t[-1])
-    return float(error @ np.linalg.solve(track.covariance[-1, :3, :3], error))
+    error = _error(drive, found.track, -1)
+    return float(error @ np.linalg.solve(found.track.covariance[-1, :3, :3], error))
 
 
 def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of x, y and heading, to the nearest turn, of one pose, (3,), and its covariance, (3, 3)."""
-    error = np.array([track.x[at], track.y[at], track.heading[at]]) - truth(drive, track.t[at])
+    error = _error(drive, track, at)
     error[2] = math.remainder(error[2], 2.0 * math.pi)
     return error, track.covariance[at, :3, :3]
+
+
+def _error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> np.ndarray:
+    """Of x, y and heading, (3,). A track begins with the first whole window: so does its truth."""
+    begin = truth(drive, track.t[0] - WINDOW)
+    x, y, heading = truth(drive, track.t[at]) - begin
+    way = complex(x, y) * cmath.exp(-1j * begin[2])
+    return np.array([track.x[at] - way.real, track.y[at] - way.imag, track.heading[at] - heading])

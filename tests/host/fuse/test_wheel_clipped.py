@@ -53,11 +53,13 @@ def test_without_a_limit_the_same_drive_is_far_off(fast: WheelDrive) -> None:
 
 
 def test_a_drive_that_begins_beyond_the_gyro_finds_its_spin() -> None:
+    """Seed 304: without what angle and tilt make of a spin that is off, biases came out 13 sigma off."""
     case = CASES["20 m/s from the start"]
-    drive = clipped_drive(case, SEED)
-    found = run(config(drive, ("left",), limits=case.limits), tables(drive))
+    drive = clipped_drive(case, 304)
+    found = run(config(drive, limits=case.limits), tables(drive))
     assert found.track.speed[5] == pytest.approx(20.0, abs=0.5)
     assert abs(found.report.distance / drive.length - 1.0) < 0.01
+    assert nees(drive, found) < UNHEARD_OF
 
 
 def test_a_wheel_that_is_heard_a_window_later_begins_with_the_spin_that_was_found() -> None:

@@ -13,9 +13,29 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import SEEN_ROLLING, SEEN_TURNING, SLOPE, YAW_RATE, Columns
+from hubodo.fuse.wheel.entries import (
+    EXCESS,
+    GYRO_BIAS_X,
+    GYRO_BIAS_Y,
+    MISALIGNMENT_X,
+    MISALIGNMENT_Y,
+    SEEN_ROLLING,
+    SEEN_TURNING,
+    SLOPE,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Columns,
+)
 from hubodo.fuse.wheel.grip import Push
-from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, ON_THE_ROAD, WindowNoise, forward, rolling, yaw
+from hubodo.fuse.wheel.measurements import (
+    BETWEEN_WHEELS,
+    ON_THE_ROAD,
+    WindowNoise,
+    forward,
+    roll,
+    rolling,
+    yaw,
+)
 from hubodo.fuse.wheel.rows import Rows
 from hubodo.fuse.wheel.state import UNHEARD, Wheel
 from hubodo.fuse.wheel.stillness import Stillness
@@ -32,6 +52,10 @@ _STANDS_OUT = two_wheels.GATE**2
 
 _SIGNAL = 5.0**2
 """Square of the sigmas of noise by which a wheel must turn to show what multiplies its rate. Estimated."""
+
+
+_LET_IN = (GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_Y, MISALIGNMENT_X)
+"""What the gyros across the axle show as it turns with the wheel, the faster the more."""
 
 
 class Updated(NamedTuple):
@@ -74,6 +98,7 @@ class WheelUpdate:
         self._felt = [np.array(columns.of(wheel, by)) for wheel in wheels]
         self._felt_together = [places[:, None] * columns.size + places for places in self._felt]
         self._forward_rows = [self._rows.of(forward, wheel) for wheel in wheels]
+        self._let_in = [columns.of(wheel, _LET_IN) for wheel in wheels]
         self._compared = tuple((self._rows.of(yaw, wheel), self._rows.of(rolling, wheel)) for wheel in wheels)
 
     def work_in(self, x: list[float], p: Array, pairs: Pairs, stillness: Stillness) -> Updated:
@@ -81,6 +106,9 @@ class WheelUpdate:
         values, rates, yaws, clear, out = self._gather(x, pairs, stillness is Stillness.RESTING)
         slipping = None
         h, z, r = self._rows.fill(values)
+        for index, (wheel, window) in enumerate(pairs):
+            if window.all_clipped:
+                self._add_products(p, h, r, wheel, index)
         # Noise times noise is no signal: minutes of it would make up what is to be learnt.
         still = stillness is not Stillness.MOVING
         for index, (wheel, _) in enumerate(pairs):
@@ -151,6 +179,27 @@ class WheelUpdate:
             if not clear[index] or wheel.away or not (wheel.trusted and wheel.part):
                 out += self._silent(index, wheel, window)
         return values, rates, yaws, clear, out
+
+    def _add_products(self, p: Array, h: Array, r: Array, wheel: Wheel, index: int) -> None:
+        """Adds to yaw and roll what a spin that is found as it goes does to them by chance.
+
+        An angle that is off turns biases and tilts that are off: variance of a product of two errors that are
+        independent (Gaussian second-order filter, Jazwinski 1970, 9.3). And the tilt lets in the spin that is
+        off, taken as new in each window.
+        """
+        angle, excess = wheel.at[WHEEL_ANGLE], wheel.at[EXCESS]
+        middle = np.zeros(len(p))
+        middle[angle], middle[excess] = 1.0, 0.5 * WINDOW
+        off = float(middle @ p @ middle)
+        first, second = self._rows.of(yaw, index), self._rows.of(roll, index)
+        let_in = self._let_in[index]
+        within = p[np.ix_(let_in, let_in)]
+        by_yaw, by_roll = h[first, let_in], h[second, let_in]
+        x, at = wheel.view.x, wheel.at
+        tilt = x[at[MISALIGNMENT_X]] ** 2 + x[at[MISALIGNMENT_Y]] ** 2
+        let_in_spin = p[excess, excess] * tilt * abs(wheel.view.carrier) ** 2
+        r[first] += off * float(by_roll @ within @ by_roll) + let_in_spin
+        r[second] += off * float(by_yaw @ within @ by_yaw) + let_in_spin
 
     def _push(
         self, states: tuple[list[float], Array], rows: tuple[Array, ...], wheel: Wheel, index: int
