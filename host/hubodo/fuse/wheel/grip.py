@@ -59,7 +59,7 @@ _FOLLOWS = 20.0
 """Logarithm of how much likelier it must be that it follows the vehicle's changes of speed than that it spins
 on as it likes, to be believed against the speed that was carried. Estimated; the variances have room."""
 
-_PATIENCE, _LONGEST = 100, 200
+_PATIENCE, LONGEST = 100, 200
 """Quiet windows after which it is believed even so, and windows in any case: ten seconds, through which no
 wheel in the air spins on like one on the road; twenty, after which nothing is left of a speed that was
 carried. Estimated."""
@@ -216,7 +216,7 @@ class Grip:
         went before.
         """
         now = self.slips[-1]
-        if number - now.first >= _LONGEST or (
+        if number - now.first >= LONGEST or (
             carried is not None and _absurd(carried, slip, variance, fastest)
         ):
             now.last = number - 1

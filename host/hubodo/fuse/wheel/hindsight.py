@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
@@ -11,7 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
-from hubodo.fuse.wheel.grip import BANK, Slip
+from hubodo.fuse.wheel.grip import BANK, LONGEST, Slip
 from hubodo.fuse.wheel.measurements import WindowNoise, rolling
 from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.stillness import Stillness
@@ -38,6 +37,7 @@ class Hindsight:
     def __init__(self, noise: WindowNoise) -> None:
         self._noise = noise
         self._past: deque[Past] = deque(maxlen=BANK[-1])
+        self._headings: deque[float] = deque(maxlen=LONGEST + BANK[-1])
 
     def keep(self, past: Past) -> None:
         """The window that is worked in next."""
@@ -52,13 +52,14 @@ class Hindsight:
         if not self._past:
             return found
         now, began = self._past[-1], {}
+        self._headings.append(core.x[core.columns.vehicle[HEADING]])
         for index, (wheel, window) in enumerate(now.pairs):
             push = found.pushes[index]
             if wheel.grip.lost:
                 slip, variance = self._slip(core, wheel, window)
                 carried = core.x[core.columns.vehicle[SPEED]] if core.carrying else None
                 if wheel.grip.follow(now.number, push, slip, variance, carried, core.fastest):
-                    _doubt(core, slip, variance, wheel.grip.slips[-1])
+                    self._doubt(core, slip, variance, wheel.grip.slips[-1])
                 continue
             if found.stillness is not Stillness.MOVING:
                 wheel.grip.rest()
@@ -108,15 +109,20 @@ class Hindsight:
             wheel.grip.forget()
         return found
 
+    def _doubt(self, core: WheelStep, slip: float, variance: float, spell: Slip) -> None:
+        """A wheel is back with another speed than was carried: that may have been wrong all the while.
 
-def _doubt(core: WheelStep, slip: float, variance: float, spell: Slip) -> None:
-    """A wheel is back with another speed than was carried: that may have been wrong all the while."""
-    wrong = slip * slip - variance
-    if wrong <= 0.0:
-        return
-    at = core.columns.vehicle
-    heading, place, speed = core.x[at[HEADING]], (at[X], at[Y]), at[SPEED]
-    way = np.array([math.cos(heading), math.sin(heading)])
-    lasted = spell.end - spell.begin + BANK[-1] * WINDOW
-    core.p[np.ix_(place, place)] += wrong * lasted**2 * np.outer(way, way)
-    core.p[speed, speed] += wrong
+        And before that, for as long as a slip may be old when it is found: one that touches the road again
+        shows what it lost as it ran out in the air. A speed that is off by s or less in a time T, whenever,
+        is off by a way e with e e' <= s² T int u u' dt, u where it headed (Cauchy-Schwarz).
+        """
+        wrong = slip * slip - variance
+        if wrong <= 0.0:
+            return
+        at = core.columns.vehicle
+        lasted = round((spell.end - spell.begin) / WINDOW) + BANK[-1]
+        headings = np.array(list(self._headings)[-lasted:])
+        ahead = np.array([np.cos(headings), np.sin(headings)])
+        place, speed = (at[X], at[Y]), at[SPEED]
+        core.p[np.ix_(place, place)] += wrong * WINDOW**2 * len(headings) * (ahead @ ahead.T)
+        core.p[speed, speed] += wrong
