@@ -52,10 +52,11 @@ A second, what a radio link may hold samples back.
 """
 
 
-_AT_ONCE = 4
-"""Steps that a single sample leads to at most, half a millisecond of them: the rest is for the next samples.
+_AT_ONCE = 3
+"""Steps that a sample which completes a window leads to at most: the rest waits for the next windows.
 
-When a node is heard again that was late, ten steps are due, and samples come ten times as often as windows.
+When a node is heard again that was late, and at the first pose, ten are due; they are caught up with in half
+a second.
 """
 
 
@@ -140,7 +141,7 @@ class WheelFilter:
         if windows:
             self._queues[sample.node].extend(windows)
             self._advance(_PATIENCE)
-        return FilterOutput(self._run(_AT_ONCE) if self._due else (), refused)
+        return FilterOutput(self._run(_AT_ONCE) if windows else (), refused)
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
         """A block of each node, over the same time.
