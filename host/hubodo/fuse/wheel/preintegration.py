@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.sine import cosine_and_sine
+from hubodo.fuse.wheel.integrals import CZ, GZ, KEPT, differences, integrands
 from hubodo.fuse.wheel.window import WINDOW, Window
 from hubodo.fuse.wheel.window_samples import samples_between
 from hubodo.vehicle import Facing, facing_sign
@@ -29,36 +27,6 @@ _PORTION = 4096
 
 
 _Row = tuple[float, ...]
-
-# The integrands below, one row each.
-(
-    _GZ,
-    _WR,
-    _WI,
-    _ER,
-    _EI,
-    _FR,
-    _FI,
-    _AZ,
-    _GX,
-    _GY,
-    _AX,
-    _AY,
-    _GG,
-    _ZZ,
-    _SR,
-    _SI,
-    _QR,
-    _QI,
-    _CS,
-    _CA,
-    _CF,
-    _CZ,
-) = range(22)
-_KEPT = (_GZ, _GX, _GY, _AX, _AY, _CF)
-"""What `WindowSamples` are made of."""
-_TURNING, _TURNING_TOO = (_WR, _ER, _FR, _SR, _QR), (_WI, _EI, _FI, _SI, _QI)
-"""Real and imaginary parts of what turns with the wheel."""
 
 
 @dataclass
@@ -178,22 +146,22 @@ class WindowBuilder:
         return windows
 
     def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
-        sign = facing_sign(self.facing)
+        sign, limits = facing_sign(self.facing), (self.gyro_limit, self.accel_limit)
         if self._last is None:
             self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
-            rows = self._integrands(gyro[:1], accel[:1], np.zeros(1), sign)
-            self._last = (t[:1], rows, np.zeros((_CZ + 2, 1)))
-            self._kept_rows = (t[:1], rows[list(_KEPT)])
+            rows = integrands(gyro[:1], accel[:1], np.zeros(1), sign, limits)
+            self._last = (t[:1], rows, np.zeros((CZ + 2, 1)))
+            self._kept_rows = (t[:1], rows[list(KEPT)])
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
         t_before, rows_before, totals_before = self._last
         t = np.concatenate([t_before, t])
         step = t[1:] - t[:-1]
-        spin = np.concatenate([rows_before[_GZ], sign * gyro[:, 2]])
-        totals = np.empty((_CZ + 2, len(t)))
+        spin = np.concatenate([rows_before[GZ], sign * gyro[:, 2]])
+        totals = np.empty((CZ + 2, len(t)))
         totals[:, :1] = totals_before
-        totals[_GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
-        angle = np.cumsum(totals[_GZ])
-        rows = np.concatenate([rows_before, self._integrands(gyro, accel, angle[1:], sign)], axis=1)
+        totals[GZ, 1:] = 0.5 * (spin[:-1] + spin[1:]) * step
+        angle = np.cumsum(totals[GZ])
+        rows = np.concatenate([rows_before, integrands(gyro, accel, angle[1:], sign, limits)], axis=1)
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
         totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
@@ -201,29 +169,11 @@ class WindowBuilder:
         self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
         return windows
 
-    def _integrands(self, gyro: Array, accel: Array, angle: Array, sign: float) -> Array:
-        gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
-        ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
-        cos, sin = cosine_and_sine(angle)
-        rows = np.empty((_CZ + 1, len(angle)))
-        rows[_GZ], rows[_AZ] = gz, az
-        rows[_GX], rows[_GY], rows[_AX], rows[_AY] = gx, gy, ax, ay
-        rows[_WR], rows[_WI] = gx * cos - gy * sin, gx * sin + gy * cos
-        rows[_ER], rows[_EI] = cos, sin
-        rows[_FR], rows[_FI] = ax * cos - ay * sin, ax * sin + ay * cos
-        rows[_GG], rows[_ZZ] = gx * gx + gy * gy + gz * gz, az * az
-        rows[_SR], rows[_SI] = gz * cos, gz * sin
-        rows[_QR], rows[_QI] = gz * rows[_SR], gz * rows[_SI]
-        clipped, beyond = np.abs(gyro) >= self.gyro_limit, np.abs(accel) >= self.accel_limit
-        rows[_CS], rows[_CA] = clipped[:, 2], clipped[:, 0] | clipped[:, 1]
-        rows[_CF], rows[_CZ] = beyond[:, 0] | beyond[:, 1], beyond[:, 2]
-        return rows
-
     def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
         """The windows, those with a clipped spin with their samples; t, rows: from the last one before on."""
         assert self._kept_rows is not None
         time = np.concatenate([self._kept_rows[0], t[1:]])
-        kept = np.concatenate([self._kept_rows[1], rows[_KEPT, 1:]], axis=1)
+        kept = np.concatenate([self._kept_rows[1], rows[KEPT, 1:]], axis=1)
         for place, window in enumerate(windows):
             if window.spin_clipped > 0.0:
                 begin = self.start + window.number * WINDOW
@@ -246,69 +196,13 @@ class WindowBuilder:
         step = t[right] - t[left]
         share = (edges - t[left]) / step
         y0, y1 = rows[:, left], rows[:, right]
-        at = np.empty((_CZ + 3, len(edges)))
+        at = np.empty((CZ + 3, len(edges)))
         at[:-2] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
         at[-2] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
-        at[-1] = y0[_GZ] + share * (y1[_GZ] - y0[_GZ])
+        at[-1] = y0[GZ] + share * (y1[GZ] - y0[GZ])
         first = self._edge - (self._at_edge is not None)
         self._edge = int(numbers[-1]) + 1
         if self._at_edge is not None:
             at = np.concatenate([self._at_edge, at], axis=1)
         self._at_edge = at[:, -1:].copy()
-        return _differences(first, at)
-
-
-def _differences(first: int, at: Array) -> list[Window]:
-    """Windows from number `first` on.
-
-    They lie between edges at which the integrals, the time without samples and gz are `at`.
-    """
-    d = at[:, 1:] - at[:, :-1]
-    count = d.shape[1]
-    if not count:
-        return []
-    middle = 0.5 * (at[_GZ, 1:] + at[_GZ, :-1])
-    rate_start, rate_end = at[-1, :-1], at[-1, 1:]
-    turned = _turned(d, *cosine_and_sine(middle))
-    change = ((rate_end - rate_start) / WINDOW).tolist()
-    mean = d / WINDOW
-    gyro_variance = mean[_GG] - (mean[_GX] ** 2 + mean[_GY] ** 2 + mean[_GZ] ** 2)
-    axial_variance = mean[_ZZ] - mean[_AZ] * mean[_AZ]
-    columns: dict[str, Iterable[Any]] = {
-        "number": range(first, first + count),
-        "spin": d[_GZ].tolist(),
-        "rate_start": rate_start.tolist(),
-        "rate_end": rate_end.tolist(),
-        "across": turned[_WR],
-        "carrier": turned[_ER],
-        "force": turned[_FR],
-        "axial": d[_AZ].tolist(),
-        "raw_across": _complex(d[_GX], d[_GY]),
-        "raw_force": _complex(d[_AX], d[_AY]),
-        "gyro_variance": np.maximum(gyro_variance, 0.0).tolist(),
-        "axial_variance": np.maximum(axial_variance, 0.0).tolist(),
-        "spin_clipped": mean[_CS].tolist(),
-        "across_clipped": mean[_CA].tolist(),
-        "force_clipped": mean[_CF].tolist(),
-        "axial_clipped": mean[_CZ].tolist(),
-        "missing": mean[-2].tolist(),
-        "clock_angle": middle.tolist(),
-        "swing": turned[_SR],
-        "samples": [None] * count,
-        "lever": [1j * a * c - q for a, c, q in zip(change, turned[_ER], turned[_QR], strict=True)],
-    }
-    rows = zip(*(columns[name] for name in Window._fields), strict=True)
-    return [Window._make(row) for row in rows]
-
-
-def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
-    """Of each pair of rows that turn, by its first: times e^(-i middle), so that it counts from there."""
-    real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
-    pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
-    return dict(zip(_TURNING, pairs, strict=True))
-
-
-def _complex(real: Array, imaginary: Array) -> list[Any]:
-    pair = np.empty(real.shape, complex)
-    pair.real, pair.imag = real, imaginary
-    return list(pair.tolist())
+        return differences(first, at)

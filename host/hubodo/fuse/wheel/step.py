@@ -10,21 +10,20 @@ from operator import itemgetter
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.about_axle import about_the_axle
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import EXCESS, SPEED, TRACK_WIDTH, WHEEL_ANGLE, Entry, X, Y
+from hubodo.fuse.wheel.entries import EXCESS, SPEED, TRACK_WIDTH, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.excess import carried, keep_upright
 from hubodo.fuse.wheel.hindsight import Hindsight, Past
-from hubodo.fuse.wheel.measurements import Row, WindowNoise, centripetal, position, surface_speed
-from hubodo.fuse.wheel.measurements.position import Position
+from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, surface_speed
 from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
 from hubodo.fuse.wheel.propagation import WheelMotion
 from hubodo.fuse.wheel.records import POSE, Innovation, Kept, Pose, Step
 from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung
 from hubodo.fuse.wheel.silences import Silences
 from hubodo.fuse.wheel.state import Wheel, initial_state
+from hubodo.fuse.wheel.state_vector import StateVector
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.update import Pairs, Updated, WheelUpdate
 from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
@@ -42,7 +41,7 @@ Estimated.
 """
 
 
-class WheelStep:
+class WheelStep(StateVector):
     """State vector, covariance and the step that carries both through a window.
 
     x: list of the states, in the order of `columns`. p: their covariance. Copies (copy.deepcopy) go their own
@@ -52,8 +51,8 @@ class WheelStep:
     def __init__(self, config: WheelConfig, slipped: Mapping[int, tuple[bool, ...]] | None = None) -> None:
         """slipped: which wheels spin by themselves, by number of the window; None: that is to be found."""
         begin = initial_state(config)
-        self.config, self.x, self.p, self.wheels = config, begin.x, begin.p, begin.wheels
-        self.columns, self._at = begin.columns, begin.columns.vehicle
+        super().__init__(begin)
+        self.config = config
         self.agreement = two_wheels.Agreement(config.track_width)
         self.steps = self.windows = 0
         self.keep = False
@@ -145,41 +144,16 @@ class WheelStep:
         """To the end of a window that has been worked in."""
         self._motion.advance(self.x, self.p, pairs)
 
-    def derivatives(self, row: Row, at: Mapping[Entry, int]) -> Array:
-        """A row of the Jacobian, (n,)."""
-        h = np.zeros(len(self.x))
-        for entry, value in row[2].items():
-            h[at[entry]] = value
-        return h
-
     def transition(self) -> Array:
         """Derivatives of the states at the end of the last step by those after its measurements, (n, n)."""
         return np.eye(len(self.x)) if self._timeless else self._motion.transition()
-
-    def innovation(self, told: Position) -> Innovation:
-        """What a position at the end of the last window would say that is new."""
-        rows = position.measure(self.x, self._at, told)
-        z = np.array([row[0] for row in rows])
-        h = np.array([self.derivatives(row, self._at) for row in rows])
-        ph = self.p @ h.T
-        s = h @ ph + np.diag([row[1] for row in rows])
-        return Innovation(z, s, ph, float(z @ np.linalg.solve(s, z)))
 
     def fix(self, new: Innovation) -> None:
         """Works a position in."""
         # Going back would lose it.
         self._hindsight.forget()
         weight = np.linalg.solve(new.s, new.ph.T)
-        self._correct(new.z @ weight, new.ph @ weight)
-
-    def estimate(self, node: str | None, entry: Entry) -> Quantity:
-        """Value and 1 sigma of an entry.
-
-        Of the vehicle (node None) or of a node and its wheel, facing left.
-        """
-        at = self._at if node is None else next(wheel.at for wheel in self.wheels if wheel.name == node)
-        place = at[entry]
-        return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
+        self.correct(new.z @ weight, new.ph @ weight)
 
     def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
         covariance = self.p.take(self._covariance)
@@ -299,31 +273,19 @@ class WheelStep:
         if math.isfinite(noise):
             ph = self.p[place].copy()
             s = variance + noise
-            self._correct(ph * (-error / s), np.outer(ph, ph / s))
+            self.correct(ph * (-error / s), np.outer(ph, ph / s))
 
     def _feel_spin(self, wheel: Wheel, window: Window) -> None:
         wheel.view.look(self.x, window, resting=False)
         row = centripetal.measure(wheel.view, self.config.noise)
         if row is not None:
-            self._work_in_row(row, wheel.at)
+            self.work_in_row(row, wheel.at)
 
     def _roll(self, speeds: tuple[float, float]) -> None:
         """What another odometer says of the wheels' surfaces."""
         for side, speed in zip((1.0, -1.0), speeds, strict=True):
             contact = 0.5 * side * self.config.track_width
-            self._work_in_row(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
-
-    def _work_in_row(self, row: Row, at: Mapping[Entry, int]) -> None:
-        """One row alone; one that stands out has the weight of one that just does not."""
-        residual, variance, _ = row
-        h = self.derivatives(row, at)
-        ph = self.p @ h
-        s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
-        self._correct(ph * (residual / s), np.outer(ph, ph / s))
-
-    def _correct(self, change: Array, drop: Array) -> None:
-        self.x = [a + b for a, b in zip(self.x, change.tolist(), strict=True)]
-        self.p -= drop
+            self.work_in_row(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
 
     def _watch(self, pairs: Pairs, found: Updated) -> None:
         if found.slipping is not None:

@@ -1,0 +1,101 @@
+"""What is integrated over the samples of a node, and a window as the difference of two integrals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.sine import cosine_and_sine
+from hubodo.fuse.wheel.window import WINDOW, Window
+
+# The integrands, one row each: gz; real and imaginary parts of what turns with the carrier (gyros across,
+# one, force, gz, gz²); what does not turn; squares; and what stood at its limit.
+GZ, WR, WI, ER, EI, FR, FI, AZ, GX, GY, AX, AY = range(12)
+GG, ZZ, SR, SI, QR, QI, CS, CA, CF, CZ = range(12, 22)
+KEPT = (GZ, GX, GY, AX, AY, CF)
+"""What `WindowSamples` are made of."""
+_TURNING, _TURNING_TOO = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
+"""Real and imaginary parts of what turns with the wheel."""
+
+
+def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tuple[float, float]) -> Array:
+    """What is integrated over samples, (CZ + 1, N).
+
+    gyro: (N, 3) rad/s, accel: (N, 3) m/s², as a node gives them; sign: -1 where it faces right. angle: rad,
+    the carrier's. limits: rad/s and m/s², from which on a sample counts as clipped.
+    """
+    gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
+    ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
+    cos, sin = cosine_and_sine(angle)
+    rows = np.empty((CZ + 1, len(angle)))
+    rows[GZ], rows[AZ] = gz, az
+    rows[GX], rows[GY], rows[AX], rows[AY] = gx, gy, ax, ay
+    rows[WR], rows[WI] = gx * cos - gy * sin, gx * sin + gy * cos
+    rows[ER], rows[EI] = cos, sin
+    rows[FR], rows[FI] = ax * cos - ay * sin, ax * sin + ay * cos
+    rows[GG], rows[ZZ] = gx * gx + gy * gy + gz * gz, az * az
+    rows[SR], rows[SI] = gz * cos, gz * sin
+    rows[QR], rows[QI] = gz * rows[SR], gz * rows[SI]
+    clipped, beyond = np.abs(gyro) >= limits[0], np.abs(accel) >= limits[1]
+    rows[CS], rows[CA] = clipped[:, 2], clipped[:, 0] | clipped[:, 1]
+    rows[CF], rows[CZ] = beyond[:, 0] | beyond[:, 1], beyond[:, 2]
+    return rows
+
+
+def differences(first: int, at: Array) -> list[Window]:
+    """Windows from number `first` on.
+
+    They lie between edges at which the integrals, the time without samples and gz are `at`.
+    """
+    d = at[:, 1:] - at[:, :-1]
+    count = d.shape[1]
+    if not count:
+        return []
+    middle = 0.5 * (at[GZ, 1:] + at[GZ, :-1])
+    rate_start, rate_end = at[-1, :-1], at[-1, 1:]
+    turned = _turned(d, *cosine_and_sine(middle))
+    change = ((rate_end - rate_start) / WINDOW).tolist()
+    mean = d / WINDOW
+    gyro_variance = mean[GG] - (mean[GX] ** 2 + mean[GY] ** 2 + mean[GZ] ** 2)
+    axial_variance = mean[ZZ] - mean[AZ] * mean[AZ]
+    columns: dict[str, Iterable[Any]] = {
+        "number": range(first, first + count),
+        "spin": d[GZ].tolist(),
+        "rate_start": rate_start.tolist(),
+        "rate_end": rate_end.tolist(),
+        "across": turned[WR],
+        "carrier": turned[ER],
+        "force": turned[FR],
+        "axial": d[AZ].tolist(),
+        "raw_across": _complex(d[GX], d[GY]),
+        "raw_force": _complex(d[AX], d[AY]),
+        "gyro_variance": np.maximum(gyro_variance, 0.0).tolist(),
+        "axial_variance": np.maximum(axial_variance, 0.0).tolist(),
+        "spin_clipped": mean[CS].tolist(),
+        "across_clipped": mean[CA].tolist(),
+        "force_clipped": mean[CF].tolist(),
+        "axial_clipped": mean[CZ].tolist(),
+        "missing": mean[-2].tolist(),
+        "clock_angle": middle.tolist(),
+        "swing": turned[SR],
+        "samples": [None] * count,
+        "lever": [1j * a * c - q for a, c, q in zip(change, turned[ER], turned[QR], strict=True)],
+    }
+    rows = zip(*(columns[name] for name in Window._fields), strict=True)
+    return [Window._make(row) for row in rows]
+
+
+def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
+    """Of each pair of rows that turn, by its first: times e^(-i middle), so that it counts from there."""
+    real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
+    pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
+    return dict(zip(_TURNING, pairs, strict=True))
+
+
+def _complex(real: Array, imaginary: Array) -> list[Any]:
+    pair = np.empty(real.shape, complex)
+    pair.real, pair.imag = real, imaginary
+    return list(pair.tolist())
