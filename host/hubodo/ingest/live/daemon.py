@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.snapshot import LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, View, make_result
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.writer import McapLog
@@ -39,13 +41,15 @@ def record(
     stop: threading.Event | None = None,
     computer: Computer | None = None,
     console: Console | None = None,
+    watch: Sequence[Watch] = (),
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
-    computer: None: this one. console: where the user is told how it goes; None: stderr. Unless config.wait,
-    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
-    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
-    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
+    computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
+    snapshot each second, in this thread; must return at once. Unless config.wait, every port must open at
+    the start; once open, a link may come and go. Raises InputError (a port cannot be opened, `out` exists,
+    only strangers on the links) and CalibrationError (of nodes with other serials), which leave nothing
+    behind, and WireMismatch (every node speaks another version), which leaves raw frames.
     """
     computer = computer or ThisComputer(config.time_scale)
     links, names, gnss = _links(config, computer, lister)
@@ -80,8 +84,9 @@ def record(
             localizer=localizer,
         )
         view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
+        watched = Watched(recorder, lambda: _log_now(log), [*watch, *_metrics(config, computer, stack)])
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
-        verdict, duration = _run(config, links, computer, recorder, localizer, log, view, stopping)
+        verdict, duration = _run(config, links, computer, recorder, localizer, log, view, watched, stopping)
     if isinstance(verdict, InputError | CalibrationError):
         out.unlink()
     if verdict is not None:
@@ -97,6 +102,7 @@ def _run(
     localizer: LocalizerThread | None,
     log: McapLog,
     view: View,
+    watched: Watched,
     stopping: threading.Event,
 ) -> tuple[InputError | WireMismatch | CalibrationError | None, float]:
     """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
@@ -104,7 +110,7 @@ def _run(
         link.start()
     start_ns = computer.now_ns()
     with _short_collections():
-        verdict = _loop(config, computer, recorder, log, view, stopping)
+        verdict = _loop(config, computer, recorder, log, view, watched, stopping)
     _stop(links)
     _handle_all(computer, recorder)
     duration = (computer.now_ns() - start_ns) / S
@@ -142,6 +148,7 @@ def _loop(
     recorder: Recorder,
     log: McapLog,
     view: View,
+    watched: Watched,
     stopping: threading.Event,
 ) -> InputError | WireMismatch | CalibrationError | None:
     end_ns = None if config.duration is None else computer.now_ns() + int(config.duration * S)
@@ -164,10 +171,28 @@ def _loop(
             view.say(notice)
         recorder.notices.clear()
         view.update(recorder, log.size, now)
+        watched.tick(now)
         verdict = None if config.wait else recorder.verdict()
         if verdict is not None or (end_ns is not None and now >= end_ns):
             return verdict
     return None
+
+
+def _metrics(config: RecordConfig, computer: Computer, stack: ExitStack) -> list[Watch]:
+    if config.metrics is None:
+        return []
+    from hubodo.ingest.live.metrics_server import MetricsServer
+
+    return [stack.enter_context(MetricsServer(config.metrics, computer.now_ns)).show]
+
+
+def _log_now(log: McapLog) -> LogNow:
+    try:
+        disk = shutil.disk_usage(log.path.absolute().parent)
+    except OSError:
+        disk = None
+    free, size = (disk.free, disk.total) if disk is not None else (None, None)
+    return LogNow(log.path, log.size, log.size, log.message_count, True, None, 1, 0, free, size)
 
 
 def _links(

@@ -18,6 +18,7 @@ class RecordConfig:
     ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second at most,
     None: one for every sample.
     clock_request_period: s between two questions for a node's clock.
+    metrics: HOST:PORT that serves /metrics and /healthz.
     time_scale: for emulated nodes that are slower than real time: a second of the log takes so many seconds.
     """
 
@@ -34,6 +35,7 @@ class RecordConfig:
     odometry_rate_hz: float | None = None
     clock_request_period: float = 1.0
     time_scale: float = 1.0
+    metrics: str | None = None
 
 
 def load_record_config(path: Path) -> RecordConfig:

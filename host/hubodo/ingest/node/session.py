@@ -72,6 +72,7 @@ class NodeSession:
         self.clock = ClockSync()
         self.health: Health | None = None
         self.filter: FilterSeen | None = None
+        self.newest: ImuBlock | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
@@ -291,6 +292,7 @@ class NodeSession:
         self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._recent.add(item.received_ns, len(t_ns))
+        self.newest = item
         yield Published(self.name, t_ns, item, self.power_on_ns)
 
     def _started(self, hello: Hello, t_ns: int) -> None:
