@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a wish to stop, so that files are closed and ports given back."""
+"""SIGINT and SIGTERM as a wish to stop, so that files are closed and ports given back; SIGHUP for anew."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from types import FrameType
 
 
 @contextmanager
-def stop_on_signals(stopping: threading.Event) -> Iterator[threading.Event]:
-    """Sets `stopping` instead of ending the process.
+def stop_on_signals(
+    stopping: threading.Event, again: threading.Event | None = None
+) -> Iterator[threading.Event]:
+    """Sets `stopping` instead of ending the process, and with `again` that on SIGHUP, where there is one.
 
     Only the main thread may ask for that; in another one this does nothing.
     """
@@ -22,7 +24,14 @@ def stop_on_signals(stopping: threading.Event) -> Iterator[threading.Event]:
     def end(number: int, frame: FrameType | None) -> None:
         stopping.set()
 
+    def begin_anew(number: int, frame: FrameType | None) -> None:
+        assert again is not None
+        again.set()
+
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    hangup = getattr(signal, "SIGHUP", None)
+    if again is not None and hangup is not None:
+        before[hangup] = signal.signal(hangup, begin_anew)
     try:
         yield stopping
     finally:

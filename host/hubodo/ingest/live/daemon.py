@@ -1,32 +1,32 @@
-"""The recording loop: threads read the links, one place hands their news to the recorder and the log."""
+"""A recording from its settings to its result: ports, logs, recorder, view and metrics put together."""
 
 from __future__ import annotations
 
-import gc
-import shutil
 import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
 
 from hubodo.calibration.file import Calibration
-from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
+from hubodo.errors import CalibrationError, InputError, LinkError
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
+from hubodo.ingest.live.loop import Loop
+from hubodo.ingest.live.loop import stop as stop_links
+from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, View, make_result
 from hubodo.ingest.stopping import stop_on_signals
+from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.vehicle import Vehicle
 
 S = 1_000_000_000
-_TICK_NS = S // 50
-_BATCH = 256
 
 
 def record(
@@ -53,15 +53,14 @@ def record(
     """
     computer = computer or ThisComputer(config.time_scale)
     links, names, gnss = _links(config, computer, lister)
-    if out.exists():
-        raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
     with ExitStack() as stack:
-        stack.callback(_stop, links)
+        stack.callback(stop_links, links)
         if not config.wait:
             _open_all(links)
         zero = computer.now_ns() // S * S
+        series = LogSeries(out, config.rules(), computer.now_ns, wait=config.wait)
         log = McapLog(
-            out, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=computer.now_ns
+            series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=computer.now_ns
         )
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
@@ -84,98 +83,33 @@ def record(
             localizer=localizer,
         )
         view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
-        watched = Watched(recorder, lambda: _log_now(log), [*watch, *_metrics(config, computer, stack)])
-        stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
-        verdict, duration = _run(config, links, computer, recorder, localizer, log, view, watched, stopping)
+        notifier, again = Notifier(), threading.Event()
+        watch = [*watch, notifier.show, *_metrics(config, computer, stack)]
+        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
+        loop = Loop(
+            links,
+            computer,
+            recorder,
+            localizer,
+            log,
+            series,
+            view,
+            Watched(recorder, lambda: _log_now(log, series), watch),
+            notifier,
+            stopping,
+            again,
+            config.duration,
+            judged=not config.wait,
+        )
+        verdict, duration = loop.run()
+        log.close()
+        loop.say()
     if isinstance(verdict, InputError | CalibrationError):
-        out.unlink()
+        for path in series.paths:
+            path.unlink(missing_ok=True)
     if verdict is not None:
         raise verdict
-    return make_result(recorder, file=str(out), duration=duration, messages=log.message_count, size=log.size)
-
-
-def _run(
-    config: RecordConfig,
-    links: Mapping[str, Link],
-    computer: Computer,
-    recorder: Recorder,
-    localizer: LocalizerThread | None,
-    log: McapLog,
-    view: View,
-    watched: Watched,
-    stopping: threading.Event,
-) -> tuple[InputError | WireMismatch | CalibrationError | None, float]:
-    """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
-    for link in links.values():
-        link.start()
-    start_ns = computer.now_ns()
-    with _short_collections():
-        verdict = _loop(config, computer, recorder, log, view, watched, stopping)
-    _stop(links)
-    _handle_all(computer, recorder)
-    duration = (computer.now_ns() - start_ns) / S
-    recorder.close()
-    if localizer is not None and not localizer.close():
-        view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
-    _handle_all(computer, recorder)
-    return verdict, duration
-
-
-def _stop(links: Mapping[str, Link]) -> None:
-    for link in links.values():
-        link.stop()
-
-
-def _handle_all(computer: Computer, recorder: Recorder) -> None:
-    while (item := computer.news(0.0)) is not None:
-        recorder.handle(item)
-
-
-@contextmanager
-def _short_collections() -> Iterator[None]:
-    """Keeps what is loaded by now out of garbage collection, which else stops the loop for 10 ms and more."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-
-
-def _loop(
-    config: RecordConfig,
-    computer: Computer,
-    recorder: Recorder,
-    log: McapLog,
-    view: View,
-    watched: Watched,
-    stopping: threading.Event,
-) -> InputError | WireMismatch | CalibrationError | None:
-    end_ns = None if config.duration is None else computer.now_ns() + int(config.duration * S)
-    next_tick = 0
-    while not stopping.is_set():
-        wait = _TICK_NS / S
-        for _ in range(_BATCH):
-            item = computer.news(wait)
-            if item is None:
-                break
-            recorder.handle(item)
-            wait = 0.0
-        now = computer.now_ns()
-        if now < next_tick:
-            continue
-        next_tick = now + _TICK_NS
-        recorder.tick(now)
-        log.tick()
-        for notice in recorder.notices:
-            view.say(notice)
-        recorder.notices.clear()
-        view.update(recorder, log.size, now)
-        watched.tick(now)
-        verdict = None if config.wait else recorder.verdict()
-        if verdict is not None or (end_ns is not None and now >= end_ns):
-            return verdict
-    return None
+    return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
 
 
 def _metrics(config: RecordConfig, computer: Computer, stack: ExitStack) -> list[Watch]:
@@ -186,13 +120,20 @@ def _metrics(config: RecordConfig, computer: Computer, stack: ExitStack) -> list
     return [stack.enter_context(MetricsServer(config.metrics, computer.now_ns)).show]
 
 
-def _log_now(log: McapLog) -> LogNow:
-    try:
-        disk = shutil.disk_usage(log.path.absolute().parent)
-    except OSError:
-        disk = None
-    free, size = (disk.free, disk.total) if disk is not None else (None, None)
-    return LogNow(log.path, log.size, log.size, log.message_count, True, None, 1, 0, free, size)
+def _log_now(log: McapLog, series: LogSeries) -> LogNow:
+    free, whole = series.disk() or (None, None)
+    return LogNow(
+        series.path,
+        series.open_size,
+        log.size,
+        log.message_count,
+        series.recording,
+        series.trouble,
+        len(series.paths),
+        series.messages_lost,
+        free,
+        whole,
+    )
 
 
 def _links(

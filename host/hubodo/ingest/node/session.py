@@ -80,6 +80,7 @@ class NodeSession:
         self._order = order
         self._boot: Hello | None = None  # of a start of which no sample has been published
         self._boot_id: int | None = None
+        self._start: Event | None = None
         self._send = send
         self._sink = sink
         self._now_ns = now_ns
@@ -147,6 +148,14 @@ class NodeSession:
         A node that is booting must not be sent anything, and a device that is no node even less.
         """
         self._muted = True
+
+    def tell_again(self, now_ns: int) -> None:
+        """For a log that has just begun: what is known of the node, and what its raw frames are read with."""
+        if self._start is not None:
+            self._sink.event(self._start, now_ns)
+        if self.decoder.refusal is None and not self._muted:
+            self._ask(GetHello())
+            self._exchanges.burst()
 
     def close(self, now_ns: int) -> Iterator[Published]:
         """Writes what was held back, and the node's last report."""
@@ -299,4 +308,5 @@ class NodeSession:
         """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""
         if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
             self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
-        self._sink.event(switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns))
+        self._start = switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns)
+        self._sink.event(self._start)
