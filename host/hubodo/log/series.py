@@ -6,7 +6,6 @@ messages of all of them, in their order, are those that a single log would hold.
 
 from __future__ import annotations
 
-import shutil
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,10 +16,10 @@ from mcap.records import Channel, Schema
 from hubodo.errors import InputError
 from hubodo.log.container import Compression, McapFile, MessageIndexes
 from hubodo.log.log_names import LogNames
+from hubodo.log.room import MB, Room
 from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
 
 S = 1_000_000_000
-MB = 1_000_000
 _LOOK_NS = S // 2
 _BUDGET_NS = 5 * S
 _SLOW_SYNC_NS = 5 * S // 2
@@ -83,9 +82,9 @@ class LogSeries:
         """Why nothing is recorded now."""
         self.paths: list[Path] = []
         self.messages_lost = 0
-        self.removed = 0
         self.closed = False
         self._names = LogNames(out, plain=not rules.rotates)
+        self.room = Room(self._names, rules.budget, self.notices.append)
         self._now_ns = now_ns
         self._sync = syncer or Syncer()
         self._file: McapFile | None = None
@@ -138,14 +137,6 @@ class LogSeries:
         """Whether another log has begun since the last call; the first log does not count."""
         again, self._told = self._told != len(self.paths) and len(self.paths) > 1, len(self.paths)
         return again
-
-    def disk(self) -> tuple[int, int] | None:
-        """Bytes free and in all where the logs are; None where that folder is not there."""
-        try:
-            usage = shutil.disk_usage(self._names.folder)
-        except OSError:
-            return None
-        return usage.free, usage.total
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """A schema, written where a log first needs it; returns its id."""
@@ -205,7 +196,7 @@ class LogSeries:
             self._look(self._file)
         if now_ns >= self._next_budget:
             self._next_budget = now_ns + _BUDGET_NS
-            self._keep_to_budget()
+            self.room.keep_to_budget(self._in_use)
 
     def finish(self) -> None:
         """Ends the last log, and waits a second for the disk to have it. Idempotent."""
@@ -222,6 +213,10 @@ class LogSeries:
         self._held.clear()
         self._sync.close(1.0)
 
+    @property
+    def _in_use(self) -> list[Path]:
+        return [file.path for file in (self._file, self._unsealed) if file is not None]
+
     def _due(self) -> bool:
         after, at = self.rules.after, self.rules.at
         assert self._file is not None
@@ -231,12 +226,13 @@ class LogSeries:
 
     def _begin(self) -> None:
         """The next log, with what stands at the head of each; raises InputError or OSError without one."""
-        self._keep_to_budget(self.rules.at or self._last_size)
-        disk, wanted = self.disk(), float(self.rules.reserve)
+        self.room.keep_to_budget(self._in_use, self.rules.at or self._last_size)
+        wanted = float(self.rules.reserve)
         if self.trouble is not None:
             wanted = wanted * _ROOM_AGAIN + sum(len(held.records) for held in self._held)
-        if disk is not None and disk[0] < wanted:
-            raise InputError(f"{self._names.folder}: {_left(disk[0])} on the disk")
+        lacking = self.room.lacks(wanted)
+        if lacking is not None:
+            raise InputError(lacking)
         now_ns = self._now_ns()
         file = McapFile(self._names.fresh(now_ns))
         try:
@@ -346,12 +342,10 @@ class LogSeries:
         if where != "here":
             self._lost_sight(file, where)
             return
-        disk = self.disk()
-        if disk is not None and disk[0] < self.rules.reserve:
-            self._make_room(self.rules.reserve - disk[0])
-            disk = self.disk()
-        if disk is not None and disk[0] < self.rules.reserve:
-            self._paused(f"{self._names.folder}: {_left(disk[0])} on the disk")
+        self.room.make(self.rules.reserve, self._in_use)
+        lacking = self.room.lacks(self.rules.reserve)
+        if lacking is not None:
+            self._paused(lacking)
             self._end()
 
     def _lost_sight(self, file: McapFile, where: str) -> None:
@@ -388,44 +382,6 @@ class LogSeries:
         self._next_sync, self._sync_began_ns = now_ns + PERIOD_NS, now_ns
         self._synced = self._file.size
         self._sync.give(self._file.duplicate())
-
-    def _keep_to_budget(self, coming: int = 0) -> None:
-        """Removes the oldest logs beyond the budget, and as many as the bytes to come will take."""
-        if self.rules.budget is not None:
-            sizes = {path: _size(path) for path in self._names.logs()}
-            self._remove(sizes, sum(sizes.values()) + coming - self.rules.budget)
-
-    def _make_room(self, wanted: int) -> None:
-        if self.rules.budget is not None:
-            self._remove({path: _size(path) for path in self._names.logs()}, wanted)
-
-    def _remove(self, sizes: Mapping[Path, int], excess: int) -> None:
-        """The oldest closed logs, until so many bytes are free again."""
-        in_use = {file.path for file in (self._file, self._unsealed) if file is not None}
-        for path, size in sizes.items():
-            if excess <= 0:
-                return
-            if path in in_use:
-                continue
-            try:
-                path.unlink()
-            except OSError as error:
-                self.notices.append(f"{path}: cannot be removed to make room: {_words(error)}")
-                return
-            excess -= size
-            self.removed += 1
-            self.notices.append(f"{path.name}: removed, the oldest log, to make room")
-
-
-def _size(path: Path) -> int:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return 0
-
-
-def _left(free: int) -> str:
-    return f"{free / MB:.1f} MB are left"
 
 
 def _words(error: Exception) -> str:

@@ -68,7 +68,7 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class State:
+class ServiceState:
     """What systemd knows of the service, by its own names."""
 
     values: dict[str, str]
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dry-run", action="store_true", help="only show what would be done")
 
 
-def run(args: argparse.Namespace) -> Placed | State:
+def run(args: argparse.Namespace) -> Placed | ServiceState:
     """Does what is asked for."""
     where = Place(args.user, args.root.absolute() if args.root is not None else None)
     quiet = args.dry_run or args.root is not None
@@ -171,9 +171,9 @@ def _uninstall(where: Place, quiet: bool, dry: bool) -> Placed:
     )
 
 
-def _state(where: Place) -> State:
+def _state(where: Place) -> ServiceState:
     shown = subprocess.run(
         where.systemctl("show", unit.NAME, f"--property={','.join(_SHOWN)}"), capture_output=True, text=True
     )
     pairs = (line.partition("=") for line in shown.stdout.splitlines())
-    return State({key: value for key, _, value in pairs})
+    return ServiceState({key: value for key, _, value in pairs})

@@ -95,7 +95,7 @@ def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used
     rules = SeriesRules(at=200_000, budget=800_000)
     series = Written(tmp_path / "drive.mcap", rules).run(40).close()
     left = [path for path in series.paths if path.exists()]
-    assert series.removed == len(series.paths) - len(left) > 10
+    assert series.room.removed == len(series.paths) - len(left) > 10
     assert left == series.paths[-len(left) :]
     assert sum(path.stat().st_size for path in left) < 1_000_000
     assert max(path.stat().st_size for path in left) < 300_000

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -14,9 +14,8 @@ from hubodo.errors import CalibrationError, InputError, LinkError
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
-from hubodo.ingest.live.loop import Loop
+from hubodo.ingest.live.loop import Loop, Verdict
 from hubodo.ingest.live.loop import stop as stop_links
-from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import LogNow, Watch, Watched
@@ -57,11 +56,10 @@ def record(
         stack.callback(stop_links, links)
         if not config.wait:
             _open_all(links)
-        zero = computer.now_ns() // S * S
-        series = LogSeries(out, config.rules(), computer.now_ns, wait=config.wait)
-        log = McapLog(
-            series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=computer.now_ns
-        )
+        now_ns = computer.now_ns
+        zero = now_ns() // S * S
+        series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
+        log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
@@ -73,7 +71,7 @@ def record(
             names,
             log,
             lambda label, data, to: links[label].send(data, to),
-            computer.now_ns,
+            now_ns,
             gnss=gnss,
             vehicle=vehicle,
             calibration=calibration,
@@ -82,28 +80,18 @@ def record(
             clock_period=config.clock_request_period,
             localizer=localizer,
         )
-        view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
-        notifier, again = Notifier(), threading.Event()
-        watch = [*watch, notifier.show, *_metrics(config, computer, stack)]
+        view = stack.enter_context(View(console or Console(stderr=True), now_ns()))
+        watched = _watched(config, recorder, log, series, watch, now_ns, stack)
+        again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
-        loop = Loop(
-            links,
-            computer,
-            recorder,
-            localizer,
-            log,
-            series,
-            view,
-            Watched(recorder, lambda: _log_now(log, series), watch),
-            notifier,
-            stopping,
-            again,
-            config.duration,
-            judged=not config.wait,
-        )
-        verdict, duration = loop.run()
-        log.close()
-        loop.say()
+        loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
+        verdict, duration = loop.run(config.duration, judged=not config.wait)
+    return _result(recorder, log, series, verdict, duration)
+
+
+def _result(
+    recorder: Recorder, log: McapLog, series: LogSeries, verdict: Verdict, duration: float
+) -> RecordResult:
     if isinstance(verdict, InputError | CalibrationError):
         for path in series.paths:
             path.unlink(missing_ok=True)
@@ -112,16 +100,26 @@ def record(
     return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
 
 
-def _metrics(config: RecordConfig, computer: Computer, stack: ExitStack) -> list[Watch]:
-    if config.metrics is None:
-        return []
-    from hubodo.ingest.live.metrics_server import MetricsServer
+def _watched(
+    config: RecordConfig,
+    recorder: Recorder,
+    log: McapLog,
+    series: LogSeries,
+    watch: Sequence[Watch],
+    now_ns: Callable[[], int],
+    stack: ExitStack,
+) -> Watched:
+    """Who gets the snapshots: those who asked, and with `metrics` a server of them."""
+    watch = list(watch)
+    if config.metrics is not None:
+        from hubodo.ingest.live.metrics_server import MetricsServer
 
-    return [stack.enter_context(MetricsServer(config.metrics, computer.now_ns)).show]
+        watch.append(stack.enter_context(MetricsServer(config.metrics, now_ns)).show)
+    return Watched(recorder, lambda: _log_now(log, series), watch)
 
 
 def _log_now(log: McapLog, series: LogSeries) -> LogNow:
-    free, whole = series.disk() or (None, None)
+    free, whole = series.room.disk() or (None, None)
     return LogNow(
         series.path,
         series.open_size,

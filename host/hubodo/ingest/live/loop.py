@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.ingest.live.computer import Computer, Link
@@ -32,10 +32,7 @@ Verdict = InputError | WireMismatch | CalibrationError | None
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One recording. duration: s, None until `stopping`; judged: whether the recorder's verdict ends it.
-
-    again: a wish for a new log. clock: s, of the end alone.
-    """
+    """One recording. stopping: a wish to end it; again: for a new log. clock: s, of the end alone."""
 
     links: Mapping[str, Link]
     computer: Computer
@@ -45,26 +42,30 @@ class Loop:
     series: LogSeries
     view: View
     watched: Watched
-    notifier: Notifier
     stopping: threading.Event
     again: threading.Event
-    duration: float | None
-    judged: bool
+    notifier: Notifier = field(default_factory=Notifier)
     clock: Callable[[], float] = time.monotonic
 
-    def run(self) -> tuple[Verdict, float]:
-        """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
+    def run(self, duration: float | None, *, judged: bool) -> tuple[Verdict, float]:
+        """From the start of the links to the last thing that came: why it ended, and how long it took, s.
+
+        duration: s, None until `stopping`. judged: whether the recorder's verdict ends it.
+        """
+        self.watched.add(self.notifier.show)
         for link in self.links.values():
             link.start()
         start_ns = self.computer.now_ns()
         self.notifier.ready()
         with _short_collections():
-            verdict = self._turn_until_the_end()
-        duration = self._end(start_ns)
-        return verdict, duration
+            verdict = self._turn_until_the_end(duration, judged)
+        took = self._end(start_ns)
+        self.log.close()
+        self.say()
+        return verdict, took
 
-    def _turn_until_the_end(self) -> Verdict:
-        end_ns = None if self.duration is None else self.computer.now_ns() + int(self.duration * S)
+    def _turn_until_the_end(self, duration: float | None, judged: bool) -> Verdict:
+        end_ns = None if duration is None else self.computer.now_ns() + int(duration * S)
         next_tick = 0
         while not self.stopping.is_set():
             wait = _TICK_NS / S
@@ -79,7 +80,7 @@ class Loop:
                 continue
             next_tick = now + _TICK_NS
             self._tick(now)
-            verdict = self.recorder.verdict() if self.judged else None
+            verdict = self.recorder.verdict() if judged else None
             if verdict is not None or (end_ns is not None and now >= end_ns):
                 return verdict
         return None

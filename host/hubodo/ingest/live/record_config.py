@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
-from hubodo.log.series import MB, SeriesRules
+from hubodo.log.room import MB
+from hubodo.log.series import SeriesRules
 from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import load_toml, only_keys, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD

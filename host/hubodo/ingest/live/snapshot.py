@@ -139,8 +139,12 @@ class Watched:
 
     def __init__(self, recorder: Recorder, log: Callable[[], LogNow], watch: Sequence[Watch]) -> None:
         """watch: called with each snapshot in the recorder's own thread; must return at once."""
-        self._recorder, self._log, self._watch = recorder, log, watch
+        self._recorder, self._log, self._watch = recorder, log, list(watch)
         self._started_ns = self._next_ns = 0
+
+    def add(self, watch: Watch) -> None:
+        """Another one who wants to know."""
+        self._watch.append(watch)
 
     def tick(self, now_ns: int) -> None:
         """Call often; the first call is the start."""

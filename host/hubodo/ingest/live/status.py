@@ -184,7 +184,7 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
         file=str(series.path),
         files=tuple(map(str, series.paths)),
         messages_lost=series.messages_lost,
-        removed=series.removed,
+        removed=series.room.removed,
         trouble=series.trouble,
         duration=duration,
         messages=messages,
