@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 S = 1_000_000_000
@@ -13,8 +12,6 @@ PERIOD_NS = 2 * S
 """With half a second in which messages wait for their chunk, a disk may take 2.5 s and no more than 5 s
 are lost.
 """
-
-Sync = Callable[[int], None]
 
 
 def sync_file(fd: int) -> None:

@@ -274,6 +274,26 @@ def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_ti
     assert any("hubodo import decodes them" in event.text for event in read_recording(out).events)
 
 
+def test_a_recorder_that_falls_far_behind_keeps_frames_raw_until_it_has_caught_up(tmp_path):
+    """A node behind a computer that comes late for what it reads, by 30 s at most."""
+    computer, out, late = VirtualComputer(), tmp_path / "ride.mcap", [0.0]
+    put = computer.put
+
+    def put_late(item):
+        put(replace(item, t_ns=item.t_ns - int(late[0] * S)) if isinstance(item, Chunk) else item)
+
+    computer.put = put_late
+    Script(computer, (2.0, lambda: late.__setitem__(0, 30.0)), (4.0, lambda: late.__setitem__(0, 0.0)))
+    with FakeNode(computer=computer) as node:
+        result = record(RecordConfig(ports=(node.path,), duration=6.0), out, computer=computer)
+    warned = [event.text for event in read_recording(out).events if event.kind == "warning"]
+    assert [text.split(";")[0] for text in warned][:2] == ["30 s behind", "kept up again"]
+    assert 500 < result.nodes["left"]["samples"] < 900
+    done = hubodo("import", out, "-o", tmp_path / "again.mcap")
+    assert done.code == 0, done.err
+    assert len(read_recording(tmp_path / "again.mcap").nodes["left"]) > 1200
+
+
 class Silent:
     """A view or a watcher to which nothing is said."""
 

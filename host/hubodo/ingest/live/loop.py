@@ -10,8 +10,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
+from hubodo.ingest.link.link import LinkNews
 from hubodo.ingest.live.computer import Computer, Link
-from hubodo.ingest.live.localizer_thread import LocalizerThread
+from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Watched
@@ -24,10 +25,36 @@ _TICK_NS = S // 50
 _BATCH = 256
 _DECODE_S = 0.6
 """How long what waits at the end is still decoded; together with ports, graph and disk two seconds."""
+_FAR_NS, _NEAR_NS = 10 * S, S
+"""What has waited so long is not decoded, so that the backlog stays bounded, until what comes is near again."""
 _JOIN_S = 0.4
 _GRAPH_S = 0.3
+_UNREAD = "frames go into the log raw and are not decoded until that is made up; hubodo import decodes them"
 
 Verdict = InputError | WireMismatch | CalibrationError | None
+
+
+class _Backlog:
+    """News to the recorder: decoded while it keeps up, else raw into the log until it has."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self.now_ns = 0
+        self._recorder = recorder
+        self._behind = False
+
+    def take(self, item: LinkNews | Answer) -> None:
+        """The next of them."""
+        late_ns = 0 if isinstance(item, Answer) else self.now_ns - item.t_ns
+        if late_ns > (_NEAR_NS if self._behind else _FAR_NS):
+            if not self._behind:
+                self._recorder.warn("recorder", f"{late_ns / S:.0f} s behind; {_UNREAD}")
+            self._behind = True
+            self._recorder.keep(item)
+            return
+        if self._behind:
+            self._behind = False
+            self._recorder.warn("recorder", "kept up again; frames are decoded")
+        self._recorder.handle(item)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +94,16 @@ class Loop:
     def _turn_until_the_end(self, duration: float | None, judged: bool) -> Verdict:
         end_ns = None if duration is None else self.computer.now_ns() + int(duration * S)
         next_tick = 0
+        backlog = _Backlog(self.recorder)
         while not self.stopping.is_set():
             wait = _TICK_NS / S
             for _ in range(_BATCH):
                 item = self.computer.news(wait)
                 if item is None:
                     break
-                self.recorder.handle(item)
+                backlog.take(item)
                 wait = 0.0
-            now = self.computer.now_ns()
+            backlog.now_ns = now = self.computer.now_ns()
             if now < next_tick:
                 continue
             next_tick = now + _TICK_NS

@@ -147,8 +147,7 @@ class Recorder:
         if self._unread:
             self.warn(
                 "recorder",
-                f"{self._unread} frames came too late to be decoded before the end; they are in the log raw: "
-                "hubodo import decodes them",
+                f"{self._unread} frames are in the log raw, not decoded: hubodo import decodes them",
             )
         for link in self.links.values():
             link.close(now_ns)

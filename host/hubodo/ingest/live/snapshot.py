@@ -185,7 +185,7 @@ def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int)
 def memory_in_use() -> int | None:
     """Bytes that the process holds in memory; None where the system does not tell."""
     try:
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        return int(Path("/proc/self/statm").read_bytes().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError, AttributeError):
         return None
 
