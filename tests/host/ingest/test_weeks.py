@@ -316,3 +316,22 @@ def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
     assert series.recording
     assert series.path == tmp_path / "a.mcap"
     series.finish()
+
+
+@pytest.mark.real_time
+def test_ctrl_c_while_modules_load_is_one_line_and_130(tmp_path):
+    program = (
+        "import signal, sys, os\n"
+        "from hubodo import cli, verbs\n"
+        "real = cli.load\n"
+        "def load(verb):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return real(verb)\n"
+        "cli.load = load\n"
+        "sys.exit(cli.main(['record', '/dev/null', '-o', sys.argv[1]]))\n"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    words = [sys.executable, "-c", program, tmp_path / "x.mcap"]
+    done = subprocess.run(words, capture_output=True, text=True, env=env)
+    assert (done.returncode, len(done.stderr.splitlines())) == (130, 1)
+    assert list(tmp_path.iterdir()) == []

@@ -26,7 +26,7 @@ _BATCH = 256
 _DECODE_S = 0.6
 """How long what waits at the end is still decoded; together with ports, graph and disk two seconds."""
 _FAR_NS, _NEAR_NS = 10 * S, S
-"""What has waited so long is not decoded, so that the backlog stays bounded, until what comes is near again."""
+"""What has waited so long is not decoded, which bounds the backlog, until what comes is near again."""
 _JOIN_S = 0.4
 _GRAPH_S = 0.3
 _UNREAD = "frames go into the log raw and are not decoded until that is made up; hubodo import decodes them"
