@@ -8,14 +8,15 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Any, NoReturn, Protocol
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from hubodo import __version__
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import one_line_on_ctrl_c
 from hubodo.verbs import VERBS, load
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 EXIT_OK, EXIT_FAILED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
 _REFUSALS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
@@ -114,6 +115,8 @@ def _show(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.as_json(), allow_nan=False))
     else:
+        from rich.console import Console  # a tenth of a second that only a table needs
+
         # Piped output has no width of its own; 80 columns would cut the tables.
         result.render(Console() if sys.stdout.isatty() else Console(width=160))
     sys.stdout.flush()

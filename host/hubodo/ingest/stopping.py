@@ -12,7 +12,7 @@ from types import FrameType
 
 @contextmanager
 def one_line_on_ctrl_c() -> Iterator[None]:
-    """While modules load, ctrl-C is one line and exit code 130: an exception could come up anywhere in them."""
+    """While modules load, ctrl-C is one line and exit code 130: an exception would come up inside of them."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield

@@ -22,6 +22,7 @@ from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
 S = 1_000_000_000
 _LOOK_NS = S // 2
 _BUDGET_NS = 5 * S
+_SYNC_S = 0.5
 _SLOW_SYNC_NS = 5 * S // 2
 _ROOM_AGAIN = 1.25
 """Times the reserve; between the two neither a log ends nor one begins."""
@@ -199,7 +200,7 @@ class LogSeries:
             self.room.keep_to_budget(self._in_use)
 
     def finish(self) -> None:
-        """Ends the last log, and waits a second for the disk to have it. Idempotent."""
+        """Ends the last log, and waits half a second for the disk to have it. Idempotent."""
         if self.closed:
             return
         if self._file is None and self._held:
@@ -211,7 +212,7 @@ class LogSeries:
             self._give_up(self._unsealed)
         self.messages_lost += sum(held.messages for held in self._held)
         self._held.clear()
-        self._sync.close(1.0)
+        self._sync.close(_SYNC_S)
 
     @property
     def _in_use(self) -> list[Path]:

@@ -24,6 +24,7 @@ ExecReload=/bin/kill -HUP $MAINPID
 WatchdogSec=30
 Restart=on-failure
 RestartSec=2
+RestartPreventExitStatus=2
 TimeoutStopSec=10
 StateDirectory=hubodo
 Environment=OPENBLAS_NUM_THREADS=1 PYTHONUNBUFFERED=1
