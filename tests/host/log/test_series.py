@@ -267,7 +267,8 @@ def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
         made.close()
     assert len(disk.moments) > 30
     worst = 0.0
-    for turn, (t_ns, safe) in enumerate(disk.moments):
+    # What is safe stays so until the next moment, just before which a cut costs most.
+    for turn, ((_, safe), (t_ns, _)) in enumerate(itertools.pairwise(disk.moments)):
         found = []
         for k, (name, data) in enumerate(safe.items()):
             cut, whole = tmp_path / f"{turn}-{k}-{name}", tmp_path / f"{turn}-{k}-whole.mcap"
