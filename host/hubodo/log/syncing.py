@@ -41,7 +41,7 @@ class Syncer:
 
     def __init__(self) -> None:
         self._given: queue.SimpleQueue[int | None] = queue.SimpleQueue()
-        self._waiting = 0
+        self._counts = [0, 0]  # given by one thread, done by the other
         self._failed: list[str] = []
         self._thread = threading.Thread(target=self._run, daemon=True, name="sync")
         self._thread.start()
@@ -49,11 +49,11 @@ class Syncer:
     @property
     def busy(self) -> bool:
         """Whether something that was given is not on the disk yet."""
-        return self._waiting > 0
+        return self._counts[0] != self._counts[1]
 
     def give(self, fd: int) -> None:
         """What is written to `fd` so far, soon; `fd` is closed then."""
-        self._waiting += 1
+        self._counts[0] += 1
         self._given.put(fd)
 
     def failed(self) -> str | None:
@@ -74,4 +74,4 @@ class Syncer:
                 self._failed.append(error.strerror or str(error))
             finally:
                 os.close(fd)
-                self._waiting -= 1
+                self._counts[1] += 1

@@ -1,5 +1,6 @@
 """A recorder that runs for weeks: logs that rotate, a service manager that listens, an end in time."""
 
+import io
 import json
 import os
 import signal
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from fakes.fake_node import FakeNode
 from fakes.script import Script
@@ -214,12 +216,15 @@ def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_
         FakeNode(node_id=1, rows=rows, computer=computer) as left,
         FakeNode(node_id=2, rows=rows, computer=computer) as right,
     ):
-        config = RecordConfig(ports=(left.path, right.path), duration=10.0)
-        result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, watch=[seen.append])
-    assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 6
+        config, shown = RecordConfig(ports=(left.path, right.path), duration=12.0), io.StringIO()
+        told = {"watch": [seen.append], "console": Console(file=shown, width=500)}
+        result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **told)
+    assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
     assert "nothing is recorded" in health(seen[-1])[1]
     assert result.failed
     assert "folder does not exist" in result.trouble
+    assert shown.getvalue().count("NOT RECORDING: ") == 1, "the line of every ten seconds"
+    assert "nothing is recorded until that is over" in shown.getvalue()
     poses = [snapshot.odometry.poses for snapshot in seen if snapshot.odometry]
     assert (np.diff(poses) > 0).all()
     assert len(read_recording(tmp_path / "gone" / "a.mcap").nodes["left"]) > 500
@@ -316,6 +321,17 @@ def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
     assert series.recording
     assert series.path == tmp_path / "a.mcap"
     series.finish()
+
+
+def test_a_start_that_fails_after_its_log_began_leaves_no_log(tmp_path):
+    computer = VirtualComputer()
+    with socket.create_server(("127.0.0.1", 0)) as taken, FakeNode(computer=computer) as node:
+        words = ["record", node.path, "-o", tmp_path / "x.mcap", "--duration", "1"]
+        metrics = f"127.0.0.1:{taken.getsockname()[1]}"
+        done = hubodo(*words, "--metrics", metrics, computer=computer)
+        assert done.code == 2
+        assert "choose another port" in done.err
+        assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.real_time

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import TracebackType
 
 from rich.console import Console
 
@@ -14,7 +15,7 @@ from hubodo.errors import CalibrationError, InputError, LinkError
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
-from hubodo.ingest.live.loop import Loop, Verdict
+from hubodo.ingest.live.loop import Loop
 from hubodo.ingest.live.loop import stop as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
@@ -59,6 +60,7 @@ def record(
         now_ns = computer.now_ns
         zero = now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
+        stack.push(_nothing_left(series))
         log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
@@ -86,18 +88,22 @@ def record(
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
         verdict, duration = loop.run(config.duration, judged=not config.wait)
-    return _result(recorder, log, series, verdict, duration)
-
-
-def _result(
-    recorder: Recorder, log: McapLog, series: LogSeries, verdict: Verdict, duration: float
-) -> RecordResult:
-    if isinstance(verdict, InputError | CalibrationError):
-        for path in series.paths:
-            path.unlink(missing_ok=True)
-    if verdict is not None:
-        raise verdict
+        if verdict is not None:
+            raise verdict
     return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
+
+
+def _nothing_left(
+    series: LogSeries,
+) -> Callable[[type[BaseException] | None, BaseException | None, TracebackType | None], None]:
+    """What takes the logs away when it turns out that they should never have begun."""
+
+    def end(kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, InputError | CalibrationError):
+            for path in series.paths:
+                path.unlink(missing_ok=True)
+
+    return end
 
 
 def _watched(

@@ -122,6 +122,7 @@ class Loop:
             self.series.cut()
         self.log.tick()
         self.series.tick(now_ns)
+        self.recorder.trouble = self.series.trouble
         if self.series.begun_anew():
             self.recorder.tell_again()
         self.say()

@@ -67,6 +67,8 @@ class Recorder:
         """Whether odometry and fixes go to a localizer."""
         self._localizer = localizer
         self.notices: list[str] = []
+        self.trouble: str | None = None
+        """Why nothing is recorded now, while what comes is still fused."""
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
         self._told: set[str] = set()

@@ -270,12 +270,14 @@ class View:
             f"{node.name} {node.rate(now_ns):.1f} Hz, {node.decoder.counts.samples_lost} samples lost"
             for node in recorder.nodes.values()
         ]
+        parts += [f"NOT RECORDING: {recorder.trouble}"] if recorder.trouble is not None else []
         parts += [f"{label} down" for label, link in recorder.links.items() if link.where is None]
         self.say(f"{seconds:.0f} s, {size / 1e6:.1f} MB: {'; '.join(parts) or 'no node yet'}")
 
 
 def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
-    table = Table(title=f"recording {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
+    what = "recording" if recorder.trouble is None else f"NOT RECORDING: {recorder.trouble};"
+    table = Table(title=f"{what} {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
     for column in (
         "link",
         "node",
