@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check chip bench papers accuracy road gap-matrix gap-rides mutants browser setup clean
+.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants browser setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -32,6 +32,10 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_live.py
 	$(BIN)/python tests/bench/bench_allan.py
 	$(BIN)/python tests/bench/bench_gap.py
+
+HOURS := 2
+soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some ten minutes
+	$(BIN)/python tests/soak/soak.py --hours $(HOURS)
 
 papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/shah.py

@@ -8,15 +8,17 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
-from typing import Any, NoReturn, Protocol
-
-from rich.console import Console
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from hubodo import __version__
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
+from hubodo.ingest.stopping import one_line_on_ctrl_c
 from hubodo.verbs import VERBS, load
 
-EXIT_OK, EXIT_FAILED, EXIT_REFUSED = 0, 1, 2
+if TYPE_CHECKING:
+    from rich.console import Console
+
+EXIT_OK, EXIT_FAILED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
 _REFUSALS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
 
 
@@ -82,7 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
-        args = build_parser(words).parse_args(words)
+        with one_line_on_ctrl_c():
+            args = build_parser(words).parse_args(words)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
@@ -99,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except HubodoError as error:
         return _fail(args, str(error), EXIT_FAILED)
     except KeyboardInterrupt:
-        return _fail(args, "interrupted; nothing more was written", EXIT_FAILED)
+        return _fail(args, "interrupted; nothing more was written", EXIT_INTERRUPTED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)
@@ -112,6 +115,8 @@ def _show(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.as_json(), allow_nan=False))
     else:
+        from rich.console import Console  # a tenth of a second that only a table needs
+
         # Piped output has no width of its own; 80 columns would cut the tables.
         result.render(Console() if sys.stdout.isatty() else Console(width=160))
     sys.stdout.flush()

@@ -1,7 +1,8 @@
-"""SIGINT and SIGTERM as a wish to stop, so that files are closed and ports given back."""
+"""SIGINT and SIGTERM as a wish to stop, so that files are closed and ports given back; SIGHUP for anew."""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
@@ -10,8 +11,29 @@ from types import FrameType
 
 
 @contextmanager
-def stop_on_signals(stopping: threading.Event) -> Iterator[threading.Event]:
-    """Sets `stopping` instead of ending the process.
+def one_line_on_ctrl_c() -> Iterator[None]:
+    """While modules load, ctrl-C is one line and exit code 130: an exception would come up inside of them."""
+    ours = threading.current_thread() is threading.main_thread()
+    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+
+    def end(number: int, frame: FrameType | None) -> None:
+        os.write(2, b"hubodo: interrupted while starting; nothing was written\n")
+        os._exit(130)
+
+    signal.signal(signal.SIGINT, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@contextmanager
+def stop_on_signals(
+    stopping: threading.Event, again: threading.Event | None = None
+) -> Iterator[threading.Event]:
+    """Sets `stopping` instead of ending the process, and with `again` that on SIGHUP, where there is one.
 
     Only the main thread may ask for that; in another one this does nothing.
     """
@@ -22,7 +44,14 @@ def stop_on_signals(stopping: threading.Event) -> Iterator[threading.Event]:
     def end(number: int, frame: FrameType | None) -> None:
         stopping.set()
 
+    def begin_anew(number: int, frame: FrameType | None) -> None:
+        assert again is not None
+        again.set()
+
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    hangup = getattr(signal, "SIGHUP", None)
+    if again is not None and hangup is not None:
+        before[hangup] = signal.signal(hangup, begin_anew)
     try:
         yield stopping
     finally:

@@ -12,14 +12,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.container import Compression, McapFile
+from hubodo.log.container import Compression, McapFile, MessageIndexes
 
 PREFIX = np.dtype(
     [
@@ -86,18 +86,44 @@ class BatchStream:
         return view
 
 
+class ChunkTarget(Protocol):
+    """Where chunks go: one file, or several one after the other."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def closed(self) -> bool: ...
+
+    def add_schema(self, name: str, encoding: str, data: bytes) -> int: ...
+
+    def add_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int: ...
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None: ...
+
+    def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None: ...
+
+    def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None: ...
+
+    def finish(self) -> None: ...
+
+
 class ChunkLog:
     """A log being written, one message or many of one layout at a time; a context manager; one thread only.
 
-    path: must not exist (`InputError`). metadata: text by key, kept in the record `hubodo`. t_zero_ns: host
-    time that readers call t = 0; by default now, in whole seconds. compression: zstd, lz4 or none.
-    chunk_bytes, pending_s: a chunk is written when it is this big or its first message has waited this long.
-    clock: monotonic ns, for that wait; None switches the time bound off (bulk conversion).
+    path: must not exist (`InputError`), or where else the chunks go. metadata: text by key, kept in the
+    record `hubodo`. t_zero_ns: host time that readers call t = 0; by default now, in whole seconds.
+    compression: zstd, lz4 or none. chunk_bytes, pending_s: a chunk is written when it is this big or its
+    first message has waited this long. clock: monotonic ns, for that wait; None switches the time bound off
+    (bulk conversion).
     """
 
     def __init__(
         self,
-        path: Path,
+        path: Path | ChunkTarget,
         *,
         metadata: Mapping[str, str] | None = None,
         t_zero_ns: int | None = None,
@@ -108,7 +134,7 @@ class ChunkLog:
     ) -> None:
         self.t_zero_ns = time.time_ns() // _NS * _NS if t_zero_ns is None else t_zero_ns
         self.compression: Compression = compression
-        self._file = McapFile(Path(path))
+        self._file: ChunkTarget = McapFile(path) if isinstance(path, Path) else path
         self._file.add_metadata(topics.METADATA, {**dict(metadata or {}), topics.T_ZERO: str(self.t_zero_ns)})
         self._chunk_bytes = chunk_bytes
         self._pending_ns = int(pending_s * _NS)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -66,7 +66,9 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._chunk_indexes: list[ChunkIndex] = []
+        # As bytes, because a log of weeks has millions of chunks.
+        self._chunk_indexes = bytearray()
+        self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
         self._start: int | None = None
@@ -175,7 +177,7 @@ class McapFile:
             position += len(parts[-1])
         chunk_start = self.size
         self.put(b"".join(parts))
-        self._chunk_indexes.append(
+        self._chunk_indexes += _encode(
             ChunkIndex(
                 chunk_length=len(chunk),
                 chunk_start_offset=chunk_start,
@@ -188,6 +190,7 @@ class McapFile:
                 uncompressed_size=len(records),
             )
         )
+        self._chunk_count += 1
         self._start = start if self._start is None else min(self._start, start)
         self._end = max(self._end, end)
         for channel_id, (times, _) in indexes.items():
@@ -198,10 +201,29 @@ class McapFile:
         if self.closed:
             return
         try:
-            self.put(_encode(DataEnd(data_section_crc=self._data_crc)))
-            self.put(self._summary())
+            self.seal()
         finally:
             self.abandon()
+
+    def seal(self) -> None:
+        """Write summary, footer and closing magic, all or, on failure (disk full), nothing of them."""
+        end = _encode(DataEnd(data_section_crc=self._data_crc))
+        self.put(end + self._summary(self.size + len(end)))
+
+    def whereabouts(self) -> Literal["here", "elsewhere", "nowhere"]:
+        """Whether the file still has its name, has only another one, or was deleted."""
+        ours = os.fstat(self._fd)
+        try:
+            found = self.path.stat()
+            if (found.st_ino, found.st_dev) == (ours.st_ino, ours.st_dev):
+                return "here"
+        except OSError:
+            pass  # no such name, or its folder cannot be reached
+        return "elsewhere" if ours.st_nlink else "nowhere"
+
+    def duplicate(self) -> int:
+        """Another descriptor of the open file, to be closed by who asked for it."""
+        return os.dup(self._fd)
 
     def abandon(self) -> None:
         """Close the file as it stands, without a footer. Idempotent."""
@@ -218,38 +240,37 @@ class McapFile:
             return "", data
         raise ValueError(f"compression {compression!r} is not one of zstd, lz4, none")
 
-    def _summary(self) -> bytes:
+    def _summary(self, start: int) -> bytes:
         statistics = Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunk_count,
             message_count=self.message_count,
             message_end_time=self._end,
             message_start_time=self._start or 0,
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, list[McapRecord]]] = [
-            (Opcode.SCHEMA, [*self._schemas.values()]),
-            (Opcode.CHANNEL, [*self._channels.values()]),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, [*self._chunk_indexes]),
-            (Opcode.ATTACHMENT_INDEX, [*self._attachment_indexes]),
-            (Opcode.METADATA_INDEX, [*self._metadata_indexes]),
+        groups: list[tuple[Opcode, bytes]] = [
+            (Opcode.SCHEMA, _encode_all(self._schemas.values())),
+            (Opcode.CHANNEL, _encode_all(self._channels.values())),
+            (Opcode.STATISTICS, _encode(statistics)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, _encode_all(self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, _encode_all(self._metadata_indexes)),
         ]
         summary, offsets = b"", b""
-        for opcode, records in groups:
-            encoded = b"".join(map(_encode, records))
+        for opcode, encoded in groups:
             if encoded:
                 place = SummaryOffset(
                     group_opcode=opcode,
-                    group_start=self.size + len(summary),
+                    group_start=start + len(summary),
                     group_length=len(encoded),
                 )
                 offsets += _encode(place)
             summary += encoded
-        start, offset_start = self.size, self.size + len(summary)
+        offset_start = start + len(summary)
         # The summary CRC covers the footer up to its own field.
         head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = zlib.crc32(head, zlib.crc32(summary + offsets))
@@ -288,6 +309,10 @@ def _encode(record: McapRecord) -> bytes:
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
     return data
+
+
+def _encode_all(records: Iterable[McapRecord]) -> bytes:
+    return b"".join(map(_encode, records))
 
 
 def _message_index(channel_id: int, times: NDArray[np.int64], places: NDArray[np.int64]) -> bytes:

@@ -166,8 +166,11 @@ class McapLog(ChunkLog):
             channel = self.add_channel(topic, "", "", b"", topics.RAW_ENCODING)
         self.write(channel, t_ns, t_ns, token)
 
-    def event(self, event: Event) -> None:
-        """An event; written at once, not kept pending, because it is rare and explains what follows."""
+    def event(self, event: Event, t_log_ns: int | None = None) -> None:
+        """An event; written at once, not kept pending, because it is rare and explains what follows.
+
+        t_log_ns: when it is told again, of what happened before this log began.
+        """
         channel = self._channels.get(topics.EVENTS)
         if channel is None:
             # Without a schema: some readers give up a whole file at a schema encoding other than ROS.
@@ -181,7 +184,8 @@ class McapLog(ChunkLog):
             "text": event.text,
             "data": dict(event.data),
         }
-        self.write(channel, event.t_ns, event.t_ns, json.dumps(body, allow_nan=False).encode())
+        t_log_ns = event.t_ns if t_log_ns is None else t_log_ns
+        self.write(channel, t_log_ns, t_log_ns, json.dumps(body, allow_nan=False).encode())
         self.flush()
 
     def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:

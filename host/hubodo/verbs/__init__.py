@@ -6,6 +6,8 @@ from types import ModuleType
 VERBS: dict[str, str] = {
     "demo": "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page",
     "record": "record nodes into a log until ctrl-C, with live odometry",
+    "service": "run the recorder as a service of the computer: install, status, uninstall",
+    "config": "a commented hubodo.toml, and whether one is right",
     "play": "play a log: a live view, or frames on a pseudo serial port that `hubodo record` can read",
     "import": "turn a folder of CSV files into a log, or decode the raw frames of a log again",
     "export": "turn a log into a folder of CSV (or Parquet) files",

@@ -11,7 +11,7 @@ from hubodo import __version__
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.record_config import RecordConfig, load_record_config
+from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.ingest.live.status import RecordResult
 from hubodo.vehicle import load_vehicle
 from hubowire import FINGERPRINT
@@ -28,7 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PORT",
         help="[NAME=]/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen)",
     )
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="the log; must not exist")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.mcap", help="the log, which must not exist, or a folder"
+    )
     parser.add_argument(
         "--config", type=Path, metavar="TOML", help="hubodo.toml, for whatever is not given here"
     )
@@ -55,7 +57,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
-    parser.add_argument("--wait", action="store_true", help="wait for ports that are not there yet, or busy")
+    parser.add_argument(
+        "--rotate-after", type=float, metavar="S", help="begin another log after so many seconds"
+    )
+    parser.add_argument("--rotate-at-mb", type=float, metavar="MB", help="begin another log at this size")
+    parser.add_argument(
+        "--disk-budget-mb",
+        type=float,
+        metavar="MB",
+        help="of all logs of this name; the oldest go first (default: none is ever removed)",
+    )
+    parser.add_argument("--metrics", metavar="HOST:PORT", help="serve /metrics for Prometheus, and /healthz")
+    parser.add_argument(
+        "--wait",
+        action="store_true",
+        help="wait for ports that are not there yet, or busy, and for room on the disk",
+    )
 
 
 def run(args: argparse.Namespace) -> RecordResult:
@@ -75,16 +92,17 @@ def run(args: argparse.Namespace) -> RecordResult:
         "duration": args.duration,
         "wait": args.wait or None,
         "time_scale": args.time_scale,
+        "rotate_after": args.rotate_after,
+        "rotate_at_mb": args.rotate_at_mb,
+        "disk_budget_mb": args.disk_budget_mb,
+        "metrics": args.metrics,
     }
     config = replace(config, **{key: value for key, value in given.items() if value is not None})
     if output is None:
         raise InputError("no output file; give one with -o FILE.mcap")
     if not config.ports and config.gnss is None:
         raise InputError("no port; name at least one, such as /dev/ttyACM0")
-    if config.duration is not None and not config.duration > 0:
-        raise InputError(f"--duration {config.duration}: must be above 0")
-    if not config.time_scale > 0:
-        raise InputError(f"--time-scale {config.time_scale}: must be above 0")
+    check_record_config(config, lambda key: f"--{key.replace('_', '-')}")
     vehicle = None
     if vehicle_path is not None:
         vehicle = load_vehicle(vehicle_path)

@@ -160,7 +160,7 @@ class FakeSink:
     def fix(self, t_pub_ns, t_log_ns, *position, sigma=None, status=0):
         self.fixes.append((t_pub_ns, t_log_ns))
 
-    def event(self, event):
+    def event(self, event, t_log_ns=None):
         self.events.append(event)
 
     def add_channel(self, *args):

@@ -25,7 +25,7 @@ class Discards:
     def raw(self, link, t_log_ns, frame):
         pass
 
-    def event(self, event):
+    def event(self, event, t_log_ns=None):
         pass
 
 

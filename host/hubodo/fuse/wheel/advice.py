@@ -12,13 +12,15 @@ from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.window import WINDOW
 
+BEGINNING = int(3.0 / WINDOW)
+"""Windows in which a drive is expected to rest; behind them it counts only whether it ever did."""
 _TURN = 2.0 * math.pi
 
 
 def warnings_of(made: WheelFilter, still: Array) -> list[str]:
     """What a user must know of a drive so far; still: (N,) of the poses."""
     lines = []
-    beginning = still[: int(3.0 / WINDOW)]
+    beginning = still[:BEGINNING]
     if not np.any(beginning != Stillness.MOVING):
         lines.append(
             "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "

@@ -105,11 +105,15 @@ class PortLink:
                 return False  # the reader meets the same end and reports it
             return True
 
-    def stop(self) -> None:
-        """Ends the thread and closes the port."""
+    def end(self) -> None:
+        """Tells the thread to end, without waiting for it."""
         self._stopping.set()
+
+    def stop(self, patience_s: float = 2 * READ_S + 1) -> None:
+        """Ends the thread and closes the port; a thread that hangs in it is waited for that long."""
+        self.end()
         if self._thread.is_alive():
-            self._thread.join(2 * READ_S + 1)
+            self._thread.join(patience_s)
         self._close()
 
     def _adopt(self, transport: Transport) -> None:

@@ -106,6 +106,14 @@ class LinkSession:
         if len(self._strange) < _SAMPLE_BYTES:
             self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
 
+    def keep(self, chunk: Chunk) -> int:
+        """Logs the pieces without looking into them; how many there were."""
+        self.bytes += len(chunk.data)
+        pieces = self._decoder(chunk.sender).split(chunk.data)
+        for stuffed in pieces:
+            self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
+        return len(pieces)
+
     def tick(self, now_ns: int) -> Iterator[str]:
         """Yields lines the user should see: a stranger on the line, or silence."""
         if (

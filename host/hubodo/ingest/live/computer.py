@@ -28,8 +28,12 @@ class Link(Protocol):
         """Whether it went out."""
         ...
 
-    def stop(self) -> None:
-        """Closes it."""
+    def end(self) -> None:
+        """Begins to stop, without waiting."""
+        ...
+
+    def stop(self, patience_s: float = ...) -> None:
+        """Closes it; a port that hangs is waited for that long."""
         ...
 
 

@@ -1,30 +1,32 @@
-"""The recording loop: threads read the links, one place hands their news to the recorder and the log."""
+"""A recording from its settings to its result: ports, logs, recorder, view and metrics put together."""
 
 from __future__ import annotations
 
-import gc
 import threading
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
+from types import TracebackType
 
 from rich.console import Console
 
 from hubodo.calibration.file import Calibration
-from hubodo.errors import CalibrationError, InputError, LinkError, WireMismatch
+from hubodo.errors import CalibrationError, InputError, LinkError
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
+from hubodo.ingest.live.loop import Loop
+from hubodo.ingest.live.loop import stop as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.snapshot import LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, View, make_result
 from hubodo.ingest.stopping import stop_on_signals
+from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.vehicle import Vehicle
 
 S = 1_000_000_000
-_TICK_NS = S // 50
-_BATCH = 256
 
 
 def record(
@@ -39,26 +41,27 @@ def record(
     stop: threading.Event | None = None,
     computer: Computer | None = None,
     console: Console | None = None,
+    watch: Sequence[Watch] = (),
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
-    computer: None: this one. console: where the user is told how it goes; None: stderr. Unless config.wait,
-    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
-    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
-    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
+    computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
+    snapshot each second, in this thread; must return at once. Unless config.wait, every port must open at
+    the start; once open, a link may come and go. Raises InputError (a port cannot be opened, `out` exists,
+    only strangers on the links) and CalibrationError (of nodes with other serials), which leave nothing
+    behind, and WireMismatch (every node speaks another version), which leaves raw frames.
     """
     computer = computer or ThisComputer(config.time_scale)
     links, names, gnss = _links(config, computer, lister)
-    if out.exists():
-        raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
     with ExitStack() as stack:
-        stack.callback(_stop, links)
+        stack.callback(stop_links, links)
         if not config.wait:
             _open_all(links)
-        zero = computer.now_ns() // S * S
-        log = McapLog(
-            out, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=computer.now_ns
-        )
+        now_ns = computer.now_ns
+        zero = now_ns() // S * S
+        series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
+        stack.push(_nothing_left(series))
+        log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
@@ -70,7 +73,7 @@ def record(
             names,
             log,
             lambda label, data, to: links[label].send(data, to),
-            computer.now_ns,
+            now_ns,
             gnss=gnss,
             vehicle=vehicle,
             calibration=calibration,
@@ -79,95 +82,62 @@ def record(
             clock_period=config.clock_request_period,
             localizer=localizer,
         )
-        view = stack.enter_context(View(console or Console(stderr=True), computer.now_ns()))
-        stopping = stack.enter_context(stop_on_signals(stop or threading.Event()))
-        verdict, duration = _run(config, links, computer, recorder, localizer, log, view, stopping)
-    if isinstance(verdict, InputError | CalibrationError):
-        out.unlink()
-    if verdict is not None:
-        raise verdict
-    return make_result(recorder, file=str(out), duration=duration, messages=log.message_count, size=log.size)
+        view = stack.enter_context(View(console or Console(stderr=True), now_ns()))
+        watched = _watched(config, recorder, log, series, watch, now_ns, stack)
+        again = threading.Event()
+        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
+        loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
+        verdict, duration = loop.run(config.duration, judged=not config.wait)
+        if verdict is not None:
+            raise verdict
+    return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
 
 
-def _run(
+def _nothing_left(
+    series: LogSeries,
+) -> Callable[[type[BaseException] | None, BaseException | None, TracebackType | None], None]:
+    """What takes the logs away when it turns out that they should never have begun."""
+
+    def end(kind: object, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, InputError | CalibrationError):
+            for path in series.paths:
+                path.unlink(missing_ok=True)
+
+    return end
+
+
+def _watched(
     config: RecordConfig,
-    links: Mapping[str, Link],
-    computer: Computer,
-    recorder: Recorder,
-    localizer: LocalizerThread | None,
-    log: McapLog,
-    view: View,
-    stopping: threading.Event,
-) -> tuple[InputError | WireMismatch | CalibrationError | None, float]:
-    """From the start of the links to the last thing that came: why it ended, and how long it took, s."""
-    for link in links.values():
-        link.start()
-    start_ns = computer.now_ns()
-    with _short_collections():
-        verdict = _loop(config, computer, recorder, log, view, stopping)
-    _stop(links)
-    _handle_all(computer, recorder)
-    duration = (computer.now_ns() - start_ns) / S
-    recorder.close()
-    if localizer is not None and not localizer.close():
-        view.say("the graph was too slow to come to its end; the last seconds of map → odom are missing")
-    _handle_all(computer, recorder)
-    return verdict, duration
-
-
-def _stop(links: Mapping[str, Link]) -> None:
-    for link in links.values():
-        link.stop()
-
-
-def _handle_all(computer: Computer, recorder: Recorder) -> None:
-    while (item := computer.news(0.0)) is not None:
-        recorder.handle(item)
-
-
-@contextmanager
-def _short_collections() -> Iterator[None]:
-    """Keeps what is loaded by now out of garbage collection, which else stops the loop for 10 ms and more."""
-    gc.collect()
-    gc.freeze()
-    try:
-        yield
-    finally:
-        gc.unfreeze()
-
-
-def _loop(
-    config: RecordConfig,
-    computer: Computer,
     recorder: Recorder,
     log: McapLog,
-    view: View,
-    stopping: threading.Event,
-) -> InputError | WireMismatch | CalibrationError | None:
-    end_ns = None if config.duration is None else computer.now_ns() + int(config.duration * S)
-    next_tick = 0
-    while not stopping.is_set():
-        wait = _TICK_NS / S
-        for _ in range(_BATCH):
-            item = computer.news(wait)
-            if item is None:
-                break
-            recorder.handle(item)
-            wait = 0.0
-        now = computer.now_ns()
-        if now < next_tick:
-            continue
-        next_tick = now + _TICK_NS
-        recorder.tick(now)
-        log.tick()
-        for notice in recorder.notices:
-            view.say(notice)
-        recorder.notices.clear()
-        view.update(recorder, log.size, now)
-        verdict = None if config.wait else recorder.verdict()
-        if verdict is not None or (end_ns is not None and now >= end_ns):
-            return verdict
-    return None
+    series: LogSeries,
+    watch: Sequence[Watch],
+    now_ns: Callable[[], int],
+    stack: ExitStack,
+) -> Watched:
+    """Who gets the snapshots: those who asked, and with `metrics` a server of them."""
+    watch = list(watch)
+    if config.metrics is not None:
+        from hubodo.ingest.live.metrics_server import MetricsServer
+
+        watch.append(stack.enter_context(MetricsServer(config.metrics, now_ns)).show)
+    return Watched(recorder, lambda: _log_now(log, series), watch)
+
+
+def _log_now(log: McapLog, series: LogSeries) -> LogNow:
+    free, whole = series.room.disk() or (None, None)
+    return LogNow(
+        series.path,
+        series.open_size,
+        log.size,
+        log.message_count,
+        series.recording,
+        series.trouble,
+        len(series.paths),
+        series.messages_lost,
+        free,
+        whole,
+    )
 
 
 def _links(

@@ -42,10 +42,10 @@ class LocalizerThread:
         if not self._stopped:
             self._items.put((item, arrived_ns))
 
-    def close(self) -> bool:
+    def close(self, patience_s: float = _PATIENCE_S) -> bool:
         """Waits for the answers to all that was put; False when they did not come in time."""
         self._items.put(None)
-        self._thread.join(_PATIENCE_S)
+        self._thread.join(patience_s)
         done = not self._thread.is_alive()
         self.stop()
         return done

@@ -20,10 +20,11 @@ from hubodo.calibration.apply import SampleCorrection, left_over
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, node_ranges
-from hubodo.fuse.wheel.advice import warnings_of
+from hubodo.fuse.wheel.advice import BEGINNING, warnings_of
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.records import Pose
+from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.window import WINDOW
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
@@ -120,7 +121,9 @@ class Odometer:
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
         self._state: WheelState | None = None
-        self._still = bytearray()
+        self._still = bytearray()  # of the beginning alone: a drive may last for weeks
+        self._rested = False
+        self._windows = 0
         self._pose: Pose | None = None
         self._said: set[str] = set()
         self._slips_said: dict[str, int] = {}
@@ -180,10 +183,9 @@ class Odometer:
         A slip is told when it is over. All else is looked for every few seconds before the end, once the
         vehicle has gone far enough to judge.
         """
-        windows = len(self._still)
-        if self._filter is None or not windows:
+        if self._filter is None or not self._windows:
             return []
-        return [*self._slips(self._filter, end), *self._advice(self._filter, windows, end)]
+        return [*self._slips(self._filter, end), *self._advice(self._filter, self._windows, end)]
 
     def _slips(self, wheels: WheelFilter, end: bool) -> list[str]:
         new = []
@@ -204,7 +206,7 @@ class Odometer:
             for name in sorted(self._late)
         ]
         new = []
-        still = np.frombuffer(bytes(self._still), np.uint8).astype(np.float64)
+        still = np.array([*self._still, *([Stillness.RESTING] if self._rested else [])], np.float64)
         for line in [*lines, *warnings_of(wheels, still)]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
             if kind not in self._said:
@@ -269,7 +271,10 @@ class Odometer:
     def _account(self, poses: tuple[Pose, ...]) -> None:
         self._fresh += poses
         for pose in poses:
-            self._still.append(int(pose.still))
+            self._windows += 1
+            if len(self._still) < BEGINNING:
+                self._still.append(int(pose.still))
+            self._rested |= pose.still == Stillness.RESTING
             before, self._pose = self._pose, pose
             if before is not None and pose.t - before.t > 1.5 * WINDOW:
                 self.distance += math.hypot(pose.x - before.x, pose.y - before.y)

@@ -1,53 +1,122 @@
-"""`[record]` of hubodo.toml: defaults of a recording."""
+"""`[record]` of hubodo.toml: defaults of a recording, their meaning and their bounds."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
+from hubodo.log.room import MB
+from hubodo.log.series import SeriesRules
+from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import load_toml, only_keys, read_table
-from hubowire.budget import UART_BAUD
+from hubowire.budget import CONSOLE_BAUD, UART_BAUD
+
+TABLES = ("record",)
+"""Of hubodo.toml."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordConfig:
-    """``[record]`` of hubodo.toml: defaults for `hubodo record`; the command line goes before them.
+    """``[record]`` of hubodo.toml: defaults for `hubodo record`; the command line goes before them."""
 
-    ports: as on the command line. duration: s, None until stopped. odometry_rate_hz: poses a second at most,
-    None: one for every sample.
-    clock_request_period: s between two questions for a node's clock.
-    time_scale: for emulated nodes that are slower than real time: a second of the log takes so many seconds.
-    """
+    ports: tuple[str, ...] = setting(
+        (),
+        "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT or udp://HOST:PORT (to listen on).",
+        example=("left=/dev/hubodo/E66058388366A231", "right=/dev/hubodo/E66058388355B142"),
+    )
+    output: str | None = setting(
+        None,
+        "The log, or a folder in which logs are named by UTC time. Paths in this file are relative to it.",
+        example="logs",
+    )
+    vehicle: str | None = setting(
+        None, "Geometry of the vehicle: switches live odometry on.", example="vehicle.toml"
+    )
+    calibration: str | None = setting(
+        None, "Applied to what the odometry gets; the log keeps the raw samples.", example="calibration.toml"
+    )
+    gnss: str | None = setting(None, "Port of a GNSS receiver that speaks NMEA.", example="/dev/ttyUSB0")
+    gnss_baud: int = setting(9600, "Of the receiver's serial port.", above=0)
+    baud: int = setting(
+        UART_BAUD,
+        f"Of the nodes' serial ports; {CONSOLE_BAUD} for an ESP32 on its USB converter; USB does not care.",
+        above=0,
+    )
+    wait: bool = setting(
+        False, "Wait for ports that are not there yet, or busy, and for room on the disk.", example=True
+    )
+    duration: float | None = setting(
+        None, "s; without it recording goes on until it is stopped.", example=3600.0, above=0
+    )
+    compression: Literal["zstd", "lz4", "none"] = setting("zstd", 'Of the log: "zstd", "lz4" or "none".')
+    odometry_rate_hz: float | None = setting(
+        None, "Poses a second at most, Hz; without it one for every sample.", example=50.0, above=0
+    )
+    clock_request_period: float = setting(1.0, "s between two questions for a node's clock.", above=0)
+    time_scale: float = setting(
+        1.0, "For emulated nodes slower than real time: a second of the log takes so many seconds.", above=0
+    )
+    rotate_after: float | None = setting(
+        None, "s after which another log begins; each is whole by itself.", example=3600.0, above=0
+    )
+    rotate_at_mb: float | None = setting(
+        None, "Size at which another log begins, MB.", example=500.0, above=0
+    )
+    disk_budget_mb: float | None = setting(
+        None,
+        "For all logs of this name, MB: beyond it the oldest is removed. Without it none ever is.",
+        example=20_000.0,
+        above=0,
+    )
+    disk_reserve_mb: float = setting(
+        20.0,
+        "Room that stays free on the disk, MB: recording pauses there, and goes on when there is room.",
+        least=0,
+    )
+    metrics: str | None = setting(
+        None, "HOST:PORT that serves /metrics for Prometheus, and /healthz.", example="127.0.0.1:9464"
+    )
 
-    ports: tuple[str, ...] = ()
-    output: str | None = None
-    vehicle: str | None = None
-    calibration: str | None = None
-    gnss: str | None = None
-    gnss_baud: int = 9600
-    baud: int = UART_BAUD
-    wait: bool = False
-    duration: float | None = None
-    compression: Literal["zstd", "lz4", "none"] = "zstd"
-    odometry_rate_hz: float | None = None
-    clock_request_period: float = 1.0
-    time_scale: float = 1.0
+    def rules(self) -> SeriesRules:
+        """When the next log begins, and what the logs leave on the disk."""
+
+        def size(mb: float | None) -> int | None:
+            return None if mb is None else int(mb * MB)
+
+        return SeriesRules(
+            self.rotate_after,
+            size(self.rotate_at_mb),
+            size(self.disk_budget_mb),
+            int(self.disk_reserve_mb * MB),
+        )
+
+
+def check_record_config(config: RecordConfig, where: Callable[[str], str]) -> None:
+    """Raises ConfigError where numbers are out of bounds or contradict each other; where: names one."""
+    check_bounds(config, where)
+    if config.disk_budget_mb is not None and config.rotate_after is None and config.rotate_at_mb is None:
+        raise ConfigError(
+            f"{where('disk_budget_mb')} {config.disk_budget_mb:g}: only closed logs are removed, so give "
+            f"{where('rotate_at_mb')} or {where('rotate_after')} as well"
+        )
+    if config.disk_budget_mb is not None and config.disk_budget_mb < 2 * (config.rotate_at_mb or 0.0):
+        raise ConfigError(
+            f"{where('disk_budget_mb')} {config.disk_budget_mb:g}: must hold two logs of "
+            f"{where('rotate_at_mb')} {config.rotate_at_mb:g}"
+        )
 
 
 def load_record_config(path: Path) -> RecordConfig:
     """Reads hubodo.toml.
 
     Paths in it (output, vehicle, calibration) are relative to the file. Raises ConfigError at the first key
-    that is unknown or of the wrong type.
+    that is unknown, of the wrong type or out of bounds.
     """
     table = load_toml(path)
-    only_keys(table, ("record",), str(path))
+    only_keys(table, TABLES, str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
-    for key in ("gnss_baud", "baud", "odometry_rate_hz", "clock_request_period", "time_scale"):
-        if getattr(config, key) is not None and not getattr(config, key) > 0:
-            raise ConfigError(f"{path}: [record] {key} = {getattr(config, key)}: must be above 0")
-    if config.duration is not None and not config.duration > 0:
-        raise ConfigError(f"{path}: [record] duration = {config.duration}: must be above 0")
+    check_record_config(config, lambda key: f"{path}: [record] {key} =")
     return config

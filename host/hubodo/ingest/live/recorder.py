@@ -67,6 +67,8 @@ class Recorder:
         """Whether odometry and fixes go to a localizer."""
         self._localizer = localizer
         self.notices: list[str] = []
+        self.trouble: str | None = None
+        """Why nothing is recorded now, while what comes is still fused."""
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
         self._told: set[str] = set()
@@ -77,6 +79,8 @@ class Recorder:
         self._now_ns = now_ns
         self._clock_period = clock_period
         self._senders: dict[tuple[str, int], str] = {}
+        self._origin: Event | None = None
+        self._unread = 0
 
     def handle(self, news: LinkNews | Answer) -> None:
         """One thing that a link reported, or the localizer answered."""
@@ -112,6 +116,26 @@ class Recorder:
             self._fuse(node.tick(now_ns), now_ns)
         self._warn(now_ns)
 
+    def keep(self, news: LinkNews | Answer) -> None:
+        """One thing for which there is no time left: bytes of nodes go into the log as they are."""
+        if isinstance(news, Chunk) and news.link in self.links:
+            self._unread += self.links[news.link].keep(news)
+        elif not isinstance(news, Answer):
+            self.handle(news)
+
+    def tell_again(self) -> None:
+        """Another log has begun: it is told what the one before knew and no message will say again."""
+        now_ns = self._now_ns()
+        for node in self.nodes.values():
+            node.tell_again(now_ns)
+        if self._origin is not None:
+            self._sink.event(self._origin, now_ns)
+
+    def warn(self, source: str, text: str) -> None:
+        """One line for the user and the log."""
+        self.notices.append(text)
+        self._sink.event(Event(self._now_ns(), "warning", source, text))
+
     def close(self) -> None:
         """The end of the recording: writes what waited."""
         now_ns = self._now_ns()
@@ -122,6 +146,11 @@ class Recorder:
         if self.odometer is not None:
             self._publish(self.odometer.finish(), now_ns)
         self._warn(now_ns, end=True)
+        if self._unread:
+            self.warn(
+                "recorder",
+                f"{self._unread} frames are in the log raw, not decoded: hubodo import decodes them",
+            )
         for link in self.links.values():
             link.close(now_ns)
 
@@ -217,7 +246,8 @@ class Recorder:
                 f"map: origin at latitude {latitude:.7f}, longitude {longitude:.7f} degrees; x east, y north"
             )
             data = {"latitude_deg": latitude, "longitude_deg": longitude}
-            self._sink.event(Event(int(located.t_ns[0]), "started", "map", text, data))
+            self._origin = Event(int(located.t_ns[0]), "started", "map", text, data)
+            self._sink.event(self._origin)
         self.located = located
         self.located_poses += 1
         located.write(self._sink, now_ns)

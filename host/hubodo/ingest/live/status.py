@@ -13,6 +13,7 @@ from rich.table import Table
 
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.node.bias_filter import bias_words, filter_json
+from hubodo.log.series import LogSeries
 
 S = 1_000_000_000
 _LIVE_NS = S // 2
@@ -21,9 +22,17 @@ _LINE_NS = 10 * S
 
 @dataclass(frozen=True)
 class RecordResult:
-    """What a recording holds. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable."""
+    """What a recording holds. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable.
+
+    file: the newest of `files`, the logs in their order, those that were removed to make room included.
+    messages_lost: that no log has, for want of room or because a log was deleted; removed: logs.
+    """
 
     file: str
+    files: tuple[str, ...]
+    messages_lost: int
+    removed: int
+    trouble: str | None
     duration: float
     messages: int
     size: int
@@ -33,9 +42,18 @@ class RecordResult:
     odometry: dict[str, Any] | None
     map: dict[str, Any] | None
 
+    @property
+    def failed(self) -> bool:
+        """Whether something that came is in no log."""
+        return self.messages_lost > 0 or self.trouble is not None
+
     def as_json(self) -> dict[str, Any]:
         return {
             "file": self.file,
+            "files": list(self.files),
+            "messages_lost": self.messages_lost,
+            "logs_removed": self.removed,
+            "trouble": self.trouble,
             "duration": self.duration,
             "messages": self.messages,
             "size": self.size,
@@ -47,10 +65,16 @@ class RecordResult:
         }
 
     def render(self, console: Console) -> None:
+        logs = self.file if len(self.files) < 2 else f"{len(self.files)} logs up to {self.file}"
         console.print(
-            f"{self.file}: {self.duration:.1f} s, {self.messages} messages, {self.size / 1e6:.2f} MB",
+            f"{logs}: {self.duration:.1f} s, {self.messages} messages, {self.size / 1e6:.2f} MB",
             highlight=False,
         )
+        if self.removed:
+            console.print(f"{self.removed} logs removed to make room", highlight=False)
+        if self.failed:
+            why = self.trouble or "see the warnings"
+            console.print(f"NOT RECORDED: {self.messages_lost} messages ({why})", highlight=False)
         table = Table(
             "node", "samples", "rate Hz", "lost", "gaps", "restarts", "clock drift", "clock 1 sigma"
         )
@@ -112,8 +136,8 @@ def _latency_words(found: dict[str, Any]) -> str:
     return f"latency {median:.2f} ms median, {p99:.2f} ms p99, {worst:.2f} ms worst"
 
 
-def make_result(recorder: Recorder, *, file: str, duration: float, messages: int, size: int) -> RecordResult:
-    """Sums up a recorder."""
+def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messages: int) -> RecordResult:
+    """Sums up a recorder and its logs; messages: in them."""
     nodes = {}
     for node in recorder.nodes.values():
         counts, health = node.decoder.counts, node.health
@@ -157,7 +181,19 @@ def make_result(recorder: Recorder, *, file: str, duration: float, messages: int
         for label, session in recorder.gnss.items()
     }
     return RecordResult(
-        file, duration, messages, size, nodes, links, gnss, _odometry(recorder), _map(recorder)
+        file=str(series.path),
+        files=tuple(map(str, series.paths)),
+        messages_lost=series.messages_lost,
+        removed=series.room.removed,
+        trouble=series.trouble,
+        duration=duration,
+        messages=messages,
+        size=series.size,
+        nodes=nodes,
+        links=links,
+        gnss=gnss,
+        odometry=_odometry(recorder),
+        map=_map(recorder),
     )
 
 
@@ -234,12 +270,14 @@ class View:
             f"{node.name} {node.rate(now_ns):.1f} Hz, {node.decoder.counts.samples_lost} samples lost"
             for node in recorder.nodes.values()
         ]
+        parts += [f"NOT RECORDING: {recorder.trouble}"] if recorder.trouble is not None else []
         parts += [f"{label} down" for label, link in recorder.links.items() if link.where is None]
         self.say(f"{seconds:.0f} s, {size / 1e6:.1f} MB: {'; '.join(parts) or 'no node yet'}")
 
 
 def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
-    table = Table(title=f"recording {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
+    what = "recording" if recorder.trouble is None else f"NOT RECORDING: {recorder.trouble};"
+    table = Table(title=f"{what} {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
     for column in (
         "link",
         "node",

@@ -129,7 +129,10 @@ class VirtualLink:
         self._written += len(data)
         return True
 
-    def stop(self) -> None:
+    def end(self) -> None:
+        """See `Link`."""
+
+    def stop(self, patience_s: float = 0.0) -> None:
         """See `Link`."""
         self._started = False
         self._close()

@@ -72,6 +72,7 @@ class NodeSession:
         self.clock = ClockSync()
         self.health: Health | None = None
         self.filter: FilterSeen | None = None
+        self.newest: ImuBlock | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
@@ -79,6 +80,7 @@ class NodeSession:
         self._order = order
         self._boot: Hello | None = None  # of a start of which no sample has been published
         self._boot_id: int | None = None
+        self._start: Event | None = None
         self._send = send
         self._sink = sink
         self._now_ns = now_ns
@@ -146,6 +148,14 @@ class NodeSession:
         A node that is booting must not be sent anything, and a device that is no node even less.
         """
         self._muted = True
+
+    def tell_again(self, now_ns: int) -> None:
+        """For a log that has just begun: what is known of the node, and what its raw frames are read with."""
+        if self._start is not None:
+            self._sink.event(self._start, now_ns)
+        if self.decoder.refusal is None and not self._muted:
+            self._ask(GetHello())
+            self._exchanges.burst()
 
     def close(self, now_ns: int) -> Iterator[Published]:
         """Writes what was held back, and the node's last report."""
@@ -291,10 +301,12 @@ class NodeSession:
         self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._recent.add(item.received_ns, len(t_ns))
+        self.newest = item
         yield Published(self.name, t_ns, item, self.power_on_ns)
 
     def _started(self, hello: Hello, t_ns: int) -> None:
         """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""
         if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
             self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
-        self._sink.event(switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns))
+        self._start = switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns)
+        self._sink.event(self._start)

@@ -1,0 +1,186 @@
+"""A computer in virtual time whose nodes send prepared samples for days: no ports, as fast as it goes."""
+
+from __future__ import annotations
+
+import heapq
+import struct
+import time
+from collections import deque
+from collections.abc import Callable
+from itertools import count
+from typing import Any
+
+import numpy as np
+
+from hubodo.ingest.link.link import Chunk, LinkUp
+from hubodo.ingest.link.ports import Lister, PortName
+from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame
+from hubowire.messages import Filter, GetHello, Health, Hello, ImuBatch, Message, TimeReply, TimeRequest
+
+S = 1_000_000_000
+TICKS = 1 << 30
+_DPS, _MG = 0.07, 0.488
+_HEAD = struct.Struct("<IIHhBB")
+_LATE_NS = 1_500_000
+
+
+class SteadyNode:
+    """A wheel node at rate_hz: it turns for ten minutes, and rests for five, again and again.
+
+    sent: samples so far. Its clock runs ppm fast.
+    """
+
+    def __init__(self, node_id: int, rate_hz: float, batch: int, ppm: float) -> None:
+        self.node_id, self.rate_hz, self.batch = node_id, rate_hz, batch
+        self.sent = 0
+        self._fast = 1 + ppm * 1e-6
+        self._seqs: dict[int, int] = {}
+        self._decoder = FrameDecoder()
+        self._turning = _bodies(node_id, batch, 208)
+        self._resting = _bodies(node_id + 64, batch, 208, turning=False)
+
+    def batch_at(self, k: int) -> bytes:
+        """Batch number k on the wire."""
+        index = k * self.batch
+        t = index / self.rate_hz
+        bodies = self._turning if t % 900 > 300 else self._resting
+        head = _HEAD.pack(int(t * 1e6) % TICKS, round(1e9 / self.rate_hz), index & 0xFFFF, 16, 0, self.batch)
+        self.sent += self.batch
+        return self._wire(ImuBatch.type_id, head + bodies[k % len(bodies)])
+
+    def reports(self, t: float) -> bytes:
+        """What it tells each second besides, at t by its clock."""
+        t_us = int(t * 1e6) % TICKS
+        health = Health(t_us, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)
+        told = Filter(t_us, 2, 0, 2000, (256, 0, 0), (9, 9, 9), (256, 0, 1024), (41, 41, 82))
+        return self._message(health) + self._message(told)
+
+    def answers(self, data: bytes, t: float) -> bytes:
+        """To what its host sent, at t by its clock."""
+        made = b""
+        for frame in self._decoder.feed(data):
+            if frame.type_id == GetHello.type_id:
+                made += self._message(self.hello())
+            elif frame.type_id == TimeRequest.type_id:
+                now = int(t * 1e6) % TICKS
+                made += self._message(TimeReply(frame.payload, now, now))
+        return made
+
+    def ticks(self, t: float) -> float:
+        """Host's seconds since the start to its own."""
+        return t * self._fast
+
+    def hello(self) -> Hello:
+        """Who it is."""
+        return Hello(
+            FINGERPRINT, (0, 1, 0), bytes([self.node_id]) * 8, 77, 0, 1, int(self.rate_hz * 1000), 2000, 16,
+            70_000_000, 488_000, 62_500, 25_000_000, 0, self.batch, 0, 40, ((0x6B, 0x69, 1),),
+        )  # fmt: skip
+
+    def _message(self, message: Message) -> bytes:
+        return self._wire(message.type_id, encode(message))
+
+    def _wire(self, type_id: int, payload: bytes) -> bytes:
+        seq = self._seqs.get(type_id, 0)
+        self._seqs[type_id] = (seq + 1) & 0xFFFF
+        return encode_frame(Frame(type_id, self.node_id, seq, payload))
+
+
+def _bodies(seed: int, batch: int, turn: int, *, turning: bool = True) -> list[bytes]:
+    """Samples of whole turns of a wheel, `turn` samples each, batch by batch, with a sensor's noise."""
+    rng = np.random.default_rng(seed)
+    angle = 2 * np.pi * np.arange(turn * batch) / turn * turning
+    gyro = np.zeros((len(angle), 3))
+    gyro[:, 2] = turning * 360 * 416 / turn / _DPS
+    accel = np.stack([np.sin(angle), np.cos(angle), 0 * angle], axis=1) * 1000 / _MG
+    rows = np.hstack([gyro + rng.normal(0, 1.5, gyro.shape), accel + rng.normal(0, 4, accel.shape)])
+    raw = np.rint(rows).astype("<i2").reshape(-1, batch, 6)
+    return [part.tobytes() for part in raw]
+
+
+class SteadyLink:
+    """One node's port."""
+
+    def __init__(self, label: str, node: SteadyNode, computer: SteadyComputer) -> None:
+        self.label, self._node, self._computer = label, node, computer
+
+    def open_now(self) -> None:
+        self._computer.put(LinkUp(self.label, self._computer.now_ns(), self.label, False))
+
+    def start(self) -> None:
+        self._computer.begin(self.label, self._node)
+
+    def send(self, data: bytes, to: str = "") -> bool:
+        self._computer.ask(self.label, self._node, data)
+        return True
+
+    def end(self) -> None: ...
+
+    def stop(self, patience_s: float = 0.0) -> None: ...
+
+
+class SteadyComputer:
+    """See `Computer`. passed: called with s of virtual time once an hour of it."""
+
+    def __init__(
+        self, nodes: dict[str, SteadyNode], passed: Callable[[float], None] = lambda t: None
+    ) -> None:
+        """nodes: by the label of their port."""
+        self.nodes, self._passed = nodes, passed
+        self._start_ns = self._now_ns = time.time_ns()
+        self._next_hour = 3600.0
+        self._news: deque[Any] = deque()
+        self._due: list[tuple[int, int, str, Callable[[], bytes], int]] = []
+        self._order = count()
+
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def put(self, item: Any) -> None:
+        self._news.append(item)
+
+    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> SteadyLink:
+        return SteadyLink(label, self.nodes[label], self)
+
+    def begin(self, label: str, node: SteadyNode) -> None:
+        """It sends from now on."""
+        self._batch(label, node, 0)
+        self._report(label, node, 1)
+
+    def ask(self, label: str, node: SteadyNode, data: bytes) -> None:
+        """Its answers come a little later."""
+        t = node.ticks((self._now_ns - self._start_ns) / S + 0.0005)
+        self._at(self._now_ns + 1_000_000, label, lambda: node.answers(data, t))
+
+    def news(self, seconds: float) -> Any:
+        if self._news:
+            return self._news.popleft()
+        until = self._now_ns + int(seconds * S)
+        if not self._due or self._due[0][0] > until:
+            self._now_ns = until
+            return None
+        t_ns, _, label, said, _ = heapq.heappop(self._due)
+        self._now_ns = max(t_ns, self._now_ns)
+        if (t_ns - self._start_ns) / S >= self._next_hour:
+            self._passed(self._next_hour / 3600)
+            self._next_hour += 3600.0
+        return Chunk(label, self._now_ns, said(), "")
+
+    def _batch(self, label: str, node: SteadyNode, k: int) -> None:
+        t = (k + 1) * node.batch / node.rate_hz / node.ticks(1.0)
+
+        def said() -> bytes:
+            self._batch(label, node, k + 1)
+            return node.batch_at(k)
+
+        self._at(self._start_ns + int(t * S) + _LATE_NS, label, said)
+
+    def _report(self, label: str, node: SteadyNode, second: int) -> None:
+        def said() -> bytes:
+            self._report(label, node, second + 1)
+            return node.reports(node.ticks(second))
+
+        self._at(self._start_ns + second * S + _LATE_NS, label, said)
+
+    def _at(self, t_ns: int, label: str, said: Callable[[], bytes]) -> None:
+        heapq.heappush(self._due, (t_ns, next(self._order), label, said, 0))

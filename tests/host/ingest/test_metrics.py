@@ -1,0 +1,104 @@
+"""What a recording tells monitoring: numbers for Prometheus, and whether it fares well."""
+
+import itertools
+import urllib.error
+import urllib.request
+from dataclasses import replace
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from fakes.fake_node import FakeNode
+from hubodo.errors import InputError
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.metrics import health, metrics_text
+from hubodo.ingest.live.metrics_server import MetricsServer
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """(snapshots, result) of three seconds of a node with damaged frames."""
+    computer, seen = VirtualComputer(), []
+    out = tmp_path_factory.mktemp("metrics") / "ride.mcap"
+    with FakeNode(damage=2e-4, seed=3, computer=computer) as node:
+        config = RecordConfig(ports=(f"left={node.path}",), duration=3.3)
+        result = record(config, out, computer=computer, watch=[seen.append])
+    return seen, result
+
+
+def values(snapshot):
+    """{(metric, node): value} as a reader of the text format finds them."""
+    families = text_string_to_metric_families(metrics_text(snapshot).decode())
+    return {(s.name, s.labels.get("node")): s.value for family in families for s in family.samples}
+
+
+def test_a_snapshot_is_made_once_a_second_and_says_what_the_recorder_counted(told):
+    seen, result = told
+    assert len(seen) == 4
+    assert [round(b.t_ns - a.t_ns, -8) for a, b in itertools.pairwise(seen)] == [10**9] * 3
+    (node,), (link,) = seen[-1].nodes, seen[-1].links
+    assert 0 < node.samples <= result.nodes["left"]["samples"]
+    assert node.rate == pytest.approx(208, rel=0.05)
+    assert node.battery == 3.7
+    assert node.temperature == pytest.approx(26.0)
+    assert 0 < link.frames_damaged <= result.links["left"]["frames_damaged"]
+
+
+def test_the_text_has_the_promised_names_and_the_recorders_numbers(told):
+    now = told[0][-1]
+    found = values(now)
+    (node,), (link,) = now.nodes, now.links
+    assert found["hubodo_frames_received_total", "left"] == node.frames
+    assert found["hubodo_frames_lost_total", "left"] == node.frames_lost
+    assert found["hubodo_sample_rate_hertz", "left"] == pytest.approx(node.rate)
+    assert found["hubodo_clock_offset_seconds", "left"] == pytest.approx(node.clock_offset)
+    assert found["hubodo_crc_errors_total", None] == link.crc_errors > 0
+    assert found["hubodo_reconnects_total", None] == 0
+    assert found["hubodo_recorder_bytes_total", None] == now.log.total > 0
+    assert found["hubodo_recording", None] == found["hubodo_build_info", None] == 1
+    assert found["hubodo_memory_bytes", None] > 1e6
+    assert found["hubodo_disk_free_bytes", None] > 0
+
+
+def test_health_names_what_is_wrong_and_only_that(told):
+    now = told[0][-1]
+    assert health(now)[0], health(now)[1]
+    hung = health(now, now.t_ns + 60 * 10**9)
+    assert hung == (False, "the recorder has not moved for 60 s")
+    full = replace(now, log=replace(now.log, recording=False, trouble="no space left"))
+    assert health(full) == (False, "nothing is recorded: no space left")
+    dead = replace(now, links=tuple(replace(link, where=None) for link in now.links))
+    assert health(dead) == (False, "down: left")
+    half = replace(now, links=(*now.links, *dead.links))
+    assert health(half)[0]
+    assert health(half)[1].endswith("down: left")
+    assert values(full)["hubodo_recording", None] == 0
+
+
+def test_both_are_served_without_the_page_and_a_hang_or_a_full_disk_turns_health_to_503(told):
+    now, clock = told[0][-1], [0]
+
+    def got(path):
+        try:
+            with urllib.request.urlopen(f"http://127.0.0.1:{server.port}{path}", timeout=10) as page:
+                return page.status, page.read()
+        except urllib.error.HTTPError as error:
+            return error.code, error.read()
+
+    with MetricsServer("127.0.0.1:0", lambda: clock[0]) as server:
+        assert got("/healthz") == (503, b"starting\n")
+        server.show(now)
+        clock[0] = now.t_ns
+        assert got("/healthz") == (200, b"recording ride.mcap\n")
+        status, text = got("/metrics")
+        assert status == 200
+        assert b"hubodo_samples_total" in text
+        assert got("/etc/passwd")[0] == 404
+        clock[0] += 30 * 10**9
+        assert got("/healthz")[0] == 503
+        with pytest.raises(InputError, match="choose another port"):
+            MetricsServer(f"127.0.0.1:{server.port}", lambda: 0)
+    with pytest.raises(InputError, match="HOST:PORT"):
+        MetricsServer("9464", lambda: 0)

@@ -1,0 +1,353 @@
+"""A recorder that runs for weeks: logs that rotate, a service manager that listens, an end in time."""
+
+import io
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from operator import itemgetter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from fakes.fake_node import FakeNode
+from fakes.script import Script
+from hubodo.ingest.link.link import Chunk, LinkUp
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.loop import Loop
+from hubodo.ingest.live.metrics import health
+from hubodo.ingest.live.notify import Notifier
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.series import LogSeries, SeriesRules
+from hubodo.log.writer import McapLog
+from hubodo.vehicle import NodeMount, Vehicle
+from hubowire import Frame, encode, encode_frame
+from hubowire.messages import ImuBatch
+from in_process import hubodo
+from waiting import until
+
+ROOT = Path(__file__).resolve().parents[3]
+TROLLEY = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
+S = 1_000_000_000
+
+
+@pytest.fixture(scope="module")
+def pieces(tmp_path_factory):
+    """(logs of a drive that rotates each 5 s, the log of the same drive that does not)."""
+    made = []
+    for name, rules in (("cut", {"rotate_after": 5.0}), ("whole", {})):
+        out, computer = tmp_path_factory.mktemp(name) / "drive.mcap", VirtualComputer()
+        computer._now_ns = 1_774_000_000 * S
+        rows = [(0, 0, 3000 + k % 7, 0, 2048, 0) for k in range(64)]
+        with (
+            FakeNode(
+                node_id=1, rate_hz=104, bias_q12=(9, 9, 9), rows=rows, seed=1, computer=computer
+            ) as left,
+            FakeNode(node_id=2, rate_hz=104, rows=rows, seed=2, computer=computer) as right,
+        ):
+            config = RecordConfig(ports=(left.path, right.path), duration=17.0, **rules)
+            result = record(config, out, vehicle=TROLLEY, computer=computer)
+        made.append([Path(path) for path in result.files])
+    return made[0], made[1][0]
+
+
+def joined(paths, pick):
+    """A table's columns, one log behind the other."""
+    tables = [pick(read_recording(path).nodes) for path in paths]
+    return {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
+
+
+def test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would(pieces):
+    cut, whole = pieces
+    assert len(cut) == 4
+    assert all(path.name.startswith("drive-2026") for path in cut)
+    for name in ("left", "right"):
+        one, many = (joined(paths, itemgetter(name)) for paths in ([whole], cut))
+        assert one.keys() == many.keys()
+        for column in one:
+            if column != "t":
+                np.testing.assert_array_equal(many[column], one[column])
+        # A node is asked for its clock once more at each cut, which only sharpens the times.
+        np.testing.assert_allclose(many["t"], one["t"], rtol=0, atol=5e-4)
+    t = np.concatenate([read_recording(path).odometry.t for path in cut])
+    assert len(t) > 1000
+    assert (np.diff(t) > 0).all()
+    assert np.diff(t).max() < 0.05, "live odometry went on over each cut"
+
+
+def test_each_of_them_knows_its_nodes_and_can_be_decoded_again_and_read_by_every_verb(pieces, tmp_path):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text(
+        "[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n"
+        + "".join(f'[nodes.{n}]\nside = "{n}"\nfacing = "left"\n' for n in ("left", "right"))
+    )
+    for k, path in enumerate(pieces[0]):
+        recording = read_recording(path)
+        assert recording.warnings == ()
+        assert {"node.left.serial", "node.right.serial"} <= recording.metadata.keys()
+        assert {e.source for e in recording.events if e.kind == "started"} == {"left", "right"}
+        again = tmp_path / f"again{k}.mcap"
+        done = hubodo("import", path, "-o", again)
+        assert done.code == 0, done.err
+        for name in ("left", "right"):
+            before, after = recording.nodes[name], read_recording(again).nodes[name]
+            # Samples that were held for their clock when the log was cut have their frames in the log before.
+            assert abs(len(after) - len(before)) <= 16
+        assert hubodo("info", path).code == 0
+        assert hubodo("export", path, "-o", tmp_path / f"csv{k}").code == 0
+        assert hubodo("recover", path, "-o", tmp_path / f"rec{k}.mcap").code == 0
+        fused = hubodo("fuse", path, "--vehicle", vehicle, "-o", tmp_path / f"fuse{k}")
+        assert fused.code == 0, fused.err
+        track = np.genfromtxt(tmp_path / f"fuse{k}" / "track.csv", delimiter=",", names=True)
+        assert abs(track["t"][0] - recording.nodes["left"].t[0]) < 2
+
+
+class Manager:
+    """What systemd is to a service: a datagram socket that hears how it fares."""
+
+    def __init__(self, folder):
+        self.path = folder / "notify"
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(self.path))
+        self._socket.setblocking(False)
+        self.heard = []
+
+    def listen(self):
+        try:
+            while True:
+                self.heard.append(self._socket.recv(4096).decode())
+        except BlockingIOError:
+            return self.heard
+
+    def close(self):
+        self._socket.close()
+
+
+@pytest.mark.real_time
+def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends_whole(tmp_path):
+    manager, logs = Manager(tmp_path), tmp_path / "logs"
+    logs.mkdir()
+    env = {
+        **os.environ,
+        "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}",
+        "NOTIFY_SOCKET": str(manager.path),
+        "WATCHDOG_USEC": "600000",
+    }
+    with FakeNode() as node:
+        words = [sys.executable, "-m", "hubodo.cli", "record", node.path, "-o", logs, "--wait", "--json"]
+        with subprocess.Popen(
+            words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
+        ) as run:
+            until(lambda: "READY=1" in manager.listen())
+            until(lambda: any(path.stat().st_size > 3000 for path in logs.iterdir()))
+            run.send_signal(signal.SIGHUP)
+            until(lambda: len(list(logs.iterdir())) == 2)
+            until(lambda: sum("WATCHDOG=1" in word for word in manager.listen()) > 3)
+            until(
+                lambda: any(
+                    ", 0 lost" in word and "nodes, 0 samples" not in word for word in manager.listen()
+                )
+            )
+            run.send_signal(signal.SIGTERM)
+            out, err = run.communicate()
+    assert run.returncode == 0, err
+    heard = manager.listen()
+    manager.close()
+    assert heard[0] == "READY=1"
+    assert "STOPPING=1" in heard
+    assert any(word.startswith("STATUS=recording 20") for word in heard)
+    files = json.loads(out)["files"]
+    assert len(files) == 2
+    samples = [read_recording(Path(path)).nodes["left"] for path in files]
+    numbers = np.concatenate([table["gx"] for table in samples])
+    steps = np.round(np.diff(numbers) / np.radians(0.07)).astype(int)
+    assert set(steps) <= {1, 1 - 0x8000, 1 - 0x10000}, "no sample is missing at the cut"
+
+
+def test_what_a_service_says_goes_where_the_manager_listens_and_nowhere_without_one(tmp_path):
+    manager, now = Manager(tmp_path), [0.0]
+    notifier = Notifier({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "3000000"}, lambda: now[0])
+    notifier.ready()
+    for now[0] in np.arange(0.0, 6.0, 0.1).tolist():
+        notifier.alive()
+    assert manager.listen().count("WATCHDOG=1") == 6
+    Notifier({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "1", "WATCHDOG_PID": "1"}).alive()
+    assert manager.listen().count("WATCHDOG=1") == 6, "the watchdog of another process"
+    manager.close()
+    manager.path.unlink()
+    notifier.ready()
+    Notifier({}).ready()
+    abstract = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    abstract.bind(f"\0hubodo-test-{os.getpid()}")
+    Notifier({"NOTIFY_SOCKET": f"@hubodo-test-{os.getpid()}"}).stopping()
+    assert abstract.recv(100) == b"STOPPING=1"
+    abstract.close()
+
+
+def test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails(tmp_path):
+    out, computer = tmp_path / "ride.mcap", VirtualComputer()
+    Script(computer, (2.0, out.unlink))
+    with FakeNode(computer=computer) as node:
+        done = hubodo("record", node.path, "-o", out, "--duration", "4", "--json", computer=computer)
+    assert done.code == 1
+    told = json.loads(done.out)
+    assert told["messages_lost"] > 100
+    assert "was deleted or replaced while it was written" in done.err
+    recording = read_recording(out)
+    assert any("was deleted" in event.text for event in recording.events)
+    assert recording.nodes["left"].t[0] > 1.0
+
+
+def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_so(tmp_path):
+    folder, computer, seen = tmp_path / "logs", VirtualComputer(), []
+    folder.mkdir()
+    Script(computer, (4.0, lambda: folder.rename(tmp_path / "gone")))
+    rows = [(0, 0, 3000, 0, 2048, 0)] * 4
+    with (
+        FakeNode(node_id=1, rows=rows, computer=computer) as left,
+        FakeNode(node_id=2, rows=rows, computer=computer) as right,
+    ):
+        config, shown = RecordConfig(ports=(left.path, right.path), duration=12.0), io.StringIO()
+        told = {"watch": [seen.append], "console": Console(file=shown, width=500)}
+        result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **told)
+    assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
+    assert "nothing is recorded" in health(seen[-1])[1]
+    assert result.failed
+    assert "folder does not exist" in result.trouble
+    assert shown.getvalue().count("NOT RECORDING: ") == 1, "the line of every ten seconds"
+    assert "nothing is recorded until that is over" in shown.getvalue()
+    poses = [snapshot.odometry.poses for snapshot in seen if snapshot.odometry]
+    assert (np.diff(poses) > 0).all()
+    assert len(read_recording(tmp_path / "gone" / "a.mcap").nodes["left"]) > 500
+
+
+class Ended:
+    """A link that was there."""
+
+    def start(self): ...
+
+    def send(self, data, to=""):
+        return True
+
+    def end(self): ...
+
+    def stop(self, patience_s=0.0): ...
+
+
+def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_time(tmp_path):
+    """64 nodes, each with 200 batches that waited; by the clock of the end decoding one takes 5 ms."""
+    computer, out = VirtualComputer(), tmp_path / "ride.mcap"
+    labels = [f"n{k}" for k in range(64)]
+    series = LogSeries(out, SeriesRules(), computer.now_ns)
+    log = McapLog(series, t_zero_ns=computer.now_ns(), clock=None)
+    recorder = Recorder(dict.fromkeys(labels), log, lambda *_: True, computer.now_ns)
+    rows = ((1, 2, 3, 4, 5, 6),) * 8
+    wire = [
+        encode_frame(
+            Frame(ImuBatch.type_id, 1, seq, encode(ImuBatch(seq * 20_000, 2_400_000, 8 * seq, 0, 0, rows)))
+        )
+        for seq in range(200)
+    ]
+    for label in labels:
+        computer.put(LinkUp(label, computer.now_ns(), label, False))
+    for k, frame in enumerate(wire):
+        for label in labels:
+            computer.put(Chunk(label, computer.now_ns() + k, frame, ""))
+    ticks = iter(range(10**9))
+
+    def now():
+        return next(ticks) * 0.005
+
+    stopping = threading.Event()
+    stopping.set()
+    links, events = dict.fromkeys(labels, Ended()), (stopping, threading.Event(), Notifier({}))
+    loop = Loop(links, computer, recorder, None, log, series, Silent(), Silent(), *events, now)
+    loop.run(None, judged=False)
+    assert sum(link.frames for link in recorder.links.values()) < 200
+    with open_log(out) as read:
+        raw = [bytes(m.data) for m in read.messages() if m.topic.startswith("/hubodo/raw/")]
+    assert sorted(raw) == sorted(wire * 64)
+    assert any("hubodo import decodes them" in event.text for event in read_recording(out).events)
+
+
+def test_a_recorder_that_falls_far_behind_keeps_frames_raw_until_it_has_caught_up(tmp_path):
+    """A node behind a computer that comes late for what it reads, by 30 s at most."""
+    computer, out, late = VirtualComputer(), tmp_path / "ride.mcap", [0.0]
+    put = computer.put
+
+    def put_late(item):
+        put(replace(item, t_ns=item.t_ns - int(late[0] * S)) if isinstance(item, Chunk) else item)
+
+    computer.put = put_late
+    Script(computer, (2.0, lambda: late.__setitem__(0, 30.0)), (4.0, lambda: late.__setitem__(0, 0.0)))
+    with FakeNode(computer=computer) as node:
+        result = record(RecordConfig(ports=(node.path,), duration=6.0), out, computer=computer)
+    warned = [event.text for event in read_recording(out).events if event.kind == "warning"]
+    assert [text.split(";")[0] for text in warned][:2] == ["30 s behind", "kept up again"]
+    assert 500 < result.nodes["left"]["samples"] < 900
+    done = hubodo("import", out, "-o", tmp_path / "again.mcap")
+    assert done.code == 0, done.err
+    assert len(read_recording(tmp_path / "again.mcap").nodes["left"]) > 1200
+
+
+class Silent:
+    """A view or a watcher to which nothing is said."""
+
+    def say(self, text): ...
+
+    def update(self, *_): ...
+
+    def tick(self, now_ns): ...
+
+    def add(self, watch): ...
+
+
+def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
+    with pytest.raises(Exception, match="left on the disk"):
+        LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: S)
+    series = LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: S, wait=True)
+    assert not series.recording
+    series.rules = replace(series.rules, reserve=0)
+    series.tick(2 * S)
+    assert series.recording
+    assert series.path == tmp_path / "a.mcap"
+    series.finish()
+
+
+def test_a_start_that_fails_after_its_log_began_leaves_no_log(tmp_path):
+    computer = VirtualComputer()
+    with socket.create_server(("127.0.0.1", 0)) as taken, FakeNode(computer=computer) as node:
+        words = ["record", node.path, "-o", tmp_path / "x.mcap", "--duration", "1"]
+        metrics = f"127.0.0.1:{taken.getsockname()[1]}"
+        done = hubodo(*words, "--metrics", metrics, computer=computer)
+        assert done.code == 2
+        assert "choose another port" in done.err
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.real_time
+def test_ctrl_c_while_modules_load_is_one_line_and_130(tmp_path):
+    program = (
+        "import signal, sys, os\n"
+        "from hubodo import cli, verbs\n"
+        "real = cli.load\n"
+        "def load(verb):\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return real(verb)\n"
+        "cli.load = load\n"
+        "sys.exit(cli.main(['record', '/dev/null', '-o', sys.argv[1]]))\n"
+    )
+    env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    words = [sys.executable, "-c", program, tmp_path / "x.mcap"]
+    done = subprocess.run(words, capture_output=True, text=True, env=env)
+    assert (done.returncode, len(done.stderr.splitlines())) == (130, 1)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,300 @@
+"""Logs one after the other: what is in them together is what one log would hold, and each stands alone."""
+
+import errno
+import itertools
+import os
+import shutil
+import subprocess
+from contextlib import contextmanager
+
+import pytest
+
+from fakes.traced_disk import TracedDisk
+from hubodo.errors import InputError
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recover import recover
+from hubodo.log.series import HELD_BYTES, LogSeries, SeriesRules
+from hubodo.log.writer import McapLog
+from hubodo.recording import Event
+
+S = 1_000_000_000
+T0 = 1_774_000_000 * S
+
+
+class Clock:
+    """Host time that a test sets."""
+
+    def __init__(self):
+        self.now = T0
+
+    def __call__(self):
+        return self.now
+
+
+class Written:
+    """A log over a series, with a message every 10 ms: its number, and a kilobyte that does not compress."""
+
+    def __init__(self, out, rules, **options):
+        self.clock = Clock()
+        self.series = LogSeries(out, rules, self.clock, **options)
+        self.log = McapLog(self.series, t_zero_ns=T0, metadata={"a": "b"}, clock=self.clock)
+        self.log.attach("vehicle.toml", "application/toml", b"x = 1\n")
+        self.numbers = itertools.count()
+
+    def run(self, seconds):
+        for _ in range(round(seconds * 100)):
+            self.clock.now += S // 100
+            payload = next(self.numbers).to_bytes(4, "little") + os.urandom(1000)
+            self.log.raw("usb0", self.clock.now, payload)
+            self.log.tick()
+            self.series.tick(self.clock.now)
+        return self
+
+    def close(self):
+        self.log.close()
+        return self.series
+
+
+def numbers(*paths):
+    """Of the messages in these logs, in their order; none of the logs has a warning."""
+    found = []
+    for path in paths:
+        with open_log(path) as log:
+            found += [
+                int.from_bytes(bytes(m.data)[:4], "little") for m in log.messages() if "/raw/" in m.topic
+            ]
+            assert log.warnings() == ()
+    return found
+
+
+def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head(tmp_path):
+    made = Written(tmp_path / "drive.mcap", SeriesRules(after=10.0)).run(34.5)
+    made.log.add_metadata("node.left", {"serial": "1"})
+    series = made.run(10).close()
+    assert [path.name for path in series.paths][:2] == [
+        "drive-20260320T094640Z.mcap",
+        "drive-20260320T094650Z.mcap",
+    ]
+    assert len(series.paths) == 5
+    assert numbers(*series.paths) == list(range(4450))
+    for path in series.paths:
+        with open_log(path) as log:
+            assert log.records["hubodo"]["a"] == "b"
+            assert log.t_zero_ns == T0
+            assert [file.name for file in log.found.attachments] == ["vehicle.toml"]
+            assert len(numbers(path)) > 400
+    with open_log(series.paths[-1]) as log:
+        assert log.records["node.left"] == {"serial": "1"}
+    assert not series.damaged
+    assert series.size == sum(path.stat().st_size for path in series.paths)
+
+
+def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used_up(tmp_path):
+    keep = tmp_path / "drive-of-mine.mcap"
+    keep.write_bytes(bytes(10))
+    rules = SeriesRules(at=200_000, budget=800_000)
+    series = Written(tmp_path / "drive.mcap", rules).run(40).close()
+    left = [path for path in series.paths if path.exists()]
+    assert series.room.removed == len(series.paths) - len(left) > 10
+    assert left == series.paths[-len(left) :]
+    assert sum(path.stat().st_size for path in left) < 1_000_000
+    assert max(path.stat().st_size for path in left) < 300_000
+    found = numbers(*left)
+    assert found == list(range(found[0], 4000))
+    assert keep.exists()
+
+
+def test_names_in_a_folder_are_times_and_no_two_are_alike(tmp_path):
+    made = Written(tmp_path, SeriesRules())
+    for _ in range(3):
+        made.run(0.1)
+        made.log.flush()
+        made.series.cut()
+    paths = made.close().paths
+    assert [path.name for path in paths] == [
+        "20260320T094640Z.mcap",
+        *(f"20260320T094640Z-{k}.mcap" for k in (2, 3, 4)),
+    ]
+    assert made.series._names.logs() == paths
+    assert numbers(*paths) == list(range(30))
+
+
+def test_an_existing_log_and_a_missing_folder_are_refused(tmp_path):
+    (tmp_path / "log.mcap").write_bytes(b"precious")
+    with pytest.raises(InputError, match="exists already"):
+        LogSeries(tmp_path / "log.mcap", SeriesRules(), Clock())
+    with pytest.raises(InputError, match="folder does not exist"):
+        LogSeries(tmp_path / "no" / "log.mcap", SeriesRules(), Clock())
+
+
+@contextmanager
+def small_disk(folder, megabytes):
+    """A real file system of that size."""
+    folder.mkdir()
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("only root can mount a file system")
+    made = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", folder], capture_output=True, text=True
+    )
+    if made.returncode:
+        pytest.skip(f"no file system can be mounted here: {made.stderr.strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+@pytest.mark.parametrize("reserve", [0, 500_000])
+def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_did_not_fit(
+    tmp_path, reserve
+):
+    with small_disk(tmp_path / "disk", 4) as disk:
+        ballast = disk / "ballast"
+        ballast.write_bytes(bytes(3_000_000))
+        made = Written(disk / "drive.mcap", SeriesRules(reserve=reserve)).run(14)
+        assert not made.series.recording
+        assert "left on the disk" in made.series.trouble or "no space left" in made.series.trouble
+        until_full = numbers(disk / "drive.mcap") if reserve else None
+        made.run(2)
+        ballast.unlink()
+        made.run(2)
+        assert made.series.recording
+        assert made.series.trouble is None
+        series = made.close()
+        found = numbers(*series.paths)
+        assert len(series.paths) == 2
+        assert "no longer" not in " ".join(series.notices)
+        if reserve:
+            assert found[: len(until_full)] == until_full
+            assert found == list(range(1800)), "nothing is lost while it can be held"
+            assert not series.damaged
+        else:
+            assert found == list(range(len(found)))
+            assert len(found) + series.messages_lost == 1800
+
+
+def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tmp_path):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    made = Written(folder / "drive.mcap", SeriesRules()).run(1)
+    shutil.rmtree(folder)
+    made.run(1)
+    assert "folder does not exist" in made.series.trouble
+    made.run(200)
+    assert sum(len(held.records) for held in made.series._held) < HELD_BYTES + 200_000
+    folder.mkdir()
+    series = made.run(1).close()
+    found = numbers(series.path)
+    assert found == list(range(20_300 - len(found), 20_300))
+    assert len(found) * 1000 > 0.9 * HELD_BYTES
+    assert series.messages_lost == 20_300 - len(found)
+    assert series.damaged
+
+
+@pytest.mark.parametrize("change", ["deleted", "replaced", "moved", "folder moved"])
+def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_on(tmp_path, change):
+    folder = tmp_path / "logs"
+    folder.mkdir()
+    out = folder / "drive.mcap"
+    made = Written(out, SeriesRules()).run(2)
+    if change == "deleted":
+        out.unlink()
+    elif change == "replaced":
+        out.unlink()
+        out.write_bytes(b"another")
+    elif change == "moved":
+        out.rename(tmp_path / "mine.mcap")
+    else:
+        folder.rename(tmp_path / "older")
+    made.run(1)
+    assert made.series.notices
+    notice = made.series.notices[0]
+    if change == "folder moved":
+        assert "moved away" in notice
+        assert "folder does not exist" in made.series.trouble
+        folder.mkdir()
+        made.run(1)
+    assert made.series.recording
+    assert made.series.trouble is None
+    series = made.run(2).close()
+    lost = series.messages_lost
+    if "moved" in change:
+        mine = tmp_path / ("mine.mcap" if change == "moved" else "older/drive.mcap")
+        assert lost == 0
+        assert numbers(mine, series.path) == list(range(made.numbers.__next__()))
+    else:
+        assert "deleted or replaced" in notice
+        assert 150 < lost < 300
+        assert numbers(series.path) == list(range(lost, next(made.numbers)))
+        assert series.damaged
+    if change == "replaced":
+        assert out.read_bytes() == b"another"
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.EDQUOT])
+def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, number):
+    made = Written(tmp_path / "drive.mcap", SeriesRules()).run(1)
+    with TracedDisk() as disk:
+        disk.refuses = number
+        made.run(3)
+        assert os.strerror(number).lower() in made.series.trouble
+        assert not made.series.recording
+    series = made.run(2).close()
+    assert numbers(*series.paths) == list(range(600))
+    assert len(series.paths) == 2
+
+
+def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_be_read(tmp_path):
+    """As on a memory card, whose file system ends files at 4 GB."""
+    made = Written(tmp_path / "drive.mcap", SeriesRules())
+    with TracedDisk() as disk:
+        disk.largest_file = 300_000
+        series = made.run(5).close()
+    assert len(series.paths) == 2
+    assert any("hubodo recover" in notice for notice in series.notices)
+    whole = tmp_path / "whole.mcap"
+    recover(series.paths[0], whole)
+    assert numbers(whole, series.paths[1]) == list(range(500))
+
+
+def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
+    """All prefixes of what was written: of each, the disk is sure to have what the last sync covered."""
+    with TracedDisk() as disk:
+        made = Written(tmp_path / "drive.mcap", SeriesRules(after=9.0))
+        for _ in range(2000):
+            made.run(0.01)
+            disk.settle(made.series, made.clock.now)
+        made.close()
+    assert len(disk.moments) > 30
+    worst = 0.0
+    # What is safe stays so until the next moment, just before which a cut costs most.
+    for turn, ((_, safe), (t_ns, _)) in enumerate(itertools.pairwise(disk.moments)):
+        found = []
+        for k, (name, data) in enumerate(safe.items()):
+            cut, whole = tmp_path / f"{turn}-{k}-{name}", tmp_path / f"{turn}-{k}-whole.mcap"
+            cut.write_bytes(data)
+            recover(cut, whole)
+            found += numbers(whole)
+        assert found == list(range(len(found)))
+        worst = max(worst, (t_ns - T0) * 1e-9 - len(found) / 100)
+    assert 1.0 < worst < 5.0
+
+
+def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
+    with TracedDisk() as disk:
+        disk.hang()
+        made = Written(tmp_path / "drive.mcap", SeriesRules()).run(6)
+        told = [notice for notice in made.series.notices if "power cut" in notice]
+        disk.go_on()
+        made.close()
+    assert len(told) == 1
+
+
+def test_an_event_told_again_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
+    made = Written(tmp_path / "drive.mcap", SeriesRules())
+    made.log.event(Event(T0 - 3600 * S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + S)
+    made.run(2).close()
+    recording = read_recording(made.series.path)
+    assert recording.events[0].t_ns == T0 - 3600 * S
+    with open_log(made.series.path) as log:
+        assert log.found.chunks[0].start_ns > T0 - S

@@ -1,0 +1,34 @@
+"""Memory of a recorder: what it keeps of what went through it."""
+
+import tracemalloc
+from pathlib import Path
+
+from rich.console import Console
+
+from fakes.steady_computer import SteadyComputer, SteadyNode
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+
+LABELS = ("left", "right")
+
+
+def test_nodes_leave_nothing_in_memory_but_the_places_of_their_chunks(tmp_path):
+    """One log, which is the worst; 275 bytes for each of two chunks a second are its index."""
+    nodes = {label: SteadyNode(k + 1, 208.0, 16, 20.0 * k) for k, label in enumerate(LABELS)}
+    computer, kept = SteadyComputer(nodes), {}
+
+    def look(snapshot):
+        kept[round(snapshot.seconds)] = tracemalloc.get_traced_memory()[0]
+
+    with Path("/dev/null").open("w") as nowhere:
+        config = RecordConfig(ports=tuple(f"{label}=/dev/{label}" for label in LABELS), duration=58.0)
+        tracemalloc.start()
+        try:
+            result = record(
+                config, tmp_path / "a.mcap", computer=computer, console=Console(file=nowhere), watch=[look]
+            )
+        finally:
+            tracemalloc.stop()
+    assert sum(node["samples"] for node in result.nodes.values()) == sum(n.sent for n in nodes.values())
+    early, late = (min(kept[second + k] for k in range(8)) for second in (20, 49))
+    assert late - early < 100_000
