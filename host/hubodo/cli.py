@@ -6,6 +6,7 @@ import argparse
 import json
 import os
 import sys
+import time
 import traceback
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
@@ -125,7 +126,13 @@ def _show(result: Result, *, as_json: bool) -> None:
 def _fail(args: argparse.Namespace, text: str, code: int) -> int:
     if args.debug:
         traceback.print_exc()
-    print(f"hubodo {args.verb}: {' '.join(text.split())}", file=sys.stderr)
+    line = " ".join(text.split())
+    if getattr(args, "log_format", None) == "json":
+        from hubodo.ingest.live.view import json_line
+
+        print(json_line(time.time_ns(), "error", "failed", line, {"exit_code": code}), file=sys.stderr)
+    else:
+        print(f"hubodo {args.verb}: {line}", file=sys.stderr)
     return code
 
 
