@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from hubodo.errors import LinkError
+from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.link.ports import Finder, Lister, PortName
-from hubodo.ingest.link.transport import LinkDown, Transport, open_transport
+from hubodo.ingest.link.transport import open_transport
 
 S = 1_000_000_000
 _STEP_NS = S // 100
