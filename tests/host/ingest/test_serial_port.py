@@ -132,7 +132,7 @@ def test_what_cannot_be_opened_is_told_with_what_to_do(opens, tmp_path):
 def test_windows_words_for_a_missing_and_a_busy_port_are_understood(monkeypatch):
     """As pyserial's Windows part says them; it gives no number."""
     said = {
-        "COM7": "could not open port 'COM7': FileNotFoundError(2, 'The system cannot find the file', None, 2)",
+        "COM7": "could not open port 'COM7': FileNotFoundError(2, 'The system cannot find it', None, 2)",
         "COM3": "could not open port 'COM3': PermissionError(13, 'Access is denied.', None, 5)",
     }
 
