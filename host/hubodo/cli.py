@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import sys
@@ -83,6 +84,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
     # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _write_what_can_be_written()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
+        from hubodo.verbs.completers import complete, typed_words
+
+        complete(build_parser(typed_words()))
     try:
         words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
         with one_line_on_ctrl_c():
@@ -110,6 +116,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback for users
         text = f"{type(error).__name__}: {error}; this is a defect of hubodo, please report it with --debug"
         return _fail(args, text, EXIT_FAILED)
+
+
+def _write_what_can_be_written() -> None:
+    """A terminal or a pipe of another alphabet gets `?` for what it lacks, instead of an error."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
 
 
 def _show(result: Result, *, as_json: bool) -> None:
