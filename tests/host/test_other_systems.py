@@ -31,6 +31,8 @@ for owner, names in (
 ):
     for name in names:
         delattr(owner, name)
+from hubodo.flash.this_computer import ThisComputer
+ThisComputer.linux = False
 for words in sys.argv[1].split("\\n"):
     code = main(words.split())
     if code:
@@ -107,3 +109,9 @@ def test_a_serial_port_is_refused_in_words_there_too(tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("hubodo record: COM3: no such device; plug it in, or see what is there:")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_computer_is_looked_at_there_too(tmp_path):
+    done = run("doctor --json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {"clock", "disk", "packages"} <= {check["check"] for check in json.loads(done.stdout)["checks"]}
