@@ -6,6 +6,7 @@ import json
 import math
 import os
 import time
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -200,10 +201,11 @@ def run(args: argparse.Namespace) -> Demo:
 
 def _warnings(summary: Summary) -> tuple[str, ...]:
     """What `hubodo info` would warn of."""
-    gaps = tuple(
-        f"t = {gap.t:.3f} s {gap.topic}: {gap.missing} samples missing: {gap.cause}" for gap in summary.gaps
-    )
-    return summary.warnings + gaps
+    missing = Counter[tuple[str, str]]()
+    for gap in summary.gaps:
+        missing[gap.topic, gap.cause] += gap.missing
+    gaps = (f"{topic}: {count} samples missing: {cause}" for (topic, cause), count in missing.items())
+    return (*summary.warnings, *gaps)
 
 
 def _kept(demo: Demo, out: Path) -> str:
