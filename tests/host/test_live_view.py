@@ -56,7 +56,7 @@ def plain(shown):
 
 
 def test_a_terminal_shows_a_line_for_each_node_the_log_and_the_odometry_and_clears_it_at_the_end(tmp_path):
-    shown = recorded(tmp_path)
+    shown = recorded(tmp_path, width=170)
     last = plain(shown).split("● recording ")[-1]
     (left,) = re.findall(r"● left .*", last)
     assert re.search(

@@ -31,8 +31,8 @@ for owner, names in (
 ):
     for name in names:
         delattr(owner, name)
-from hubodo.flash.this_computer import ThisComputer
-ThisComputer.linux = False
+from hubodo.flash.surroundings import Surroundings
+Surroundings.linux = False
 for words in sys.argv[1].split("\\n"):
     code = main(words.split())
     if code:

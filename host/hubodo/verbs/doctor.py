@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.flash.computer_checks import Finding, look_at
-from hubodo.flash.this_computer import ThisComputer
+from hubodo.flash.computer_checks import ComputerCheck, look_at
+from hubodo.flash.surroundings import Surroundings
 from hubowire.budget import CONSOLE_BAUD
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Diagnosis:
 class ComputerDiagnosis:
     """What was found on this computer."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[ComputerCheck, ...]
 
     @property
     def failed(self) -> bool:
@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> Diagnosis | ComputerDiagnosis:
         raise InputError(f"--seconds {args.seconds:g}: at least {_LEAST_S:g}, or a clock shows nothing")
     if args.port is None:
         with Console(stderr=True).status("looking at this computer"):
-            return ComputerDiagnosis(tuple(look_at(ThisComputer())))
+            return ComputerDiagnosis(tuple(look_at(Surroundings())))
     from hubodo.flash.doctor import examine  # by way of termios, which Windows lacks
 
     with Console(stderr=True).status(f"{args.port}: listening") as status:

@@ -14,7 +14,7 @@ from hubodo.errors import LinkError
 from hubodo.flash import computer_checks
 from hubodo.flash.computer_checks import look_at
 from hubodo.flash.listen import Heard
-from hubodo.flash.this_computer import Holder, ThisComputer
+from hubodo.flash.surroundings import Holder, Surroundings
 from hubodo.verbs import doctor as verb
 from in_process import hubodo
 
@@ -33,7 +33,7 @@ class Port:
 
 
 @dataclass(frozen=True)
-class FakeComputer(ThisComputer):
+class FakeComputer(Surroundings):
     """One on which everything is as it should be, but for what a test says."""
 
     linux: bool = True
@@ -101,13 +101,13 @@ def test_who_has_a_port_is_seen_on_this_computer_too(tmp_path):
     """A real port, held by a real process other than this one."""
     master, slave = os.openpty()
     with serial.Serial(os.ttyname(slave), exclusive=True):
-        assert ThisComputer().holders(os.ttyname(slave)) == [], "not by ourselves"
+        assert Surroundings().holders(os.ttyname(slave)) == [], "not by ourselves"
         child = os.fork()
         if not child:
             threading.Event().wait(60)
             os._exit(0)
         try:
-            (holder,) = ThisComputer().holders(os.ttyname(slave))
+            (holder,) = Surroundings().holders(os.ttyname(slave))
             assert holder.pid == child and isinstance(holder, Holder) and holder.command
         finally:
             os.kill(child, 9)
@@ -192,7 +192,7 @@ def test_nodes_are_found_with_their_firmware_and_bad_findings_give_exit_code_1(t
         ports = [Port(left.path), Port(right.path)]
         for free, code in ((50_000_000_000, 0), (1000, 1)):
             computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, free=free)
-            monkeypatch.setattr(verb, "ThisComputer", lambda computer=computer: computer)
+            monkeypatch.setattr(verb, "Surroundings", lambda computer=computer: computer)
             monkeypatch.setattr(computer_checks, "_LISTEN_S", 1.5)
             done = hubodo("doctor", *(["--json"] if not code else []))
             assert done.code == code, done

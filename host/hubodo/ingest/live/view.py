@@ -7,16 +7,16 @@ from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from types import TracebackType
-from typing import IO, Any, Literal, Protocol, Self
+from typing import IO, Any, Protocol, Self
 
 from rich.console import Console
 from rich.live import Live
 
 from hubodo.ingest.live.live_table import draw, link_state, node_state, odometry_words, size_words
+from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.recording import Event
 
-LogFormat = Literal["text", "json"]
 S = 1_000_000_000
 _LINE_NS = 10 * S
 _TROUBLE = ("damage", "disconnected", "foreign", "full", "mismatch", "silent", "warning")
@@ -41,17 +41,13 @@ class View(Protocol):
         ...
 
 
-def make_view(
-    console: Console, now_ns: Callable[[], int], *, quiet: bool = False, log_format: LogFormat = "text"
-) -> View:
-    """A live table on a terminal, lines elsewhere; now_ns: host time.
-
-    quiet: notices and nothing else. log_format "json": each line one object, for services.
-    """
-    if log_format == "json":
-        return JsonView(console.file, now_ns, quiet=quiet)
-    if quiet or not console.is_terminal or console.is_dumb_terminal:
-        return LineView(console, now_ns(), quiet=quiet)
+def make_view(config: RecordConfig, now_ns: Callable[[], int], console: Console | None = None) -> View:
+    """A live table on a terminal, lines elsewhere; now_ns: host time; console: None, stderr."""
+    console = console or Console(stderr=True)
+    if config.log_format == "json":
+        return JsonView(console.file, now_ns, quiet=config.quiet)
+    if config.quiet or not console.is_terminal or console.is_dumb_terminal:
+        return LineView(console, now_ns(), quiet=config.quiet)
     return TableView(console)
 
 

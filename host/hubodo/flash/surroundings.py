@@ -43,7 +43,7 @@ class Holder:
 
 
 @dataclass(frozen=True)
-class ThisComputer:
+class Surroundings:
     """Asked each time anew. root: of the file system that is looked at; folder: where logs would go."""
 
     folder: Path = Path()
