@@ -135,8 +135,8 @@ class Loop:
             else:
                 self.recorder.warn("log", notice)
         self.series.notices.clear()
-        for notice in self.recorder.notices:
-            self.view.say(notice)
+        for event in self.recorder.notices:
+            self.view.say(event)
         self.recorder.notices.clear()
 
     def _end(self, start_ns: int) -> float:
