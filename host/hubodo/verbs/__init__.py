@@ -25,6 +25,7 @@ VERBS: dict[str, str] = {
     "simulate": "draw a log from a model: what the nodes would measure on a drive, a table, a bench",
     "gap": "what a model lacks to explain a log: the missing effects by name, and the model with them",
     "report": "one self-contained HTML page of a log: content, losses, sensors, calibration, drive",
+    "completion": "print the script with which a shell completes verbs, options, ports, nodes and files",
 }
 """Each with what it does, in one line. It is a module here (`import` with a trailing "_"): EXAMPLE,
 add_arguments(parser), run(args). Names, not modules: a verb starts, and the list is shown, without waiting
