@@ -57,8 +57,7 @@ def record(
         stack.callback(stop_links, links)
         if not config.wait:
             _open_all(links)
-        now_ns = computer.now_ns
-        zero = now_ns() // S * S
+        now_ns, zero = computer.now_ns, computer.now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
         log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
@@ -84,8 +83,7 @@ def record(
         )
         view = stack.enter_context(View(console or Console(stderr=True), now_ns()))
         watched = _watched(config, recorder, log, series, watch, now_ns, stack)
-        again = threading.Event()
-        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
+        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again := threading.Event()))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
