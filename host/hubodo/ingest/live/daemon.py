@@ -57,13 +57,11 @@ def record(
         stack.callback(stop_links, links)
         if not config.wait:
             _open_all(links)
-        now_ns, zero = computer.now_ns, computer.now_ns() // S * S
+        now_ns = computer.now_ns
+        zero = now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
-        log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
-        stack.enter_context(log)
-        for name, data in (attachments or {}).items():
-            log.attach(name, "application/toml", data)
+        log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}))
         localizer = None
         if vehicle is not None and gnss:
             localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
@@ -83,12 +81,28 @@ def record(
         )
         view = stack.enter_context(View(console or Console(stderr=True), now_ns()))
         watched = _watched(config, recorder, log, series, watch, now_ns, stack)
-        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again := threading.Event()))
+        again = threading.Event()
+        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict
     return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
+
+
+def _log(
+    config: RecordConfig,
+    series: LogSeries,
+    zero_ns: int,
+    now_ns: Callable[[], int],
+    metadata: Mapping[str, str] | None,
+    attachments: Mapping[str, bytes],
+) -> McapLog:
+    """What the recorder writes to; it goes into the series."""
+    log = McapLog(series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns)
+    for name, data in attachments.items():
+        log.attach(name, "application/toml", data)
+    return log
 
 
 def _nothing_left(
