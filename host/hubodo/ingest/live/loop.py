@@ -6,7 +6,7 @@ import gc
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
@@ -126,20 +126,25 @@ class Loop:
         if self.series.begun_anew():
             self.recorder.tell_again()
         self.say()
-        self.view.update(self.recorder, self.log.size, now_ns)
+        with suppress(OSError):  # nobody looks any more
+            self.view.update(self.recorder, self.log.size, now_ns)
         self.watched.tick(now_ns)
 
     def say(self) -> None:
         """What the recorder and its logs have to tell the user."""
         for notice in self.series.notices:
             if self.series.closed:
-                self.view.say(notice)
+                self._show(notice)
             else:
                 self.recorder.warn("log", notice)
         self.series.notices.clear()
         for notice in self.recorder.notices:
-            self.view.say(notice)
+            self._show(notice)
         self.recorder.notices.clear()
+
+    def _show(self, text: str) -> None:
+        with suppress(OSError):  # a terminal or pipe that has gone does not end a recording
+            self.view.say(text)
 
     def _end(self, start_ns: int) -> float:
         self.notifier.stopping()
@@ -155,7 +160,7 @@ class Loop:
         if self.localizer is not None and not (
             self.localizer.close(_GRAPH_S) if hurry else self.localizer.close()
         ):
-            self.view.say(
+            self._show(
                 "the graph was too slow to come to its end; the last seconds of map → odom are missing"
             )
         self._handle_rest(hurry)
