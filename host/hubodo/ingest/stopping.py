@@ -35,6 +35,8 @@ def stop_on_signals(
 ) -> Iterator[threading.Event]:
     """Sets `stopping` instead of ending the process, and with `again` that on SIGHUP, where there is one.
 
+    A SIGHUP because the terminal has gone is a wish to stop, unless it was ignored before, as by nohup.
+
     Only the main thread may ask for that; in another one this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
@@ -44,9 +46,11 @@ def stop_on_signals(
     def end(number: int, frame: FrameType | None) -> None:
         stopping.set()
 
+    in_terminal = again is not None and _has_terminal() and not _hangup_ignored()
+
     def begin_anew(number: int, frame: FrameType | None) -> None:
         assert again is not None
-        again.set()
+        (stopping if in_terminal and not _has_terminal() else again).set()
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     hangup = getattr(signal, "SIGHUP", None)
@@ -57,3 +61,16 @@ def stop_on_signals(
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _has_terminal() -> bool:
+    try:
+        os.close(os.open("/dev/tty", os.O_RDWR))
+    except OSError:
+        return False
+    return True
+
+
+def _hangup_ignored() -> bool:
+    hangup = getattr(signal, "SIGHUP", None)
+    return hangup is not None and signal.getsignal(hangup) is signal.SIG_IGN

@@ -67,9 +67,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        # As bytes, because a log of weeks has millions of chunks.
-        self._chunk_indexes = bytearray()
-        self._chunk_count = 0
+        self._chunk_indexes: list[bytes] = []  # encoded: of a log of weeks there are millions
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
         self._start: int | None = None
@@ -178,20 +176,21 @@ class McapFile:
             position += len(parts[-1])
         chunk_start = self.size
         self.put(b"".join(parts))
-        self._chunk_indexes += _encode(
-            ChunkIndex(
-                chunk_length=len(chunk),
-                chunk_start_offset=chunk_start,
-                compression=name,
-                compressed_size=len(data),
-                message_end_time=end,
-                message_index_length=self.size - chunk_start - len(chunk),
-                message_index_offsets=offsets,
-                message_start_time=start,
-                uncompressed_size=len(records),
+        self._chunk_indexes.append(
+            _encode(
+                ChunkIndex(
+                    chunk_length=len(chunk),
+                    chunk_start_offset=chunk_start,
+                    compression=name,
+                    compressed_size=len(data),
+                    message_end_time=end,
+                    message_index_length=self.size - chunk_start - len(chunk),
+                    message_index_offsets=offsets,
+                    message_start_time=start,
+                    uncompressed_size=len(records),
+                )
             )
         )
-        self._chunk_count += 1
         self._start = start if self._start is None else min(self._start, start)
         self._end = max(self._end, end)
         for channel_id, (times, _) in indexes.items():
@@ -246,7 +245,7 @@ class McapFile:
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=self._chunk_count,
+            chunk_count=len(self._chunk_indexes),
             message_count=self.message_count,
             message_end_time=self._end,
             message_start_time=self._start or 0,
@@ -257,7 +256,7 @@ class McapFile:
             (Opcode.SCHEMA, _encode_all(self._schemas.values())),
             (Opcode.CHANNEL, _encode_all(self._channels.values())),
             (Opcode.STATISTICS, _encode(statistics)),
-            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, b"".join(self._chunk_indexes)),
             (Opcode.ATTACHMENT_INDEX, _encode_all(self._attachment_indexes)),
             (Opcode.METADATA_INDEX, _encode_all(self._metadata_indexes)),
         ]

@@ -62,10 +62,7 @@ def record(
         zero = now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
-        log = McapLog(series, metadata=metadata, t_zero_ns=zero, compression=config.compression, clock=now_ns)
-        stack.enter_context(log)
-        for name, data in (attachments or {}).items():
-            log.attach(name, "application/toml", data)
+        log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}))
         localizer = None
         if vehicle is not None and gnss:
             localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
@@ -92,6 +89,21 @@ def record(
         if verdict is not None:
             raise verdict
     return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
+
+
+def _log(
+    config: RecordConfig,
+    series: LogSeries,
+    zero_ns: int,
+    now_ns: Callable[[], int],
+    metadata: Mapping[str, str] | None,
+    attachments: Mapping[str, bytes],
+) -> McapLog:
+    """What the recorder writes to; it goes into the series."""
+    log = McapLog(series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns)
+    for name, data in attachments.items():
+        log.attach(name, "application/toml", data)
+    return log
 
 
 def _nothing_left(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from types import TracebackType
@@ -43,12 +44,43 @@ class View(Protocol):
 
 def make_view(config: RecordConfig, now_ns: Callable[[], int], console: Console | None = None) -> View:
     """A live table on a terminal, lines elsewhere; now_ns: host time; console: None, stderr."""
-    console = console or Console(stderr=True)
+    return UnseenView(_made(config, now_ns, console or Console(stderr=True)))
+
+
+def _made(config: RecordConfig, now_ns: Callable[[], int], console: Console) -> View:
     if config.log_format == "json":
         return JsonView(console.file, now_ns, quiet=config.quiet)
     if config.quiet or not console.is_terminal or console.is_dumb_terminal:
         return LineView(console, now_ns(), quiet=config.quiet)
     return TableView(console)
+
+
+class UnseenView:
+    """Another view whose terminal or pipe may go: nobody sees it any more then, and a recording goes on."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+
+    def __enter__(self) -> Self:
+        with suppress(OSError):
+            self._view.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(OSError):
+            self._view.__exit__(kind, error, trace)
+
+    def say(self, notice: Event | str) -> None:
+        """See `View`."""
+        with suppress(OSError):
+            self._view.say(notice)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """See `View`."""
+        with suppress(OSError):
+            self._view.show(snapshot)
 
 
 class _Plain:
