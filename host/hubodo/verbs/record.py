@@ -127,6 +127,18 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
+    return record(
+        config,
+        output,
+        vehicle=vehicle,
+        calibration=calibration,
+        metadata=_metadata(config),
+        attachments=attachments,
+    )
+
+
+def _metadata(config: RecordConfig) -> dict[str, str]:
+    """What made the log."""
     metadata = {
         "hubodo": __version__,
         "fingerprint": f"{FINGERPRINT:08x}",
@@ -137,11 +149,4 @@ def run(args: argparse.Namespace) -> RecordResult:
     }
     if config.odometry_rate_hz is not None:
         metadata["odometry_rate_hz"] = repr(config.odometry_rate_hz)
-    return record(
-        config,
-        output,
-        vehicle=vehicle,
-        calibration=calibration,
-        metadata=metadata,
-        attachments=attachments,
-    )
+    return metadata
