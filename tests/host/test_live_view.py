@@ -119,7 +119,7 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(width):
 def test_a_disk_that_is_about_to_be_full_is_shown_with_the_time_it_lasts():
     shown = drawn(snapshot(100, size=10_000_000, free=30_000_000), 100, colours=True)
     assert re.search(r"\x1b\[31m[^\x1b]*30 MB left on disk, for 0:05:00", shown)
-    assert "not recording" in drawn(snapshot(100, trouble="ride.mcap: disk full"), 100)
+    assert "NOT RECORDING" in drawn(snapshot(100, trouble="ride.mcap: disk full"), 100)
     assert "disk full" in drawn(snapshot(100, trouble="ride.mcap: disk full"), 100)
 
 

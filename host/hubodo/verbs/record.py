@@ -6,16 +6,17 @@ import argparse
 import platform
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hubodo import __version__
-from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
-from hubodo.ingest.live.status import RecordResult
 from hubodo.vehicle import load_vehicle
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
+
+if TYPE_CHECKING:
+    from hubodo.ingest.live.status import RecordResult
 
 EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
 
@@ -83,6 +84,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> RecordResult:
     """Records; see `hubodo.ingest.live.daemon.record`."""
+    # Not with the options: a shell that completes them need not wait for all of the odometry.
+    from hubodo.calibration.file import read_calibration
+    from hubodo.ingest.live.daemon import record
+
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:
@@ -122,6 +127,18 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
+    return record(
+        config,
+        output,
+        vehicle=vehicle,
+        calibration=calibration,
+        metadata=_metadata(config),
+        attachments=attachments,
+    )
+
+
+def _metadata(config: RecordConfig) -> dict[str, str]:
+    """What made the log."""
     metadata = {
         "hubodo": __version__,
         "fingerprint": f"{FINGERPRINT:08x}",
@@ -132,11 +149,4 @@ def run(args: argparse.Namespace) -> RecordResult:
     }
     if config.odometry_rate_hz is not None:
         metadata["odometry_rate_hz"] = repr(config.odometry_rate_hz)
-    return record(
-        config,
-        output,
-        vehicle=vehicle,
-        calibration=calibration,
-        metadata=metadata,
-        attachments=attachments,
-    )
+    return metadata
