@@ -14,6 +14,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.ingest.live.status import RecordResult
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.web_options import add_web_arguments, watched
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -57,6 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
+    add_web_arguments(parser)
     parser.add_argument(
         "--rotate-after", type=float, metavar="S", help="begin another log after so many seconds"
     )
@@ -124,11 +126,13 @@ def run(args: argparse.Namespace) -> RecordResult:
     }
     if config.odometry_rate_hz is not None:
         metadata["odometry_rate_hz"] = repr(config.odometry_rate_hz)
-    return record(
-        config,
-        output,
-        vehicle=vehicle,
-        calibration=calibration,
-        metadata=metadata,
-        attachments=attachments,
-    )
+    with watched(args, output, vehicle) as audience:
+        return record(
+            config,
+            output,
+            vehicle=vehicle,
+            calibration=calibration,
+            metadata=metadata,
+            attachments=attachments,
+            audience=audience,
+        )
