@@ -16,7 +16,7 @@ from hubodo.errors import InputError
 from hubodo.log.container import Compression, McapFile, MessageIndexes
 from hubodo.log.held_chunks import HeldChunk, HeldChunks, messages_in
 from hubodo.log.log_names import LogNames
-from hubodo.log.room import MB, Room
+from hubodo.log.room import MB, Room, words_of
 from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
 
 S = 1_000_000_000
@@ -90,15 +90,14 @@ class LogSeries:
         self._next_look = self._next_sync = self._next_budget = 0
         self._slow_said = False
         self._told = 0
-        self._halted = False
-        self._unwanted = 0
+        self._halted, self._unwanted = False, 0
         try:
             self._begin()
         except (InputError, OSError) as error:
             if not wait:
                 self._sync.close(0.0)
                 raise
-            self._paused(_words(error))
+            self._paused(words_of(error))
 
     @property
     def path(self) -> Path:
@@ -280,7 +279,7 @@ class LogSeries:
         except OSError as error:
             self._unsealed = file
             if self.trouble is None:
-                self._paused(_words(error))
+                self._paused(words_of(error))
             return
         self._finished += file.size - before
         self._sync.give(file.duplicate())
@@ -314,7 +313,7 @@ class LogSeries:
         except (InputError, OSError) as error:
             self._unsealed = unsealed
             if self.trouble is None:
-                self._paused(_words(error))
+                self._paused(words_of(error))
             return
         if unsealed is not None:
             self._give_up(unsealed)
@@ -330,7 +329,7 @@ class LogSeries:
         try:
             write(self._file)
         except OSError as error:
-            self._paused(f"{self._file.path}: {_words(error)}")
+            self._paused(f"{self._file.path}: {words_of(error)}")
             self._end()
             return False
         return True
@@ -399,7 +398,3 @@ class LogSeries:
         self._next_sync, self._sync_began_ns = now_ns + PERIOD_NS, now_ns
         self._synced = self._file.size
         self._sync.give(self._file.duplicate())
-
-
-def _words(error: Exception) -> str:
-    return (error.strerror or str(error)).lower() if isinstance(error, OSError) else str(error)

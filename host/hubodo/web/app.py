@@ -23,7 +23,7 @@ from hubodo.web.config import Site
 from hubodo.web.guard import COOKIE, Guard, Secrets
 from hubodo.web.hub import Hub
 from hubodo.web.jobs import Jobs
-from hubodo.web.library import RecordingFile, Library
+from hubodo.web.library import Library, RecordingFile
 
 STATIC = Path(__file__).parent / "static"
 _WRONG_TOKEN_S = 0.5

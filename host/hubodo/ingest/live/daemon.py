@@ -47,11 +47,10 @@ def record(
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
     computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
-    snapshot each second, in this thread; must return at once. audience: who watches more closely. Unless
-    config.wait, every port must open at the start; once open, a link may come and go. Raises InputError (a
-    port cannot be opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with
-    other serials), which leave nothing behind, and WireMismatch (every node speaks another version), which
-    leaves raw frames.
+    snapshot each second, in this thread; must return at once; audience: watches closely. Unless config.wait,
+    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
+    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
+    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
     """
     computer = computer or ThisComputer(config.time_scale)
     links, names, gnss = _links(config, computer, lister)
