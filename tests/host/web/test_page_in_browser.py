@@ -10,17 +10,14 @@ from pathlib import Path
 import pytest
 
 import wanted
+from browser_page import Page
 from fakes.fake_node import FakeNode
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubowire.messages import BiasInit
 from waiting import until
 
 pytestmark = pytest.mark.real_time
-webdriver = wanted.module("selenium.webdriver")
 ROOT = Path(__file__).resolve().parents[3]
-SCREENSHOTS = ROOT / "out" / "screenshots"
-
-IN_PAGE = Path(__file__).with_name("in_page.js").read_text()
 
 
 class Rig:
@@ -77,67 +74,16 @@ def rig(tmp_path_factory):
         made.end()
 
 
-class Page:
-    """A browser on the page."""
-
-    def __init__(self, rig, profile):
-        options = webdriver.ChromeOptions()
-        options.binary_location = wanted.program("chromium", "chromium-browser", "google-chrome")
-        for word in ("--headless=new", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"):
-            options.add_argument(word)
-        if hasattr(os, "geteuid") and os.geteuid() == 0:
-            options.add_argument("--no-sandbox")
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-        service = webdriver.ChromeService(wanted.program("chromedriver"))
-        self.driver = webdriver.Chrome(options=options, service=service)
-        self.url = f"http://127.0.0.1:{rig.port}/"
-        self.complaints = []
-        self.size(1400, 900)
-        self.colours("light")
-
-    def size(self, width, height):
-        values = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600}
-        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", values)
-
-    def colours(self, scheme):
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
-        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-
-    def open(self):
-        self.driver.get(self.url)
-        until(lambda: self.run("return document.querySelectorAll('.node').length") == 2)
-
-    def run(self, script, *given):
-        return self.driver.execute_script(script, *given)
-
-    def ask(self, call):
-        return self.run(f"{IN_PAGE}\nreturn {call};")
-
-    def drawn(self, name):
-        return self.ask(f"coloursOf('{name}')") > 3
-
-    def text(self, name):
-        return self.run("return document.getElementById(arguments[0]).textContent", name)
-
-    def click(self, selector):
-        self.run("document.querySelector(arguments[0]).click()", selector)
-
-    def console(self):
-        return [line["message"] for line in self.driver.get_log("browser")]
-
-    def keep(self, name):
-        SCREENSHOTS.mkdir(parents=True, exist_ok=True)
-        assert self.driver.save_screenshot(str(SCREENSHOTS / f"{name}.png"))
-
-
 @pytest.fixture(scope="module")
 def page(rig, tmp_path_factory):
-    made = Page(rig, tmp_path_factory.mktemp("profile"))
-    try:
-        made.open()
+    with Page(f"http://127.0.0.1:{rig.port}/", tmp_path_factory.mktemp("profile")) as made:
+        opened(made)
         yield made
-    finally:
-        made.driver.quit()
+
+
+def opened(page):
+    page.open()
+    until(lambda: page.run("return document.querySelectorAll('.node').length") == 2)
 
 
 def test_it_shows_path_speeds_heading_nodes_log_and_events_without_a_complaint(page):
@@ -157,7 +103,7 @@ def test_it_shows_path_speeds_heading_nodes_log_and_events_without_a_complaint(p
 
 
 def test_it_has_the_last_minute_at_once_on_opening(page):
-    page.open()
+    opened(page)
     seconds = page.run(
         "const live = new WebSocket(`ws://${location.host}/live`);"
         "return new Promise((done) => { live.onmessage = (event) => { live.close();"
@@ -200,7 +146,7 @@ def test_recordings_are_listed_and_say_what_they_hold(page):
 
 def test_everything_is_reached_with_the_keyboard_and_shows_where_it_is(page):
     keys = wanted.module("selenium.webdriver.common.keys").Keys
-    actions = webdriver.ActionChains
+    actions = wanted.module("selenium.webdriver").ActionChains
     page.run("document.activeElement.blur(); window.scrollTo(0, 0)")
     want = page.ask("reachable()")
     reached = set()
