@@ -94,10 +94,9 @@ def test_it_shows_path_speeds_heading_nodes_log_and_events_without_a_complaint(p
     assert page.text("speed-title") == "Wheel speeds, m/s"
     until(lambda: all(page.drawn(name) for name in ("map", "speeds", "headings", "compass")))
     for name in ("left", "right"):
-        card = page.run(
-            "return document.querySelector(`[aria-label='Node ${arguments[0]}']`).innerText", name
-        )
-        assert "streaming" in card and "104" in card and "3.70 V" in card and "26.0 °C" in card
+        script = f"return document.querySelector(`[aria-label='Node {name}']`).innerText"
+        for words in ("streaming", " Hz", "3.70 V", "26.0 °C"):
+            until(lambda script=script, words=words: words in page.run(script))
     until(lambda: "connected" in page.text("events"))
     assert page.console() == []
 
