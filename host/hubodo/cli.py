@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
 import sys
+import time
 import traceback
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
@@ -82,6 +84,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
     # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _write_what_can_be_written()
+    if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
+        from hubodo.verbs.completers import complete, typed_words
+
+        complete(build_parser(typed_words()))
     try:
         words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
         with one_line_on_ctrl_c():
@@ -111,6 +118,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(args, text, EXIT_FAILED)
 
 
+def _write_what_can_be_written() -> None:
+    """A terminal or a pipe of another alphabet gets `?` for what it lacks, instead of an error."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
 def _show(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json.dumps(result.as_json(), allow_nan=False))
@@ -125,7 +139,13 @@ def _show(result: Result, *, as_json: bool) -> None:
 def _fail(args: argparse.Namespace, text: str, code: int) -> int:
     if args.debug:
         traceback.print_exc()
-    print(f"hubodo {args.verb}: {' '.join(text.split())}", file=sys.stderr)
+    line = " ".join(text.split())
+    if getattr(args, "log_format", None) == "json":
+        from hubodo.ingest.live.view import json_line
+
+        print(json_line(time.time_ns(), "error", "failed", line, {"exit_code": code}), file=sys.stderr)
+    else:
+        print(f"hubodo {args.verb}: {line}", file=sys.stderr)
     return code
 
 

@@ -3,6 +3,7 @@
 import base64
 import io
 import json
+import re
 from contextlib import redirect_stdout
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,12 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from hubodo.cli import main
-from hubodo.demo.scenario import TRACK_WIDTH, WHEEL_RADIUS, make_scenario
+from hubodo.demo.ride import choose_interpreter, ride
+from hubodo.demo.scenario import TRACK_WIDTH, VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.log.mcap import read_recording
+from hubodo.model.drive import loop_drive
 from hubodo.verbs import demo as verb
+from in_process import hubodo
 
 DRAWN = "fused from the two wheels"
 MOVING, SEED = 6.0, 7
@@ -80,6 +84,7 @@ def dead_reckoning(log):
 
 def test_both_nodes_came_through_whole(demo):
     assert sorted(demo["recorded"]["nodes"]) == ["left", "right"]
+    assert str(Path(demo["page"]).parent) not in (Path(demo["page"]).parent / "demo.json").read_text("utf-8")
     for node in demo["recorded"]["nodes"].values():
         assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
 
@@ -98,6 +103,29 @@ def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp
     (line,) = capsys.readouterr().err.splitlines()
     assert "m from the truth at t = " in line and "1 sigma" in line
     assert not list(tmp_path.rglob("index.html"))
+
+
+def test_the_report_lies_beside_the_page_and_it_warns_as_info_does(demo):
+    assert Path(demo["report"]).parent == Path(demo["page"]).parent
+    assert "drive.mcap" in Path(demo["report"]).read_text("utf-8")
+    info = json.loads(hubodo("info", demo["log"], "--json").out)
+    told = sum(int(re.search(r": (\d+) samples missing", line)[1]) for line in demo["warnings"])
+    assert told == sum(gap["missing"] for gap in info["gaps"]) + len(info["warnings"])
+    assert not any("/odom" in line or "/imu" in line for line in demo["warnings"])
+
+
+def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
+    scenario = replace(
+        make_scenario(SEED, MOVING), drive=loop_drive(np.random.default_rng(1), rest=1.0, moving=3.0)
+    )
+    logs = []
+    for name in ("one", "the_other"):
+        (tmp_path / name).mkdir()
+        kind = choose_interpreter("auto")
+        riders = {"left": scenario.riders()["left"]}
+        done = ride(riders, VEHICLE_TOML, tmp_path / name, kind, SEED, lambda share: None, start_ns=10**18)
+        logs.append(done.log.read_bytes())
+    assert logs[0] == logs[1] and len(logs[0]) > 100_000
 
 
 def test_the_length_it_prints_is_that_of_the_drive(demo, truth):

@@ -123,11 +123,13 @@ def ride(
     tick: Callable[[float], None],
     rate_hz: int = RATE_HZ,
     pico: PicoSettings = _PICO,
+    start_ns: int | None = None,
 ) -> RideResult:
     """Runs the drive, as fast as the computer can; `tick` gets the share done, 0 to 1, after each step.
 
     riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on.
-    Raises HubodoError when the recorder or a node fails.
+    start_ns: host time of the latter, None: now. Raises HubodoError when the recorder or a node
+    fails.
     """
     firmware = write_image(out / "firmware", interpreter)
     vehicle, log = out / "vehicle.toml", out / "drive.mcap"
@@ -135,12 +137,19 @@ def ride(
     duration = max(rider.motion.duration for rider in riders.values()) + _TAIL
     ports = tuple(f"{name}={out / f'tty-{name}'}" for name in riders)
     with ExitStack() as stack:
-        computer = VirtualComputer(passed=lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / _S / duration)))
+        computer = VirtualComputer(
+            lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / _S / duration)), start_ns=start_ns, folder=out
+        )
         zero_ns = computer.now_ns()
         nodes = {}
         for name, rider in riders.items():
             flash = Flash(firmware, {"node_id": NODE_IDS[name], "rate_hz": rate_hz})
-            board = BoardSettings(interpreter=interpreter, pico=pico, unique_id=_serial(seed, name))
+            board = BoardSettings(
+                interpreter=interpreter,
+                pico=pico,
+                unique_id=_serial(seed, name),
+                random_seed=2 * seed + NODE_IDS[name],
+            )
             node = _node(rider, flash, board, out / f"tty-{name}", seed * 2 + NODE_IDS[name])
             nodes[name] = stack.enter_context(node)
             computer.plug_in(LedNode(node, computer))
@@ -148,7 +157,7 @@ def ride(
             RecordConfig(ports=ports, duration=duration),
             log,
             vehicle=load_vehicle(vehicle),
-            metadata={"hubodo": __version__, "fingerprint": f"{FINGERPRINT:08x}", "ports": " ".join(ports)},
+            metadata={"hubodo": __version__, "fingerprint": f"{FINGERPRINT:08x}", "ports": " ".join(riders)},
             attachments={"vehicle.toml": vehicle.read_bytes()},
             computer=computer,
             console=Console(quiet=True),

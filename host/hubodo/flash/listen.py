@@ -6,7 +6,8 @@ import contextlib
 import time
 from dataclasses import dataclass, field
 
-from hubodo.ingest.link.transport import LinkDown, SerialTransport
+from hubodo.ingest.link.down import LinkDown, Transport
+from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.node.boot import NodeCounts
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
@@ -49,7 +50,7 @@ def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> He
     briefly: until a node is heard. Raises LinkError when the port is missing, busy or not allowed.
     """
     heard = Heard()
-    link = SerialTransport(port, baud)
+    link = open_serial(port, baud)
     try:
         with contextlib.suppress(LinkDown):
             _Listener(link, heard).run(seconds, briefly)
@@ -61,7 +62,7 @@ def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> He
 
 
 class _Listener:
-    def __init__(self, link: SerialTransport, heard: Heard) -> None:
+    def __init__(self, link: Transport, heard: Heard) -> None:
         self._link, self._heard = link, heard
         self._frames, self._node = FrameDecoder(), NodeDecoder("node")
         self._seq, self._sent_ns = 0, dict[bytes, int]()
@@ -80,7 +81,7 @@ class _Listener:
                 if heard.frames:
                     self._ask(GetHello())
                 elif not heard.received:
-                    self._link.write(b"\r\x02")
+                    self._link.write(b"\r\x02", "")
             if heard.hello is not None and now - clock_ns > _CLOCK_EVERY_NS:
                 clock_ns = now
                 token = self._seq.to_bytes(8, "little").replace(b"\x03", b"\x83")
@@ -122,4 +123,6 @@ class _Listener:
 
     def _ask(self, message: Message) -> None:
         self._seq = (self._seq + 1) & 0xFFFF
-        self._link.write(b"\0" + encode_frame(Frame(message.type_id, ANY_NODE, self._seq, encode(message))))
+        self._link.write(
+            b"\0" + encode_frame(Frame(message.type_id, ANY_NODE, self._seq, encode(message))), ""
+        )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import struct
 import zlib
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hubodo.log.chunks import PREFIX
+from hubodo.log.descriptor import pread
 
 MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
@@ -44,7 +44,7 @@ def load(fd: int, place: ChunkPlace) -> bytes:
     """The records of a chunk. Raises DamagedChunk; allocates no more than the chunk can truly hold."""
     if place.size > MAX_CHUNK or place.data_size > MAX_CHUNK:
         raise DamagedChunk(f"claims {max(place.size, place.data_size)} bytes")
-    data = os.pread(fd, place.data_size, place.data_offset)
+    data = pread(fd, place.data_size, place.data_offset)
     if len(data) != place.data_size:
         raise DamagedChunk("is cut off")
     if place.compression is None:
@@ -62,7 +62,7 @@ def load(fd: int, place: ChunkPlace) -> bytes:
 
 def load_cut(fd: int, place: ChunkPlace) -> bytes:
     """What still decompresses of a chunk that the file's end cut off; may be empty, fails no checksum."""
-    data = os.pread(fd, min(place.data_size, MAX_CHUNK), place.data_offset)
+    data = pread(fd, min(place.data_size, MAX_CHUNK), place.data_offset)
     bound = min(place.size, MAX_CHUNK)
     try:
         if place.compression == "zstd":

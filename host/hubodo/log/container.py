@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from hubodo import __version__
 from hubodo.errors import InputError
+from hubodo.log.descriptor import open_new
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "ros2"
@@ -52,7 +53,7 @@ class McapFile:
 
     def __init__(self, path: Path, *, profile: str = PROFILE, library: str = LIBRARY) -> None:
         try:
-            self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+            self._fd = open_new(path)
         except FileExistsError:
             raise InputError(
                 f"{path}: exists already; choose another name or remove it, nothing is overwritten"

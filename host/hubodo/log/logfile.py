@@ -17,6 +17,7 @@ from hubodo.errors import LogError
 from hubodo.log import topics
 from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, load, load_cut, walk
 from hubodo.log.chunks import PREFIX
+from hubodo.log.descriptor import open_to_read
 from hubodo.log.scan import DamagedSpan, Scan, scan
 
 T_ZERO_LIMIT = 4_000_000_000 * 1_000_000_000
@@ -50,7 +51,7 @@ class Log:
 
     def __init__(self, found: Scan) -> None:
         self.found = found
-        self._fd = os.open(found.path, os.O_RDONLY | os.O_CLOEXEC)
+        self._fd = open_to_read(found.path)
         self.kept = 0
         """Messages met so far by `chunks()`."""
         self._position = 0

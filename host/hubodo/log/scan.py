@@ -23,6 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metada
 from hubodo.errors import LogError
 from hubodo.log.chunk_body import ChunkPlace
 from hubodo.log.container import MAGIC
+from hubodo.log.descriptor import pread
 
 _MAX_RECORD = 1 << 28
 _LOOSE = 1 << 22
@@ -93,7 +94,7 @@ class _Scanner:
 
     def run(self, lenient: bool) -> Scan:
         found, size = self.found, self.found.size
-        magic = os.pread(self.fd, len(MAGIC), 0)
+        magic = pread(self.fd, len(MAGIC), 0)
         if not magic:
             raise LogError(f"{found.path}: is empty; nothing was recorded, or the copy failed")
         position = len(MAGIC)
@@ -125,7 +126,7 @@ class _Scanner:
 
     def _record(self, position: int) -> tuple[int | None, bool]:
         """Take in a record; returns where the next begins (None: makes no sense) and whether that is sure."""
-        head = os.pread(self.fd, 64, position)
+        head = pread(self.fd, 64, position)
         if len(head) < _HEAD.size:
             return None, False
         opcode, length = _HEAD.unpack_from(head)
@@ -150,7 +151,7 @@ class _Scanner:
         return end, False
 
     def _take(self, opcode: int, position: int, length: int) -> bool:
-        content = os.pread(self.fd, length, position + _HEAD.size)
+        content = pread(self.fd, length, position + _HEAD.size)
         found = self.found
         record = _parse(opcode, content)
         if record is None:
@@ -167,7 +168,7 @@ class _Scanner:
             found.attachments.append(record)
         elif isinstance(record, Footer):
             end = position + _HEAD.size + length
-            found.complete = os.pread(self.fd, len(MAGIC), end) == MAGIC
+            found.complete = pread(self.fd, len(MAGIC), end) == MAGIC
             self._trust_summary(record, position)
         return True
 
@@ -176,7 +177,7 @@ class _Scanner:
         size = footer_at - footer.summary_start
         if not footer.summary_crc or not 0 < size <= _MAX_RECORD:
             return
-        summary = os.pread(self.fd, size + _HEAD.size + 16, footer.summary_start)
+        summary = pread(self.fd, size + _HEAD.size + 16, footer.summary_start)
         if zlib.crc32(summary) != footer.summary_crc:
             return
         position = 0
@@ -209,7 +210,7 @@ class _Scanner:
     def _tail(self, position: int) -> None:
         """The file ends within a record: note what is lost, and the chunk that was being written."""
         found = self.found
-        place = _chunk_place(os.pread(self.fd, 64, position), position)
+        place = _chunk_place(pread(self.fd, 64, position), position)
         start_ns = end_ns = None
         if place is not None:
             found.cut = place
@@ -221,7 +222,7 @@ class _Scanner:
     def _next_chunk(self, start: int) -> int | None:
         """The next place from `start` that begins a consistent chunk header whose data fits the file."""
         for base in range(start, self.found.size, _WINDOW):
-            window = os.pread(self.fd, _WINDOW + 64, base)
+            window = pread(self.fd, _WINDOW + 64, base)
             for match in _CHUNK_SIGN.finditer(window):
                 place = _chunk_place(window[match.start() : match.start() + 64], base + match.start())
                 length = int.from_bytes(window[match.start() + 1 : match.start() + 9], "little")

@@ -21,6 +21,8 @@ Progress = Callable[[str, float], None]
 
 GAP_FACTOR = 1.5
 """An interval longer than this many median periods is a gap: at least one sample is missing."""
+_ODOMETRY_FACTOR = 2.5
+"""The same for odometry: a pose for each sample of two nodes, whose rates beat, comes at uneven times."""
 
 
 @dataclass(frozen=True)
@@ -238,12 +240,13 @@ def _stream(
     t_ns = np.sort(publish_ns)
     periods = np.diff(t_ns) / 1e9
     # Events and raw frames come when they come; a period is a property of sampled streams.
+    factor = _ODOMETRY_FACTOR if message_type(schema) == ros2.ODOMETRY else GAP_FACTOR
     sampled = message_type(schema) in _SAMPLED or message_type(schema) == ros2.TEMPERATURE
     usual = float(np.median(periods)) if len(periods) and sampled else None
-    regular = periods[periods <= GAP_FACTOR * usual] if usual is not None else periods
+    regular = periods[periods <= factor * usual] if usual is not None else periods
     gaps: tuple[SampleGap, ...] = ()
     if usual and message_type(schema) in _SAMPLED:
-        found = np.flatnonzero(periods > GAP_FACTOR * usual)
+        found = np.flatnonzero(periods > factor * usual)
         gaps = tuple(
             SampleGap(
                 topic,

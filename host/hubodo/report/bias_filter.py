@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import plotly.graph_objects as go
 
 from hubodo.ingest.node.bias_filter import filter_words
 from hubodo.recording import Table
-from hubodo.report.page import COLOURS, Section, figure
+from hubodo.report.curves import Curve, curves
+from hubodo.report.drawing import Drawing
+from hubodo.report.page import COLOURS, Section
 from hubowire.messages import FilterState
 
 _DEG = math.degrees(1.0)
-_MOST_POINTS = 2000
 _AXES = {"x": COLOURS["left"], "y": COLOURS["right"], "z": COLOURS["fused"]}
 
 
@@ -34,30 +34,9 @@ def bias_filter_section(node: str, table: Table) -> tuple[Section | None, str]:
     return Section(f"{node}: bias by its own filter", text, figures=[_drawn(table, known)]), fact
 
 
-def _drawn(table: Table, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> go.Figure:
-    drawn = figure("time, s", "bias, °/s")
-    rows = np.flatnonzero(known)
-    rows = rows[:: max(1, math.ceil(len(rows) / _MOST_POINTS))]
-    t = np.round(table.t[rows], 3)
+def _drawn(table: Table, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Drawing:
+    shown = []
     for axis, colour in _AXES.items():
-        bias, sigma = (table[f"{what}_{axis}"][rows] * _DEG for what in ("bias", "sigma"))
-        sigma = np.nan_to_num(sigma)
-        band = np.concatenate([bias + sigma, (bias - sigma)[::-1]])
-        drawn.add_trace(
-            go.Scatter(
-                x=np.concatenate([t, t[::-1]]),
-                y=np.round(band, 5),
-                fill="toself",
-                line={"width": 0},
-                fillcolor=colour,
-                opacity=0.2,
-                showlegend=False,
-                hoverinfo="skip",
-            )
-        )
-        drawn.add_trace(
-            go.Scatter(
-                x=t, y=np.round(bias, 5), name=axis, mode="lines", line={"color": colour, "width": 1.5}
-            )
-        )
-    return drawn
+        bias, sigma = (table[f"{what}_{axis}"][known] * _DEG for what in ("bias", "sigma"))
+        shown.append(Curve(table.t[known], bias, axis, colour, sigma=np.nan_to_num(sigma)))
+    return curves(shown, "time, s", "bias, °/s")

@@ -1,4 +1,4 @@
-"""The heading of one gyro axis as words, tables, interactive figures and a PNG."""
+"""The heading of one gyro axis as words, tables, drawings and a PNG."""
 
 from __future__ import annotations
 
@@ -6,17 +6,19 @@ import math
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
 
-from hubodo.report.drawing import blank, save
-from hubodo.report.page import Grid, Section, figure
+from hubodo.report.curves import Curve, curves
+from hubodo.report.drawing import Drawing, blank, save
+from hubodo.report.page import Grid, Section
+from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.summary import HeadingReport
 
 _DEG = math.degrees(1.0)
-_OURS, _BAND = "#1b6ca8", "rgba(27, 108, 168, 0.18)"
+_OURS = "#1b6ca8"
 _RIVALS = ("#d1495b", "#8a8d91")
-_POINTS = 4000
-"""Drawn of each course; more cannot be told apart on a screen."""
+
+_KNOWN = 10.0
+"""A bias is drawn from where its sigma is less than so many times the usual; before, it hides the rest."""
 
 
 def heading_lead(report: HeadingReport) -> str:
@@ -73,7 +75,9 @@ def heading_sections(report: HeadingReport) -> list[Section]:
     ]
     if report.score is not None:
         sections.append(
-            Section("Error", "The band is one sigma, as the estimate says it.", figures=[_error(report)])
+            Section(
+                "Error", "The band is one sigma, as the estimate says it.", figures=[_error(report.score)]
+            )
         )
     sections.append(Section("What it rests on", "", [Grid(("", ""), grounds)], [_bias(report)]))
     return sections
@@ -108,55 +112,29 @@ def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
     save(made, path)
 
 
-def _thin(count: int) -> slice:
-    return slice(None, None, max(1, count // _POINTS))
-
-
-def _course(report: HeadingReport) -> go.Figure:
+def _course(report: HeadingReport) -> Drawing:
     track = report.track
-    made = figure("t, s", "heading, °")
-    some = _thin(len(track.t))
     courses = {"heading": track.heading, **track.rivals}
-    for (name, values), colour in zip(courses.items(), (_OURS, *_RIVALS), strict=False):
-        y = (values[some] + report.start) * _DEG
-        made.add_scatter(x=track.t[some], y=y, mode="lines", name=name, line={"color": colour, "width": 1.2})
-    return made
+    shown = [
+        Curve(track.t, (values + report.start) * _DEG, name, colour)
+        for (name, values), colour in zip(courses.items(), (_OURS, *_RIVALS), strict=False)
+    ]
+    return curves(shown[::-1], "t, s", "heading, °")  # ours on top
 
 
-def _error(report: HeadingReport) -> go.Figure:
-    made = figure("t, s", "error, °")
-    if report.score is None:
-        return made
-    errors, sigma = report.score.errors, report.score.sigma
-    t = errors["heading"].t
-    some = _thin(len(t))
-    band = np.concatenate([sigma[some], -sigma[some][::-1]]) * _DEG
-    made.add_scatter(
-        x=np.concatenate([t[some], t[some][::-1]]),
-        y=band,
-        fill="toself",
-        fillcolor=_BAND,
-        line={"width": 0},
-        name="one sigma",
-    )
-    for (name, error), colour in zip(errors.items(), (_OURS, *_RIVALS), strict=False):
-        y = error.error[some] * _DEG
-        made.add_scatter(x=t[some], y=y, mode="lines", name=name, line={"color": colour, "width": 1.2})
-    return made
+def _error(score: HeadingScore) -> Drawing:
+    sigma = score.sigma * _DEG
+    band = Curve(score.errors["heading"].t, np.zeros(len(sigma)), "one sigma", _OURS, 0.0, sigma)
+    shown = [
+        Curve(error.t, error.error * _DEG, name, colour)
+        for (name, error), colour in zip(score.errors.items(), (_OURS, *_RIVALS), strict=False)
+    ]
+    return curves([band, *shown[::-1]], "t, s", "error, °")
 
 
-def _bias(report: HeadingReport) -> go.Figure:
+def _bias(report: HeadingReport) -> Drawing:
     track = report.track
-    made = figure("t, s", "bias of the axis, deg/s", height=260)
-    some = _thin(len(track.t))
-    t, bias, sigma = (values[some] for values in (track.t, track.bias * _DEG, track.sigma_bias * _DEG))
-    made.add_scatter(
-        x=np.concatenate([t, t[::-1]]),
-        y=np.concatenate([bias + sigma, (bias - sigma)[::-1]]),
-        fill="toself",
-        fillcolor=_BAND,
-        line={"width": 0},
-        name="one sigma",
-    )
-    made.add_scatter(x=t, y=bias, mode="lines", name="bias", line={"color": _OURS})
-    return made
+    known = track.sigma_bias <= _KNOWN * np.median(track.sigma_bias)
+    t, values, sigma = (column[known] for column in (track.t, track.bias, track.sigma_bias))
+    bias = Curve(t, values * _DEG, "bias", _OURS, sigma=sigma * _DEG)
+    return curves([bias], "t, s", "bias of the axis, °/s", height=2.6)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import plotly.graph_objects as go
 
-from hubodo.report.page import Grid, Section, figure
+from hubodo.report.curves import Array, Curve, curves
+from hubodo.report.page import COLOURS, Grid, Section
 from hubodo.sensors.imu.calibrate import ImuCalibration
 from hubodo.sensors.imu.held_out import HeldOut
 
@@ -43,20 +43,23 @@ def _parameters(result: ImuCalibration) -> Section:
 
 
 def _residuals(result: ImuCalibration) -> Section:
-    made = figure("rest", "length less gravity, m/s²")
     count = np.arange(1, len(result.rests) + 1)
-    for name, values in (("before", result.accel.before), ("after", result.accel.residual)):
-        made.add_trace(go.Scatter(x=count, y=values, mode="markers", name=name))
-    figures = [made]
+    lengths = _before_and_after(count, result.accel.before, result.accel.residual)
+    figures = [curves(lengths, "rest", "length less gravity, m/s²")]
     text = f"Accelerometer length: {held_out_words(result.accel_held_out, 'm/s²')}."
     turns = result.gyro.turns
     if turns is not None:
-        drawn = figure("turn", "gyros against gravity, degrees")
-        for name, values in (("before", turns.before), ("after", turns.error)):
-            drawn.add_trace(go.Scatter(x=turns.used + 1, y=np.degrees(values), mode="markers", name=name))
-        figures.append(drawn)
+        angles = _before_and_after(turns.used + 1, np.degrees(turns.before), np.degrees(turns.error))
+        figures.append(curves(angles, "turn", "gyros against gravity, °"))
         text += f" Gyro turns: {held_out_words(result.gyro.held_out, 'degrees', 180 / np.pi)}."
     return Section("Before and after", text, figures=figures)
+
+
+def _before_and_after(x: Array, before: Array, after: Array) -> list[Curve]:
+    return [
+        Curve(x, before, "before", COLOURS["right"], dots=True),
+        Curve(x, after, "after", COLOURS["left"], dots=True),
+    ]
 
 
 def _rests(result: ImuCalibration) -> Section:

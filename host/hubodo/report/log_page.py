@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
 from hubodo.calibration.apply import Applied, apply_calibration
 from hubodo.calibration.file import Calibration, node_serial
@@ -19,12 +17,13 @@ from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.summary import Summary
 from hubodo.recording import Recording
 from hubodo.report.bias_filter import bias_filter_section
+from hubodo.report.curves import Curve, curves
+from hubodo.report.drawing import Drawing
 from hubodo.report.log_sensors import sensor_report
-from hubodo.report.page import COLOURS, Grid, Section, figure, page
+from hubodo.report.page import COLOURS, Grid, Section, page
 from hubodo.vehicle import Vehicle
 
 _MOST_ROWS = 40
-_MOST_POINTS = 4000
 
 
 @dataclass(frozen=True)
@@ -302,37 +301,16 @@ def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _path(made: WheelOdometry, recording: Recording) -> go.Figure:
-    drawn = figure("x, m", "y, m", height=460, equal=True)
+def _path(made: WheelOdometry, recording: Recording) -> Drawing:
+    shown = [Curve(made.track.x, made.track.y, "odometry", COLOURS["fused"], 2.0)]
     if recording.truth is not None:
-        drawn.add_trace(_line(recording.truth["x"], recording.truth["y"], "truth", "truth", 6.0))
-    drawn.add_trace(_line(made.track.x, made.track.y, "odometry", "fused", 2.0))
-    return drawn
+        truth = recording.truth
+        shown.insert(0, Curve(truth["x"], truth["y"], "truth", COLOURS["truth"], 5.0))
+    return curves(shown, "x, m", "y, m", height=4.6, equal=True)
 
 
-def _speed(made: WheelOdometry) -> go.Figure:
-    drawn = figure("time, s", "speed, m/s")
-    drawn.add_trace(_line(made.track.t, made.track.speed, "speed", "fused", 1.5))
-    other = np.degrees(made.track.heading)
-    drawn.add_trace(
-        go.Scatter(
-            x=made.track.t[:: _step(other)],
-            y=np.round(other[:: _step(other)], 3),
-            name="heading, degrees",
-            yaxis="y2",
-            mode="lines",
-            line={"color": COLOURS["left"], "width": 1.5},
-        )
-    )
-    drawn.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "heading, degrees"})
-    return drawn
-
-
-def _step(values: Any) -> int:
-    return max(1, math.ceil(len(values) / _MOST_POINTS))
-
-
-def _line(x: Any, y: Any, name: str, colour: str, width: float) -> go.Scatter:
-    step = _step(x)
-    line = {"color": COLOURS[colour], "width": width}
-    return go.Scatter(x=np.round(x[::step], 4), y=np.round(y[::step], 4), name=name, mode="lines", line=line)
+def _speed(made: WheelOdometry) -> Drawing:
+    track = made.track
+    speed = Curve(track.t, track.speed, "speed", COLOURS["fused"])
+    heading = Curve(track.t, np.degrees(track.heading), "heading", COLOURS["left"])
+    return curves([speed], "time, s", "speed, m/s", right=("heading, °", [heading]))

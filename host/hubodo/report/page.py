@@ -87,12 +87,15 @@ def _grid(grid: Grid) -> str:
     return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _figure(made: go.Figure | Drawing) -> str:
+def _figure(made: go.Figure | Drawing, name: str) -> str:
     if isinstance(made, Drawing):
         return f'<div class="figure">{made.html}</div>'
     import plotly.io
 
-    drawn = plotly.io.to_html(made, include_plotlyjs=False, full_html=False, config={"displaylogo": False})
+    # A name of our own: theirs is another in each run.
+    drawn = plotly.io.to_html(
+        made, include_plotlyjs=False, full_html=False, config={"displaylogo": False}, div_id=name
+    )
     return f'<div class="figure">{drawn}</div>'
 
 
@@ -102,7 +105,7 @@ def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> 
     hero: HTML, not escaped here, between that sentence and the sections.
     """
     parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>', hero]
-    for section in sections:
+    for number, section in enumerate(sections, 1):
         parts.append(f"<h2>{html.escape(section.title)}</h2>")
         if section.text:
             parts.append(f"<p>{html.escape(section.text)}</p>")
@@ -110,7 +113,7 @@ def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> 
             lines = "".join(f"<li>{html.escape(line)}</li>" for line in section.advice)
             parts.append(f'<ul class="todo">{lines}</ul>')
         parts += [_grid(grid) for grid in section.tables]
-        parts += [_figure(made) for made in section.figures]
+        parts += [_figure(made, f"figure-{number}-{at}") for at, made in enumerate(section.figures, 1)]
         if section.listing:
             parts.append(f"<pre>{html.escape(section.listing)}</pre>")
     return (

@@ -4,7 +4,9 @@ import argparse
 import dataclasses
 import json
 import math
+import os
 import time
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,9 +31,14 @@ from hubodo.errors import HubodoError, InputError
 from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
+from hubodo.log.summary import Summary, summarise
+from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.fuse import score_against_truth
+
+_START_NS = 1_767_225_600_000_000_000
+"""Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""
 
 EXAMPLE = "hubodo demo -o out/demo --seed 7"
 
@@ -43,7 +50,9 @@ class Demo:
     seed: int
     interpreter: Kind
     page: Path
+    report: Path
     ride: RideResult
+    warnings: tuple[str, ...]
     fused: WheelOdometry
     score: Score
     true_length: float
@@ -93,9 +102,11 @@ class Demo:
             "seed": self.seed,
             "interpreter": self.interpreter,
             "page": str(self.page),
+            "report": str(self.report),
             "log": str(self.ride.log),
             "true_length": self.true_length,
             "seconds": round(self.seconds, 1),
+            "warnings": list(self.warnings),
             "recorded": self.ride.recorded,
             "fused": {
                 "method": self.fused.method,
@@ -114,9 +125,10 @@ class Demo:
         for key, value in self.facts().items():
             facts.add_row(key, value)
         console.print(facts)
-        console.print(
-            f"page: {self.page}\nlog:  {self.ride.log}   (hubodo info {self.ride.log})", highlight=False
-        )
+        for line in self.warnings:
+            console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True, style="yellow")
+        for name, path in (("page", self.page), ("report", self.report), ("log", self.ride.log)):
+            console.print(f"{name + ':':8}{path}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -149,6 +161,7 @@ def run(args: argparse.Namespace) -> Demo:
             args.seed,
             lambda share: progress.update(task, completed=share),
             pico=PicoSettings(args.image, args.bootrom),
+            start_ns=_START_NS,
         )
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
@@ -158,11 +171,14 @@ def run(args: argparse.Namespace) -> Demo:
     if off is None:
         raise HubodoError(f"{result.log}: the drive and its log have no time in common; run the demo again")
     check_sigmas(fused.track, truth, str(result.log))
+    summary = summarise(result.log)
     demo = Demo(
         args.seed,
         interpreter,
         out / "index.html",
+        out / "report.html",
         result,
+        _warnings(summary),
         fused,
         off,
         scenario.length(),
@@ -177,8 +193,25 @@ def run(args: argparse.Namespace) -> Demo:
     demo.page.write_text(
         demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS), "utf-8"
     )
-    (out / "demo.json").write_text(json.dumps(demo.as_json(), indent=2) + "\n", "utf-8")
+    made = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
+    demo.report.write_text(made.html, "utf-8")
+    (out / "demo.json").write_text(_kept(demo, out), "utf-8")
     return demo
+
+
+def _warnings(summary: Summary) -> tuple[str, ...]:
+    """What `hubodo info` would warn of."""
+    missing = Counter[tuple[str, str]]()
+    for gap in summary.gaps:
+        missing[gap.topic, gap.cause] += gap.missing
+    gaps = (f"{topic}: {count} samples missing: {cause}" for (topic, cause), count in missing.items())
+    return (*summary.warnings, *gaps)
+
+
+def _kept(demo: Demo, out: Path) -> str:
+    """The result as it is kept: the same each time, so without the folder and how long it took."""
+    kept = {key: value for key, value in demo.as_json().items() if key != "seconds"}
+    return json.dumps(kept, indent=2).replace(f"{out}{os.sep}", "") + "\n"
 
 
 def _fresh(folder: Path) -> Path:

@@ -1,27 +1,33 @@
-"""`hubodo doctor`: a board in the hand, looked at step by step; what is wrong, and what to do about it."""
+"""`hubodo doctor`: this computer, or a board in the hand, step by step: what is wrong, what to do."""
 
 import argparse
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.flash.board import CONSOLE_BAUD
-from hubodo.flash.doctor import Examination, examine
+from hubodo.flash.computer_checks import ComputerCheck, look_at
+from hubodo.flash.surroundings import Surroundings
+from hubowire.budget import CONSOLE_BAUD
 
-EXAMPLE = "hubodo doctor /dev/ttyACM0 --repl"
+if TYPE_CHECKING:
+    from hubodo.flash.doctor import Examination
+
+EXAMPLE = """hubodo doctor                     # this computer: ports, rights, clock, disk, packages, boards
+  hubodo doctor /dev/ttyACM0 --repl # the board there, also from within"""
 
 _LEAST_S = 3.0
-_COLOURS = {"ok": "green", "wrong": "red", "unknown": "yellow"}
+_COLOURS = {"ok": "green", "warn": "yellow", "bad": "red", "wrong": "red", "unknown": "yellow"}
 
 
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found on a port."""
 
-    found: Examination
+    found: "Examination"
 
     @property
     def failed(self) -> bool:
@@ -42,8 +48,38 @@ class Diagnosis:
         console.print(table)
 
 
+@dataclass(frozen=True)
+class ComputerDiagnosis:
+    """What was found on this computer."""
+
+    findings: tuple[ComputerCheck, ...]
+
+    @property
+    def failed(self) -> bool:
+        return any(finding.verdict == "bad" for finding in self.findings)
+
+    def as_json(self) -> dict[str, Any]:
+        return {"ok": not self.failed, "checks": [finding.as_json() for finding in self.findings]}
+
+    def render(self, console: Console) -> None:
+        table = Table.grid(padding=(0, 2))
+        table.add_column(no_wrap=True)
+        table.add_column(no_wrap=True)
+        table.add_column(overflow="fold")
+        for finding in self.findings:
+            remedy = f"\n[bold]→ {escape(finding.remedy)}[/]" if finding.remedy else ""
+            colour = _COLOURS[finding.verdict]
+            table.add_row(f"[{colour}]{finding.verdict}[/]", finding.check, f"{escape(finding.seen)}{remedy}")
+        console.print(table, highlight=False)
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("port", metavar="PORT", help="serial device of the board")
+    parser.add_argument(
+        "port",
+        metavar="PORT",
+        nargs="?",
+        help="serial device of a board; without one, this computer is looked at",
+    )
     parser.add_argument(
         "--repl",
         action="store_true",
@@ -55,9 +91,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> Diagnosis:
+def run(args: argparse.Namespace) -> Diagnosis | ComputerDiagnosis:
     if args.seconds < _LEAST_S:
         raise InputError(f"--seconds {args.seconds:g}: at least {_LEAST_S:g}, or a clock shows nothing")
+    if args.port is None:
+        with Console(stderr=True).status("looking at this computer"):
+            return ComputerDiagnosis(tuple(look_at(Surroundings())))
+    from hubodo.flash.doctor import examine  # by way of termios, which Windows lacks
+
     with Console(stderr=True).status(f"{args.port}: listening") as status:
         return Diagnosis(
             examine(

@@ -75,6 +75,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait for ports that are not there yet, or busy, and for room on the disk",
     )
+    parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still shown")
+    parser.add_argument(
+        "--log-format",
+        choices=("text", "json"),
+        help="of what is told meanwhile on stderr; json: an object a line, for services (default: text)",
+    )
 
 
 def run(args: argparse.Namespace) -> RecordResult:
@@ -98,6 +104,8 @@ def run(args: argparse.Namespace) -> RecordResult:
         "rotate_at_mb": args.rotate_at_mb,
         "disk_budget_mb": args.disk_budget_mb,
         "metrics": args.metrics,
+        "quiet": args.quiet or None,
+        "log_format": args.log_format,
     }
     config = replace(config, **{key: value for key, value in given.items() if value is not None})
     if output is None:
@@ -109,9 +117,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     if vehicle_path is not None:
         vehicle = load_vehicle(vehicle_path)
         attachments["vehicle.toml"] = vehicle_path.read_bytes()
-    calibration_path = args.calibration
-    if calibration_path is None and config.calibration is not None:
-        calibration_path = folder / config.calibration
+    calibration_path = args.calibration or (folder / config.calibration if config.calibration else None)
     calibration = None
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -82,9 +81,5 @@ def watched(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> 
 
     site, foxglove = make_site(config), foxglove_address(config)
     models = {} if args.vehicle is None else {args.vehicle.name: args.vehicle}
-    with watching(site, foxglove, output.parent, vehicle=vehicle, models=models, say=_say) as audience:
+    with watching(site, foxglove, output.parent, vehicle=vehicle, models=models) as audience:
         yield audience
-
-
-def _say(text: str) -> None:
-    print(f"hubodo record: {text}", file=sys.stderr, flush=True)

@@ -21,6 +21,7 @@ from hubodo.log.container import Compression, MessageIndexes
 from hubodo.log.logfile import Log, LogMessage
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 from hubodo.web.address import Address
 from hubodo.web.watch import heard_by
 
@@ -123,6 +124,8 @@ class FoxgloveLive:
     def __init__(self, address: Address) -> None:
         """Raises InputError where it cannot be served."""
         self.clients = FoxgloveClients(address)
+        self.greetings: list[str] = []
+        """Lines for the user of the recorder, told once."""
         self._log = McapLog(self.clients, clock=None)
         self._waiting: deque[tuple[str, tuple[Any, ...], dict[str, Any], Any]] = deque(maxlen=_BACKLOG)
         self._channels: dict[int, int] = {}  # of the log -> here
@@ -147,6 +150,8 @@ class FoxgloveLive:
 
     def look(self, recorder: Recorder, now_ns: int) -> None:
         """See `Audience`."""
+        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
+        self.greetings = []
 
     def show(self, snapshot: Snapshot) -> None:
         """See `Audience`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,6 @@ from hubodo.web.library import Library
 from hubodo.web.live_page import LivePage
 from hubodo.web.server import serving
 
-Say = Callable[[str], None]
-
 
 @contextlib.contextmanager
 def watching(
@@ -32,17 +30,19 @@ def watching(
     *,
     vehicle: Vehicle | None = None,
     models: dict[str, Path] | None = None,
-    say: Say = lambda line: None,
 ) -> Iterator[Audience | None]:
     """What is asked for of the page of a recording into a folder, and of Foxglove; None where nothing is.
 
-    models: for `gap`, besides the TOML files there. Raises InputError where it cannot be served.
+    Where it is served is told by the recording, in its first turn. models: for `gap`, besides the TOML files
+    there. Raises InputError where it cannot be served.
     """
     with contextlib.ExitStack() as stack:
         live: FoxgloveLive | None = None
+        greetings: list[str] = []
         if foxglove is not None:
             live = stack.enter_context(FoxgloveLive(foxglove))
-            say(f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}")
+            greetings.append(f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}")
+            live.greetings = greetings
         if site is None:
             yield live
             return
@@ -50,7 +50,8 @@ def watching(
         page = LivePage(hub.put, *([] if live is None else [live.hear]))
         app = make_app(site, Library(folder, models), hub, Actions(page))
         port = stack.enter_context(serving(app, site))
-        say(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
+        greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
+        page.greetings = greetings
         yield page
 
 

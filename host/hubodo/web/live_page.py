@@ -12,6 +12,7 @@ from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.ingest.sink import Sink
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 from hubodo.web.frames import Frame, east_north, event_frame, motion_frame, slow_frame
 from hubodo.web.watch import Ear, Hear, heard_by
 
@@ -29,6 +30,8 @@ class LivePage:
     def __init__(self, put: Callable[[Frame], None], *listeners: Hear) -> None:
         """put: gets each frame. listeners: who else hears what goes into the log."""
         self.newest: Snapshot | None = None
+        self.greetings: list[str] = []
+        """Lines for the user of the recorder, told once."""
         self._put = put
         self._log: McapLog | None = None
         self._series: LogSeries | None = None
@@ -77,6 +80,8 @@ class LivePage:
 
     def look(self, recorder: Recorder, now_ns: int) -> None:
         """See `Audience`."""
+        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
+        self.greetings = []
         while not self._wishes.empty():
             self._wishes.get()(recorder)
         if now_ns < self._next_ns:

@@ -94,6 +94,7 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
     for i in range(40):
         chunk = Chunk("left", i * 100_000_000, bytes((17 * i + k) % 255 + 1 for k in range(100)), "")
         assert list(session.chunk(chunk)) == []
-    (line,) = session.tick(4_000_000_000)
+    (event,) = session.tick(4_000_000_000)
+    line = event.text
     assert "4000 bytes, no frame; is the baud rate right" in line
     assert "921600" in line and "115200" in line and "/dev/ttyUSB0" in line

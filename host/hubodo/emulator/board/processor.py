@@ -96,6 +96,7 @@ class Processor:
             "raw": raw,
             "run": runs,
             "unique_id": settings.unique_id,
+            "random_seed": settings.random_seed,
             **self._model.as_config(),
             **self._registers.as_config(),
             **(self._pico.for_runner() if self._pico is not None else {}),

@@ -127,6 +127,8 @@ class BoardSettings:
         pico: of an emulated Pico, see there.
         heap_bytes: MicroPython heap, the board's own modules not counted; a Pico has what it has.
         unique_id: of the processor, in hexadecimal.
+        random_seed: of what the board calls random; None: as random as this computer's; an emulated RP2040
+            has its own.
         uart_link: None: the link is USB CDC; else it is the UART of that number.
         battery_mv: the supply, at the divider of the model.
         air: the Wi-Fi around the board.
@@ -137,6 +139,7 @@ class BoardSettings:
     pico: PicoSettings = field(default_factory=PicoSettings)
     heap_bytes: int = 192 * 1024
     unique_id: str = "e6614103e7452d2f"
+    random_seed: int | None = None
     uart_link: int | None = None
     battery_mv: float = 3700.0
     air: Air = field(default_factory=Air)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hubodo.errors import LinkError
+from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.ports import Finder, Lister, PortName, list_devices
-from hubodo.ingest.link.transport import LinkDown, Transport, open_transport
+from hubodo.ingest.link.transport import open_transport
 from hubowire.budget import UART_BAUD
 
 READ_S = 0.1

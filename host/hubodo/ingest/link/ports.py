@@ -17,6 +17,7 @@ from hubodo.errors import InputError, LinkError
 _BY_ID = Path("/dev/serial/by-id")
 _NAMED = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
 _SERIAL_NUMBER = re.compile(r"[\w.:-]+")
+_WINDOWS = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
 
 class PortInfo(Protocol):
@@ -52,7 +53,7 @@ class PortName:
         """A short name for status lines and topics: letters, digits, ``_`` and ``-``."""
         if self.name:
             return self.name
-        tail = self.where.rpartition("/")[2] if self.kind == "device" else self.where
+        tail = re.split(r"[/\\]", self.where)[-1] if self.kind == "device" else self.where
         return re.sub(r"[^\w-]+", "_", tail).strip("_") or "link"
 
     @property
@@ -84,12 +85,12 @@ def parse_port(text: str) -> PortName:
         if host is None or number is None:
             raise InputError(f"port {text!r}: host or port number is missing; write {scheme}://HOST:PORT")
         return PortName(text, name, kind, f"{host}:{number}")
-    if "/" in port:
+    if "/" in port or _WINDOWS.fullmatch(port):
         return PortName(text, name, "device", port)
     if port and _SERIAL_NUMBER.fullmatch(port):
         return PortName(text, name, "serial number", port)
     raise InputError(
-        f"port {text!r}: write a device such as /dev/ttyACM0, a USB serial number, socket:// or udp://"
+        f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket:// or udp://"
     )
 
 
@@ -119,11 +120,16 @@ class Finder:
                     f"or see what is there: {self._seen()}"
                 )
         path = self._port.where
-        if not Path(path).exists():
+        if not self._is_there(path):
             raise LinkError(f"{path}: no such device; plug it in, or see what is there: {self._seen()}")
         if self._number is None:
             self._number = self._number_of(path)
         return path
+
+    def _is_there(self, path: str) -> bool:
+        if _WINDOWS.fullmatch(path):  # no file there
+            return any(info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._lister())
+        return Path(path).exists()
 
     def _by_number(self, number: str) -> str | None:
         for info in self._lister():

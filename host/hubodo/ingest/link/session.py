@@ -69,6 +69,7 @@ class LinkSession:
     def lost(self, news: LinkLost) -> None:
         """The link has gone."""
         was_open, self.where, self.missed = self.where is not None, None, True
+        self._strange_since = None  # nothing comes: nobody strange speaks
         if was_open:
             self.downs += 1
         for sender in list(self._decoders):
@@ -114,8 +115,8 @@ class LinkSession:
             self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
         return len(pieces)
 
-    def tick(self, now_ns: int) -> Iterator[str]:
-        """Yields lines the user should see: a stranger on the line, or silence."""
+    def tick(self, now_ns: int) -> Iterator[Event]:
+        """Yields what the user should see: a stranger on the line, or silence."""
         if (
             self._strange_since is not None
             and self.foreign is None
@@ -123,16 +124,18 @@ class LinkSession:
         ):
             self.foreign = describe(bytes(self._strange), self._strange_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
-            self._sink.event(Event(now_ns, "foreign", self.label, text, {"link": self.label}))
-            yield text
+            event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
+            self._sink.event(event)
+            yield event
         silent = (
             self.where is not None and self._heard_ns is not None and now_ns - self._heard_ns > _SILENT_NS
         )
         if silent and not self._silence_said:
             self._silence_said = True
             text = f"{self.label} ({self.where}): open, but nothing has come for 5 s; is the node powered?"
-            self._sink.event(Event(now_ns, "silent", self.label, text, {"link": self.label}))
-            yield text
+            event = Event(now_ns, "silent", self.label, text, {"link": self.label})
+            self._sink.event(event)
+            yield event
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
             self._report(now_ns)

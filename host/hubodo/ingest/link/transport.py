@@ -4,102 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import os
 import select
 import socket
-import termios
-from collections.abc import Iterator
-from typing import Protocol
-
-import serial
 
 from hubodo.errors import LinkError
+from hubodo.ingest.link.down import Transport, down
 from hubodo.ingest.link.ports import Finder, PortName
+from hubodo.ingest.link.serial_port import open_serial
 
 _READ_BYTES = 65536
 _WRITE_S = 0.1
 _CONNECT_S = 3.0
-
-
-class LinkDown(Exception):
-    """An open link has gone; str() says how."""
-
-
-class Transport(Protocol):
-    """An open link. `read` and `write` raise LinkDown once it is gone."""
-
-    where: str
-    datagrams: bool
-
-    def read(self, timeout: float) -> tuple[bytes, str]:
-        """Bytes and who sent them ("" on a line with one sender); no bytes after `timeout` s of silence."""
-        ...
-
-    def write(self, data: bytes, to: str) -> None: ...
-
-    def close(self) -> None: ...
-
-
-@contextlib.contextmanager
-def _down(where: str) -> Iterator[None]:
-    """The one place where every way in which a port can die becomes LinkDown.
-
-    pyserial lets OSError (EIO from in_waiting), termios.error and TypeError (a port closed under the
-    reader) through beside its own SerialException.
-    """
-    try:
-        yield
-    except (serial.SerialTimeoutException, BlockingIOError, TimeoutError):
-        raise
-    except (OSError, termios.error, TypeError, ValueError) as error:
-        raise LinkDown(f"{where}: {error}") from error
-
-
-class SerialTransport:
-    """A serial device, opened for us alone.
-
-    DTR and RTS stay as the kernel raises them on open, both set: a USB node takes DTR for "host is
-    there", and the two-transistor reset circuit of an ESP32 board acts only when they differ. They are
-    not dropped on close either (HUPCL), so that neither open nor close restarts a node.
-    """
-
-    datagrams = False
-
-    def __init__(self, path: str, baud: int) -> None:
-        """Raises LinkError when the device is missing, busy or not allowed."""
-        self.where = path
-        try:
-            self._port = serial.Serial(path, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
-        except (OSError, termios.error, ValueError) as error:
-            raise _refusal(path, error) from error
-        self._fd = self._port.fileno()
-        with contextlib.suppress(termios.error):
-            flags = termios.tcgetattr(self._fd)
-            flags[2] &= ~termios.HUPCL
-            termios.tcsetattr(self._fd, termios.TCSANOW, flags)
-        with contextlib.suppress(OSError, ValueError, NotImplementedError):
-            self._port.set_low_latency_mode(True)
-
-    def read(self, timeout: float) -> tuple[bytes, str]:
-        with _down(self.where):
-            ready, _, _ = select.select([self._fd], [], [], timeout)
-            if not ready:
-                return b"", ""
-            try:
-                data = os.read(self._fd, _READ_BYTES)
-            except BlockingIOError:
-                return b"", ""
-            if not data:
-                raise OSError(errno.EIO, "ready to read but no data: unplugged, or read by somebody else too")
-            return data, ""
-
-    def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(serial.SerialTimeoutException), _down(self.where):
-            self._port.write(data)
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError, termios.error, TypeError):
-            self._port.close()
 
 
 class TcpTransport:
@@ -120,7 +35,7 @@ class TcpTransport:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with _down(self.where):
+        with down(self.where):
             if not select.select([self._socket], [], [], timeout)[0]:
                 return b"", ""
             data = self._socket.recv(_READ_BYTES)
@@ -129,7 +44,7 @@ class TcpTransport:
             return data, ""
 
     def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(TimeoutError), _down(self.where):
+        with contextlib.suppress(TimeoutError), down(self.where):
             self._socket.settimeout(_WRITE_S)
             self._socket.sendall(data)
 
@@ -158,7 +73,7 @@ class UdpTransport:
             ) from error
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with _down(self.where):
+        with down(self.where):
             if not select.select([self._socket], [], [], timeout)[0]:
                 return b"", ""
             try:
@@ -169,7 +84,7 @@ class UdpTransport:
 
     def write(self, data: bytes, to: str) -> None:
         host, _, port = to.rpartition(" ")
-        with contextlib.suppress(TimeoutError, ConnectionRefusedError), _down(self.where):
+        with contextlib.suppress(TimeoutError, ConnectionRefusedError), down(self.where):
             self._socket.sendto(data, (host, int(port)))
 
     def close(self) -> None:
@@ -185,33 +100,4 @@ def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:
         return TcpTransport(*port.address)
     if port.kind == "udp":
         return UdpTransport(*port.address)
-    return SerialTransport(finder.device(), baud)
-
-
-_ADVICE = {
-    errno.ENOENT: ("no such device", "plug it in"),
-    errno.EACCES: ("no permission", "join the group dialout, or add a udev rule"),
-    errno.EPERM: ("no permission", "join the group dialout, or add a udev rule"),
-    errno.EBUSY: ("busy: another program has it", "close that program"),
-    errno.EAGAIN: ("busy: another program has it", "close that program"),
-    errno.ENOTTY: ("not a serial port", "name a serial device, socket:// or udp://"),
-    errno.EISDIR: ("a folder, not a serial port", "name a serial device, socket:// or udp://"),
-}
-
-
-def _refusal(path: str, error: Exception) -> LinkError:
-    number = _errno(error)
-    if number is None and "lock" in str(error):
-        number = errno.EBUSY
-    what, remedy = _ADVICE.get(number or 0, (str(error), "check the device"))
-    return LinkError(f"{path}: {what}; {remedy}")
-
-
-def _errno(error: BaseException | None) -> int | None:
-    """The system's number behind an error; pyserial wraps some of them into text."""
-    while error is not None:
-        number = error.args[0] if isinstance(error, OSError | termios.error) and error.args else None
-        if isinstance(number, int):
-            return number
-        error = error.__context__
-    return None
+    return open_serial(finder.device(), baud)

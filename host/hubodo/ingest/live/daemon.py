@@ -20,7 +20,8 @@ from hubodo.ingest.live.loop import stop as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, LogNow, Watch, Watched
-from hubodo.ingest.live.status import RecordResult, View, make_result
+from hubodo.ingest.live.status import RecordResult, make_result
+from hubodo.ingest.live.view import make_view
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
@@ -80,8 +81,8 @@ def record(
             clock_period=config.clock_request_period,
             localizer=localizer,
         )
-        view = stack.enter_context(View(console or Console(stderr=True), now_ns()))
-        watched = _watched(config, recorder, log, series, watch, audience, now_ns, stack)
+        view = stack.enter_context(make_view(config, now_ns, console))
+        watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)

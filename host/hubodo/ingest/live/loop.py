@@ -16,7 +16,7 @@ from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Watched
-from hubodo.ingest.live.status import View
+from hubodo.ingest.live.view import View
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 
@@ -122,11 +122,9 @@ class Loop:
             self.series.cut()
         self.log.tick()
         self.series.tick(now_ns)
-        self.recorder.trouble = self.series.trouble
         if self.series.begun_anew():
             self.recorder.tell_again()
         self.say()
-        self.view.update(self.recorder, self.log.size, now_ns)
         self.watched.tick(now_ns)
 
     def say(self) -> None:
@@ -137,8 +135,8 @@ class Loop:
             else:
                 self.recorder.warn("log", notice)
         self.series.notices.clear()
-        for notice in self.recorder.notices:
-            self.view.say(notice)
+        for event in self.recorder.notices:
+            self.view.say(event)
         self.recorder.notices.clear()
 
     def _end(self, start_ns: int) -> float:

@@ -190,7 +190,7 @@ class NodeStream:
         self._recorder.tick(self._computer.now_ns())
         self._log.tick()
         for notice in self._recorder.notices:
-            self._say(notice)
+            self._say(notice.text)
         self._recorder.notices.clear()
         verdict: HubodoError | None = self._recorder.verdict()
         if verdict is not None:

@@ -80,6 +80,11 @@ class RecordConfig:
         None, "HOST:PORT that serves /metrics for Prometheus, and /healthz.", example="127.0.0.1:9464"
     )
 
+    quiet: bool = setting(False, "No live view; notices are still shown.", example=True)
+    log_format: Literal["text", "json"] = setting(
+        "text", 'Of what is told meanwhile on stderr: "text", or "json", an object a line, for services.'
+    )
+
     def rules(self) -> SeriesRules:
         """When the next log begins, and what the logs leave on the disk."""
 

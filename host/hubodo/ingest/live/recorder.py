@@ -66,9 +66,8 @@ class Recorder:
         self.locating = localizer is not None
         """Whether odometry and fixes go to a localizer."""
         self._localizer = localizer
-        self.notices: list[str] = []
-        self.trouble: str | None = None
-        """Why nothing is recorded now, while what comes is still fused."""
+        self.notices: list[Event] = []
+        """What the user should hear of, for whoever shows the recording to take away."""
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
         self._told: set[str] = set()
@@ -95,12 +94,13 @@ class Recorder:
         match news:
             case LinkUp():
                 if link.missed:
-                    self.notices.append(f"{news.link}: connected at {news.where}")
+                    self._tell(news.t_ns, "connected", news.link, f"{news.link}: connected at {news.where}")
                 link.up(news)
                 for node in self._on(news.link):
                     node.mute()
             case LinkLost():
-                self.notices.append(f"{news.link}: {news.text} (waiting for it)")
+                text = f"{news.link}: {news.text} (waiting for it)"
+                self._tell(news.t_ns, "disconnected", news.link, text)
                 link.lost(news)
             case Chunk():
                 for frame in link.chunk(news):
@@ -144,8 +144,8 @@ class Recorder:
 
     def warn(self, source: str, text: str) -> None:
         """One line for the user and the log."""
-        self.notices.append(text)
-        self._sink.event(Event(self._now_ns(), "warning", source, text))
+        self._tell(self._now_ns(), "warning", source, text)
+        self._sink.event(self.notices[-1])
 
     def close(self) -> None:
         """The end of the recording: writes what waited."""
@@ -182,6 +182,9 @@ class Recorder:
             return InputError("; ".join(f"{link.label} ({link.where}): {link.foreign}" for link in strangers))
         return None
 
+    def _tell(self, t_ns: int, kind: str, source: str, text: str) -> None:
+        self.notices.append(Event(t_ns, kind, source, text))
+
     def _on(self, label: str) -> list[NodeSession]:
         return [node for (link, _), node in self.nodes.items() if link == label]
 
@@ -212,10 +215,11 @@ class Recorder:
         if not clash:
             return unique
         name = node_name(node_id)
-        self.notices.append(
+        text = (
             f"{label}: another node called {name!r} is there already; this one is recorded as {unique!r}: "
             f"give ports names (left=/dev/...) or change the node id"
         )
+        self._tell(self._now_ns(), "warning", label, text)
         return unique
 
     def _fuse(self, published: Iterable[Published], arrived_ns: int) -> None:
@@ -246,7 +250,7 @@ class Recorder:
     def _located(self, answer: Answer) -> None:
         now_ns = self._now_ns()
         for line in answer.warnings:
-            self.notices.append(f"map: {line}")
+            self._tell(now_ns, "warning", "map", f"map: {line}")
             self._sink.event(Event(now_ns, "warning", "map", line))
         located = answer.located
         if located is None:
@@ -269,7 +273,7 @@ class Recorder:
         if self.odometer is None:
             return
         for line in self.odometer.warnings(end=end):
-            self.notices.append(f"odometry: {line}")
+            self._tell(now_ns, "warning", "odometry", f"odometry: {line}")
             self._sink.event(Event(now_ns, "warning", "odometry", line))
 
     def _fits(self, item: Published, now_ns: int) -> bool:
@@ -292,8 +296,9 @@ class Recorder:
                 known = False
                 if self.odometer is not None and not self.odometer.poses:
                     self._misfit = error
-                self.notices.append(f"{error}; its samples are recorded, the odometry goes without them")
                 data = {"node": item.node, "serial": serial, "calibrated": calibrated.serial}
+                text = f"{error}; its samples are recorded, the odometry goes without them"
+                self._tell(now_ns, "mismatch", item.node, text)
                 self._sink.event(Event(now_ns, "mismatch", item.node, str(error), data))
             self._fitting[item.node, serial] = known
         return known

@@ -1,4 +1,4 @@
-"""What the user sees of a recording: a live view, lines in a journal, and the result."""
+"""What came of a recording: the result, in words and for programs."""
 
 from __future__ import annotations
 
@@ -8,16 +8,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.node.bias_filter import bias_words, filter_json
+from hubodo.ingest.node.bias_filter import filter_json
 from hubodo.log.series import LogSeries
-
-S = 1_000_000_000
-_LIVE_NS = S // 2
-_LINE_NS = 10 * S
 
 
 @dataclass(frozen=True)
@@ -230,94 +225,3 @@ def _map(recorder: Recorder) -> dict[str, Any] | None:
             "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
         }
     return found
-
-
-class View:
-    """Shows a recorder: a live table on a terminal, else a line every ten seconds."""
-
-    def __init__(self, console: Console, start_ns: int) -> None:
-        self._console = console
-        self._start_ns = start_ns
-        self._live = (
-            Live(console=console, refresh_per_second=4, transient=True) if console.is_terminal else None
-        )
-        self._next_ns = start_ns + (0 if self._live is not None else _LINE_NS)
-
-    def __enter__(self) -> View:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def say(self, text: str) -> None:
-        """One line that stays."""
-        self._console.print(f"hubodo record: {text}", highlight=False, soft_wrap=True, markup=False)
-
-    def update(self, recorder: Recorder, size: int, now_ns: int) -> None:
-        """Shows the state, when it is time to."""
-        if now_ns < self._next_ns:
-            return
-        seconds = (now_ns - self._start_ns) / S
-        if self._live is not None:
-            self._next_ns = now_ns + _LIVE_NS
-            self._live.update(_table(recorder, seconds, size, now_ns))
-            return
-        self._next_ns = now_ns + _LINE_NS
-        parts = [
-            f"{node.name} {node.rate(now_ns):.1f} Hz, {node.decoder.counts.samples_lost} samples lost"
-            for node in recorder.nodes.values()
-        ]
-        parts += [f"NOT RECORDING: {recorder.trouble}"] if recorder.trouble is not None else []
-        parts += [f"{label} down" for label, link in recorder.links.items() if link.where is None]
-        self.say(f"{seconds:.0f} s, {size / 1e6:.1f} MB: {'; '.join(parts) or 'no node yet'}")
-
-
-def _table(recorder: Recorder, seconds: float, size: int, now_ns: int) -> Table:
-    what = "recording" if recorder.trouble is None else f"NOT RECORDING: {recorder.trouble};"
-    table = Table(title=f"{what} {seconds:.0f} s, {size / 1e6:.1f} MB; stop with ctrl-C")
-    for column in (
-        "link",
-        "node",
-        "Hz",
-        "received",
-        "lost",
-        "lost %",
-        "damaged",
-        "clock ± ms",
-        "ppm",
-        "bias °/s",
-        "last",
-    ):
-        table.add_column(column, justify="left" if column in ("link", "node") else "right")
-    for label, link in recorder.links.items():
-        nodes = [node for node in recorder.nodes.values() if node.link == label]
-        damaged = str(sum(link.damage.values()))
-        if not nodes:
-            what = "waiting" if link.where is None else link.foreign or "no node yet"
-            table.add_row(label, what, "", str(link.frames), "", "", damaged, "", "", "", "")
-        for node in nodes:
-            counts, clock = node.decoder.counts, node.clock.estimate()
-            whole = counts.samples + counts.samples_lost
-            table.add_row(
-                label if link.where is not None else f"{label} (down)",
-                node.name if node.decoder.refusal is None else f"{node.name} (refused)",
-                f"{node.rate(now_ns):.1f}",
-                str(counts.samples),
-                str(counts.samples_lost),
-                f"{100 * counts.samples_lost / whole:.2f}" if whole else "",
-                damaged,
-                f"{clock.sigma_ns * 1e-6:.2f}" if clock.source != "none" else "",
-                f"{clock.drift * 1e6:+.1f}" if clock.drift_used else "",
-                bias_words(node.filter),
-                f"{(now_ns - node.last_frame_ns) / S:.1f} s",
-            )
-    state = recorder.odometer.state if recorder.odometer is not None else None
-    if recorder.odometer is not None and state is not None:
-        table.caption = (
-            f"x {state.x:.2f} m  y {state.y:.2f} m  heading {state.heading:+.3f} rad  "
-            f"speed {state.speed:.2f} m/s  {recorder.odometer.distance:.1f} m"
-        )
-    return table

@@ -9,12 +9,14 @@ import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, Protocol
 
 from hubodo.errors import LinkError
+from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.link.ports import Finder, Lister, PortName
-from hubodo.ingest.link.transport import LinkDown, Transport, open_transport
+from hubodo.ingest.link.transport import open_transport
 
 S = 1_000_000_000
 _STEP_NS = S // 100
@@ -41,12 +43,23 @@ class Device(Protocol):
 
 
 class VirtualComputer:
-    """See `Computer`; its time begins as the wall clock's of now."""
+    """See `Computer`."""
 
-    def __init__(self, passed: Callable[[int], None] = lambda t_ns: None) -> None:
-        """passed: called with the virtual time, ns, after each step of it."""
-        self._now_ns = time.time_ns()
+    def __init__(
+        self,
+        passed: Callable[[int], None] = lambda t_ns: None,
+        *,
+        start_ns: int | None = None,
+        folder: Path | None = None,
+    ) -> None:
+        """passed: called with the virtual time, ns, after each step of it.
+
+        start_ns: what its clock shows first, None: as the wall clock of now. folder: in which devices are
+        told by their names alone, so that nothing of this computer gets into what is recorded.
+        """
+        self._now_ns = time.time_ns() if start_ns is None else start_ns
         self._passed = passed
+        self._folder = folder
         self._devices: list[Device] = []
         self._links: list[VirtualLink] = []
         self._news: deque[Any] = deque()
@@ -58,6 +71,11 @@ class VirtualComputer:
     def now_ns(self) -> int:
         """See `Computer`."""
         return self._now_ns
+
+    def name_of(self, where: str) -> str:
+        """What a device is called in the log."""
+        path = Path(where)
+        return path.name if self._folder is not None and path.parent == self._folder else where
 
     def put(self, item: Any) -> None:
         """See `Computer`."""
@@ -110,9 +128,8 @@ class VirtualLink:
         """See `Link`."""
         self._transport = open_transport(self._port, self._finder, self._baud)
         self.device_path, self._written, self._missed = os.path.realpath(self._transport.where), 0, False
-        self._computer.put(
-            LinkUp(self._label, self._computer.now_ns(), self._transport.where, self._transport.datagrams)
-        )
+        where = self._computer.name_of(self._transport.where)
+        self._computer.put(LinkUp(self._label, self._computer.now_ns(), where, self._transport.datagrams))
 
     def start(self) -> None:
         """See `Link`."""

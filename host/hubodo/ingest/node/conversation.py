@@ -8,9 +8,10 @@ from types import TracebackType
 from typing import Self
 
 from hubodo.errors import HubodoError, InputError, LinkError, WireMismatch
+from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.foreign import describe
 from hubodo.ingest.link.ports import Finder, PortName
-from hubodo.ingest.link.transport import LinkDown, Transport, open_transport
+from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.questions import Questions, reason_words
 from hubowire import (
     FINGERPRINT,

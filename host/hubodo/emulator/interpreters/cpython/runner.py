@@ -7,6 +7,7 @@ import builtins
 import importlib
 import io
 import os
+import random
 import sys
 import time as real_time
 import traceback
@@ -82,6 +83,8 @@ def _install():
     builtins.open = lambda path, *rest, **named: really_open(_on_flash(path), *rest, **named)
     for name in ("listdir", "stat", "remove", "unlink", "mkdir", "rmdir"):
         setattr(os, name, _rooted(getattr(os, name)))
+    if CONFIG["random_seed"] is not None:
+        os.urandom = random.Random(CONFIG["random_seed"]).randbytes
     really_rename = os.rename
     os.rename = lambda a, b: really_rename(_on_flash(a), _on_flash(b))
     sys.path[:0] = [FLASH, FLASH + "/lib"]

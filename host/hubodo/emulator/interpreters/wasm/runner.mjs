@@ -24,10 +24,21 @@ WebAssembly.instantiate = async (bytes, imports) => {
     return Math.floor(clock.deviceUs() / 1000) & TICKS_MASK;
   };
   imports.env.mp_js_time_ms = () => config.epoch_ms + clock.deviceUs() / 1000;
+  if (config.random_seed !== null) imports.env.mp_js_random_u32 = repeatable(config.random_seed);
   imports.env.emscripten_resize_heap = () => 0;
   withLinuxErrno(imports);
   return instantiate(bytes, imports);
 };
+
+function repeatable(seed) { // Mulberry32: the same numbers after each start
+  let state = seed >>> 0;
+  return () => {
+    state = (state + 0x6D2B79F5) >>> 0;
+    let mixed = Math.imul(state ^ (state >>> 15), state | 1);
+    mixed ^= mixed + Math.imul(mixed ^ (mixed >>> 7), mixed | 61);
+    return (mixed ^ (mixed >>> 14)) >>> 0;
+  };
+}
 
 const { loadMicroPython } = await import(config.micropython);
 const mp = await loadMicroPython({ heapsize: config.heap_bytes, pystack: 8192 });

@@ -1,0 +1,145 @@
+"""A serial device: read as Linux and macOS read one, or as pyserial does on any system."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+
+import serial
+
+from hubodo.errors import LinkError
+from hubodo.ingest.link.down import TerminalError, Transport, down
+
+try:
+    import termios
+except ImportError:  # Windows
+    termios = None  # type: ignore[assignment]
+
+_READ_BYTES = 65536
+_WRITE_S = 0.1
+
+
+def open_serial(path: str, baud: int, *, portable: bool = termios is None) -> Transport:
+    """Opens a device for us alone; portable: by pyserial's own reading, which takes its URLs too.
+
+    Raises LinkError when the device is missing, busy or not allowed.
+    """
+    return PortableSerial(path, baud) if portable else SerialTransport(path, baud)
+
+
+class SerialTransport:
+    """A serial device, opened for us alone.
+
+    DTR and RTS stay as the kernel raises them on open, both set: a USB node takes DTR for "host is
+    there", and the two-transistor reset circuit of an ESP32 board acts only when they differ. They are
+    not dropped on close either (HUPCL), so that neither open nor close restarts a node.
+    """
+
+    datagrams = False
+
+    def __init__(self, path: str, baud: int) -> None:
+        """Raises LinkError when the device is missing, busy or not allowed."""
+        self.where = path
+        try:
+            self._port = serial.Serial(path, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
+        except (OSError, TerminalError, ValueError) as error:
+            raise _refusal(path, error) from error
+        self._fd = self._port.fileno()
+        with contextlib.suppress(TerminalError):
+            flags = termios.tcgetattr(self._fd)
+            flags[2] &= ~termios.HUPCL
+            termios.tcsetattr(self._fd, termios.TCSANOW, flags)
+        with contextlib.suppress(OSError, ValueError, NotImplementedError):
+            self._port.set_low_latency_mode(True)
+
+    def read(self, timeout: float) -> tuple[bytes, str]:
+        with down(self.where):
+            ready, _, _ = select.select([self._fd], [], [], timeout)
+            if not ready:
+                return b"", ""
+            try:
+                data = os.read(self._fd, _READ_BYTES)
+            except BlockingIOError:
+                return b"", ""
+            if not data:
+                raise OSError(errno.EIO, "ready to read but no data: unplugged, or read by somebody else too")
+            return data, ""
+
+    def write(self, data: bytes, to: str = "") -> None:
+        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
+            self._port.write(data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError, TerminalError, TypeError):
+            self._port.close()
+
+
+class PortableSerial:
+    """The same by pyserial's own reading, which blocks until a byte has come: for systems without termios."""
+
+    datagrams = False
+
+    def __init__(self, url: str, baud: int) -> None:
+        """Raises LinkError when the device is missing, busy or not allowed."""
+        self.where = url
+        try:
+            self._port = serial.serial_for_url(url, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
+        except (OSError, TerminalError, ValueError) as error:
+            raise _refusal(url, error) from error
+
+    def read(self, timeout: float) -> tuple[bytes, str]:
+        with down(self.where):
+            if self._port.timeout != timeout:
+                self._port.timeout = timeout  # sets the whole port up again, so not each time
+            data = self._port.read(1)
+            if data and (more := self._port.in_waiting):
+                data += self._port.read(min(more, _READ_BYTES))
+            return bytes(data), ""
+
+    def write(self, data: bytes, to: str = "") -> None:
+        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
+            self._port.write(data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError, TerminalError, TypeError):
+            self._port.close()
+
+
+_ADVICE = {
+    errno.ENOENT: ("no such device", "plug it in"),
+    errno.EACCES: ("no permission", "join the group dialout, or add a udev rule"),
+    errno.EPERM: ("no permission", "join the group dialout, or add a udev rule"),
+    errno.EBUSY: ("busy: another program has it", "close that program"),
+    errno.EAGAIN: ("busy: another program has it", "close that program"),
+    errno.ENOTTY: ("not a serial port", "name a serial device, socket:// or udp://"),
+    errno.EISDIR: ("a folder, not a serial port", "name a serial device, socket:// or udp://"),
+}
+
+
+_SIGNS = {
+    "lock": errno.EBUSY,
+    "FileNotFoundError": errno.ENOENT,
+    "PermissionError": errno.EBUSY,
+    "not recognised": errno.ENOENT,
+}
+"""What pyserial says where it gives no number: of its lock, and of all that Windows refuses."""
+
+
+def _refusal(path: str, error: Exception) -> LinkError:
+    number = _errno(error)
+    if number is None:
+        number = next((number for sign, number in _SIGNS.items() if sign in str(error)), None)
+    what, remedy = _ADVICE.get(number or 0, (str(error), "check the device"))
+    return LinkError(f"{path}: {what}; {remedy}")
+
+
+def _errno(error: BaseException | None) -> int | None:
+    """The system's number behind an error; pyserial wraps some of them into text."""
+    while error is not None:
+        number = error.args[0] if isinstance(error, OSError | TerminalError) and error.args else None
+        if isinstance(number, int):
+            return number
+        error = error.__context__
+    return None

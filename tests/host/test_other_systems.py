@@ -1,0 +1,117 @@
+"""What Windows lacks is not needed to record, to look at a log and to fuse it."""
+
+import contextlib
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from fakes.fake_node import FakeNode
+
+ROOT = Path(__file__).resolve().parents[2]
+
+WITHOUT = """
+import os, signal, sys
+import serial, serial.tools.list_ports  # there it has another part for the system
+from hubodo.cli import main
+for module in ("fcntl", "termios", "tty", "pty", "pwd", "grp", "resource", "readline", "syslog"):
+    for name in [name for name in sys.modules if name == module]:
+        del sys.modules[name]
+    sys.modules[module] = None
+for owner, names in (
+    (os, "pread pwrite O_CLOEXEC O_NONBLOCK O_NOCTTY openpty ttyname setsid killpg fork sysconf".split()),
+    (os, "getuid geteuid getgid getgroups fchmod posix_fallocate mkfifo getloadavg fdatasync".split()),
+    (signal, "SIGHUP SIGKILL SIGALRM SIGUSR1 SIGUSR2 SIGPIPE SIGQUIT setitimer pthread_sigmask".split()),
+    (__import__("socket"), ["AF_UNIX"]),
+):
+    for name in names:
+        delattr(owner, name)
+from hubodo.flash.surroundings import Surroundings
+Surroundings.linux = False
+for words in sys.argv[1].split("\\n"):
+    code = main(words.split())
+    if code:
+        sys.exit(code)
+"""
+
+
+class Bridge:
+    """A fake node at the end of a TCP connection."""
+
+    def __init__(self, node):
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self._fd = os.open(node.path, os.O_RDWR | os.O_NONBLOCK)
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._done.set()
+        self._thread.join()
+        os.close(self._fd)
+        self._server.close()
+
+    def _run(self):
+        self._server.settimeout(20)
+        peer, _ = self._server.accept()
+        peer.setblocking(False)
+        with contextlib.suppress(ConnectionError):
+            while not self._done.wait(0.005):
+                with contextlib.suppress(BlockingIOError):
+                    peer.send(os.read(self._fd, 4096))
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._fd, peer.recv(4096))
+        peer.close()
+
+
+def run(*lines, cwd):
+    """Each line a command of `hubodo`, in one process without what Windows lacks."""
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    command = [sys.executable, "-c", WITHOUT, "\n".join(lines)]
+    return subprocess.run(
+        command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+@pytest.mark.real_time
+def test_a_node_is_recorded_its_log_described_and_fused_without_anything_of_posix(tmp_path):
+    vehicle = (
+        '[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n[nodes.left]\nside = "left"\nfacing = "left"\n'
+    )
+    (tmp_path / "v.toml").write_text(vehicle)
+    with FakeNode(spin_raw=500) as node, Bridge(node) as bridge:
+        done = run(
+            f"record left={bridge.url} -o a.mcap --duration 2.5 --vehicle v.toml --log-format json --json",
+            "info a.mcap --json",
+            "fuse a.mcap --vehicle v.toml -o out",
+            cwd=tmp_path,
+        )
+    assert done.returncode == 0, done.stderr
+    said = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("{")]
+    assert [one["event"] for one in said][:1] == ["started"]
+    recorded, info = (json.loads(line) for line in done.stdout.splitlines()[:2])
+    assert recorded["nodes"]["left"]["samples"] > 200 and recorded["nodes"]["left"]["samples_lost"] == 0
+    assert info["complete"] is True
+    assert (tmp_path / "out" / "track.csv").stat().st_size > 1000
+
+
+def test_a_serial_port_is_refused_in_words_there_too(tmp_path):
+    done = run("record COM3 -o a.mcap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("hubodo record: COM3: no such device; plug it in, or see what is there:")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_computer_is_looked_at_there_too(tmp_path):
+    done = run("doctor --json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert {"clock", "disk", "packages"} <= {check["check"] for check in json.loads(done.stdout)["checks"]}
