@@ -62,7 +62,7 @@ class Rig:
 
     def end(self):
         self.process.terminate()
-        self.process.communicate(timeout=60)
+        return self.process.communicate(timeout=60)[1].decode()
 
 
 @pytest.fixture(scope="module")
@@ -183,7 +183,7 @@ def test_all_its_words_can_be_read_in_both_schemes_and_on_a_phone_nothing_is_cut
 
 
 def test_it_survives_a_restart_of_the_recorder_and_its_buttons_work_again(page, rig):
-    rig.end()
+    assert f"hubodo record: live page at http://127.0.0.1:{rig.port}/" in rig.end()
     until(lambda: page.run("return !document.getElementById('lost').hidden"))
     assert page.text("state") == "no connection"
     page.keep("lost")
