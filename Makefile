@@ -32,6 +32,7 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_live.py
 	$(BIN)/python tests/bench/bench_allan.py
 	$(BIN)/python tests/bench/bench_gap.py
+	$(BIN)/python tests/bench/bench_web.py
 
 HOURS := 2
 soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some ten minutes

@@ -72,3 +72,8 @@ def _size(path: Path) -> int:
         return path.stat().st_size
     except OSError:
         return 0
+
+
+def words_of(error: Exception) -> str:
+    """Why no log can be written, in a few words."""
+    return (error.strerror or str(error)).lower() if isinstance(error, OSError) else str(error)

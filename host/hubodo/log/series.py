@@ -6,7 +6,6 @@ messages of all of them, in their order, are those that a single log would hold.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +14,9 @@ from mcap.records import Channel, Schema
 
 from hubodo.errors import InputError
 from hubodo.log.container import Compression, McapFile, MessageIndexes
+from hubodo.log.held_chunks import HeldChunk, HeldChunks, messages_in
 from hubodo.log.log_names import LogNames
-from hubodo.log.room import MB, Room
+from hubodo.log.room import MB, Room, words_of
 from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
 
 S = 1_000_000_000
@@ -47,17 +47,6 @@ class SeriesRules:
     def rotates(self) -> bool:
         """Whether there will be more than one log."""
         return self.after is not None or self.at is not None
-
-
-@dataclass(frozen=True, slots=True)
-class _Held:
-    records: bytes
-    indexes: MessageIndexes
-    compression: Compression
-
-    @property
-    def messages(self) -> int:
-        return sum(len(times) for times, _ in self.indexes.values())
 
 
 class LogSeries:
@@ -96,18 +85,19 @@ class LogSeries:
         self._announced: set[int] = set()
         self._metadata: dict[str, dict[str, str]] = {}
         self._attachments: dict[str, tuple[str, bytes, int]] = {}
-        self._held: deque[_Held] = deque()
+        self._held = HeldChunks()
         self._opened_ns = self._synced = self._sync_began_ns = 0
         self._next_look = self._next_sync = self._next_budget = 0
         self._slow_said = False
         self._told = 0
+        self._halted, self._unwanted = False, 0
         try:
             self._begin()
         except (InputError, OSError) as error:
             if not wait:
                 self._sync.close(0.0)
                 raise
-            self._paused(_words(error))
+            self._paused(words_of(error))
 
     @property
     def path(self) -> Path:
@@ -169,12 +159,35 @@ class LogSeries:
 
     def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None:
         """See `McapFile.add_chunk`; the log before or behind a cut has all of it."""
+        if self._halted:
+            self._unwanted += messages_in(indexes)
+            return
         if self._file is not None and self._due():
             self.cut()
-        self._held.append(_Held(records, indexes, compression))
+        self._held.append(HeldChunk(records, indexes, compression))
         self._write_held()
-        while sum(len(held.records) for held in self._held) > HELD_BYTES:
-            self.messages_lost += self._held.popleft().messages
+        while self._held.size > HELD_BYTES:
+            self.messages_lost += messages_in(self._held.popleft().indexes)
+
+    @property
+    def in_no_log(self) -> int:
+        """Messages that are lost, or came between `halt` and `go_on`."""
+        return self.messages_lost + self._unwanted
+
+    def halt(self) -> None:
+        """Ends the log because the user wants it; what comes from now on is in none, and not lost."""
+        if not self._halted:
+            self._halted = True
+            self._held.clear()
+            self._paused("recording is stopped by the user")
+            if self._file is not None:
+                self._end()
+
+    def go_on(self) -> None:
+        """Begins the next log after `halt`."""
+        if self._halted:
+            self._halted = False
+            self._try_again()
 
     def cut(self) -> None:
         """Ends the log and begins the next one."""
@@ -210,7 +223,7 @@ class LogSeries:
             self._end()
         if self._unsealed is not None:
             self._give_up(self._unsealed)
-        self.messages_lost += sum(held.messages for held in self._held)
+        self.messages_lost += self._held.messages
         self._held.clear()
         self._sync.close(_SYNC_S)
 
@@ -230,7 +243,7 @@ class LogSeries:
         self.room.keep_to_budget(self._in_use, self.rules.at or self._last_size)
         wanted = float(self.rules.reserve)
         if self.trouble is not None:
-            wanted = wanted * _ROOM_AGAIN + sum(len(held.records) for held in self._held)
+            wanted = wanted * _ROOM_AGAIN + self._held.size
         lacking = self.room.lacks(wanted)
         if lacking is not None:
             raise InputError(lacking)
@@ -266,7 +279,7 @@ class LogSeries:
         except OSError as error:
             self._unsealed = file
             if self.trouble is None:
-                self._paused(_words(error))
+                self._paused(words_of(error))
             return
         self._finished += file.size - before
         self._sync.give(file.duplicate())
@@ -285,6 +298,8 @@ class LogSeries:
 
     def _try_again(self) -> None:
         """Another log, where one can begin now."""
+        if self._halted:
+            return
         unsealed, self._unsealed = self._unsealed, None
         if unsealed is not None:
             try:
@@ -298,7 +313,7 @@ class LogSeries:
         except (InputError, OSError) as error:
             self._unsealed = unsealed
             if self.trouble is None:
-                self._paused(_words(error))
+                self._paused(words_of(error))
             return
         if unsealed is not None:
             self._give_up(unsealed)
@@ -314,7 +329,7 @@ class LogSeries:
         try:
             write(self._file)
         except OSError as error:
-            self._paused(f"{self._file.path}: {_words(error)}")
+            self._paused(f"{self._file.path}: {words_of(error)}")
             self._end()
             return False
         return True
@@ -383,7 +398,3 @@ class LogSeries:
         self._next_sync, self._sync_began_ns = now_ns + PERIOD_NS, now_ns
         self._synced = self._file.size
         self._sync.give(self._file.duplicate())
-
-
-def _words(error: Exception) -> str:
-    return (error.strerror or str(error)).lower() if isinstance(error, OSError) else str(error)

@@ -24,6 +24,7 @@ VERBS: dict[str, str] = {
     "heading": "heading from one upright gyro axis, its warm-up taken out, with a sigma that holds",
     "simulate": "draw a log from a model: what the nodes would measure on a drive, a table, a bench",
     "gap": "what a model lacks to explain a log: the missing effects by name, and the model with them",
+    "serve": "the recordings of a folder in the browser: what they hold, their reports, gap on a click",
     "report": "one self-contained HTML page of a log: content, losses, sensors, calibration, drive",
     "completion": "print the script with which a shell completes verbs, options, ports, nodes and files",
 }

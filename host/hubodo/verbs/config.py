@@ -12,9 +12,10 @@ from rich.console import Console
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.live.record_config import RecordConfig, load_record_config
 from hubodo.settings_table import example_toml
+from hubodo.web.config import WebConfig, load_web_config
 
 EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
-SETTINGS: dict[str, type] = {"record": RecordConfig}
+SETTINGS: dict[str, type] = {"record": RecordConfig, "web": WebConfig}
 """By table of hubodo.toml."""
 _HEAD = """hubodo.toml: settings for `hubodo record --config hubodo.toml`; the command line goes before them.
 Every line that is commented out shows what may be said; `hubodo config check hubodo.toml` looks it over."""
@@ -80,9 +81,14 @@ def _checked(path: Path) -> Checked:
         named = getattr(config, key)
         if named is not None and not (path.parent / named).is_file():
             raise ConfigError(f"{path}: [record] {key} = {named!r}: no such file beside it; check the path")
-    told = {
+    tables = {"record": config, "web": load_web_config(path)[0]}
+    return Checked(str(path), {name: _told(settings) for name, settings in tables.items()})
+
+
+def _told(settings: Any) -> dict[str, Any]:
+    """What is not the default."""
+    return {
         item.name: value
-        for item in fields(RecordConfig)
-        if (value := getattr(config, item.name)) != item.default
+        for item in fields(settings)
+        if (value := getattr(settings, item.name)) != item.default
     }
-    return Checked(str(path), {"record": told})

@@ -21,6 +21,7 @@ from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.play_view import Replayed, show
+from hubodo.verbs.web_options import add_foxglove_argument
 
 EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --link /tmp/ttyRIDE"
 
@@ -52,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", type=Path, metavar="TOML", help="with the view: instead of that in the log"
     )
+    add_foxglove_argument(parser)
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,8 @@ def run(args: argparse.Namespace) -> PlayResult:
         raise InputError("--link and --only belong to --to pty; add it")
     if args.to == "pty" and (args.vehicle is not None or args.calibration is not None):
         raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
+    if args.to == "pty" and args.foxglove is not None:
+        raise InputError("--foxglove belongs to the view; leave --to pty away")
     play = _to_pty if args.to == "pty" else _to_view
     with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, log_form(args)) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file}), stopping.is_set)

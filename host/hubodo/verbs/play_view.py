@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -23,11 +23,12 @@ from hubodo.ingest.live.localizer import Located
 from hubodo.ingest.live.odometer import OdometryRows
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
-from hubodo.log.mcap import read_recording
+from hubodo.log.mcap import open_log, read_recording
 from hubodo.recording import Recording
 from hubodo.vehicle import load_vehicle
 
 _REFRESH_S = 0.25
+_FOXGLOVE_S = 0.02
 _LINE_S = 10.0
 _RATE_WINDOW_S = 2.0
 
@@ -71,18 +72,23 @@ def show(
     again = _Again(args)
     console = Console(file=sys.stderr)
     began, now, next_line = time.monotonic(), first, first
-    with Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live:
+    with (
+        Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live,
+        _foxglove(args, first, say) as show_to,
+    ):
         while not stopped() and now < last:
             elapsed = time.monotonic() - began
             now = last if not args.speed else min(last, first + elapsed * args.speed)
             again.up_to(now)
+            show_to(now)
             if live is not None:
                 live.update(_view(recording, again, now, last), refresh=True)
             elif now >= next_line:
                 next_line = now + _LINE_S * max(args.speed, 1.0)
                 say(_line(recording, again, now))
             if now < last:
-                time.sleep(min(_REFRESH_S, (last - now) / args.speed))
+                pause = _REFRESH_S if args.foxglove is None else _FOXGLOVE_S
+                time.sleep(min(pause, (last - now) / args.speed))
     for line in again.warnings():
         say(f"odometry: {line}")
     return first, now, again.result(recording, whole=args.end is None and now >= last)
@@ -196,3 +202,27 @@ def _rate(t: NDArray[np.float64], now: float) -> float:
 @contextmanager
 def _no_live() -> Iterator[None]:
     yield None
+
+
+@contextmanager
+def _foxglove(
+    args: argparse.Namespace, first: float, say: Callable[[str], None]
+) -> Iterator[Callable[[float], None]]:
+    """Gives what sends the messages up to a time, s, to Foxglove; nothing where that was not asked for."""
+    if args.foxglove is None:
+        yield lambda now: None
+        return
+    from hubodo.web.address import parse_address
+    from hubodo.web.config import FOXGLOVE_PORT
+    from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveLog
+
+    address = parse_address(args.foxglove, FOXGLOVE_PORT)
+    clients = FoxgloveClients(address)
+    say(f"Foxglove: open connection ws://{replace(address, port=clients.port)}")
+    try:
+        with open_log(args.log) as log:
+            zero_ns = log.t_zero_ns or 0
+            played = FoxgloveLog(clients, log, zero_ns + round(first * 1e9))
+            yield lambda now: played.up_to(zero_ns + round(now * 1e9))
+    finally:
+        clients.finish()

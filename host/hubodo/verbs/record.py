@@ -12,6 +12,7 @@ from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.web_options import add_web_arguments, watched
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -58,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
+    add_web_arguments(parser)
     parser.add_argument(
         "--rotate-after", type=float, metavar="S", help="begin another log after so many seconds"
     )
@@ -120,21 +122,21 @@ def run(args: argparse.Namespace) -> RecordResult:
     if vehicle_path is not None:
         vehicle = load_vehicle(vehicle_path)
         attachments["vehicle.toml"] = vehicle_path.read_bytes()
-    calibration_path = args.calibration
-    if calibration_path is None and config.calibration is not None:
-        calibration_path = folder / config.calibration
+    calibration_path = args.calibration or (folder / config.calibration if config.calibration else None)
     calibration = None
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    return record(
-        config,
-        output,
-        vehicle=vehicle,
-        calibration=calibration,
-        metadata=_metadata(config),
-        attachments=attachments,
-    )
+    with watched(args, output, vehicle) as audience:
+        return record(
+            config,
+            output,
+            vehicle=vehicle,
+            calibration=calibration,
+            metadata=_metadata(config),
+            attachments=attachments,
+            audience=audience,
+        )
 
 
 def _metadata(config: RecordConfig) -> dict[str, str]:

@@ -19,7 +19,7 @@ from hubodo.ingest.live.loop import Loop
 from hubodo.ingest.live.loop import stop as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import LogNow, Watch, Watched
+from hubodo.ingest.live.snapshot import Audience, LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, make_result
 from hubodo.ingest.live.view import make_view
 from hubodo.ingest.stopping import stop_on_signals
@@ -43,14 +43,15 @@ def record(
     computer: Computer | None = None,
     console: Console | None = None,
     watch: Sequence[Watch] = (),
+    audience: Audience | None = None,
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
     computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
-    snapshot each second, in this thread; must return at once. Unless config.wait, every port must open at
-    the start; once open, a link may come and go. Raises InputError (a port cannot be opened, `out` exists,
-    only strangers on the links) and CalibrationError (of nodes with other serials), which leave nothing
-    behind, and WireMismatch (every node speaks another version), which leaves raw frames.
+    snapshot each second, in this thread; must return at once; audience: watches closely. Unless config.wait,
+    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
+    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
+    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
     """
     computer = computer or ThisComputer(config.time_scale)
     links, names, gnss = _links(config, computer, lister)
@@ -69,7 +70,7 @@ def record(
             stack.callback(localizer.stop)
         recorder = Recorder(
             names,
-            log,
+            log if audience is None else audience.sink(log, series),
             lambda label, data, to: links[label].send(data, to),
             now_ns,
             gnss=gnss,
@@ -81,14 +82,14 @@ def record(
             localizer=localizer,
         )
         view = stack.enter_context(make_view(config, now_ns, console))
-        watched = _watched(config, recorder, log, series, [*watch, view.show], now_ns, stack)
+        watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict
-    return make_result(recorder, series, duration=duration, messages=log.message_count - series.messages_lost)
+    return make_result(recorder, series, duration=duration, messages=log.message_count - series.in_no_log)
 
 
 def _log(
@@ -125,6 +126,7 @@ def _watched(
     log: McapLog,
     series: LogSeries,
     watch: Sequence[Watch],
+    audience: Audience | None,
     now_ns: Callable[[], int],
     stack: ExitStack,
 ) -> Watched:
@@ -134,7 +136,7 @@ def _watched(
         from hubodo.ingest.live.metrics_server import MetricsServer
 
         watch.append(stack.enter_context(MetricsServer(config.metrics, now_ns)).show)
-    return Watched(recorder, lambda: _log_now(log, series), watch)
+    return Watched(recorder, lambda: _log_now(log, series), watch, audience)
 
 
 def _log_now(log: McapLog, series: LogSeries) -> LogNow:

@@ -22,13 +22,16 @@ from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, node_ranges
 from hubodo.fuse.wheel.advice import BEGINNING, warnings_of
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
+from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.window import WINDOW
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
-from hubodo.vehicle import Vehicle
+from hubodo.vehicle import Vehicle, facing_sign
+
+Vector = tuple[float, float, float]
 
 S = 1_000_000_000
 PATIENCE_NS = 3 * S
@@ -146,6 +149,25 @@ class Odometer:
     def nodes(self) -> tuple[str, ...]:
         """The nodes that the filter listens to; empty before it has begun."""
         return () if self._filter is None else tuple(self._filter.config.nodes)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """On whose wheels the nodes are."""
+        return self._vehicle
+
+    def biases(self) -> dict[str, tuple[Vector, Vector]]:
+        """What is left of each gyro's bias behind the calibration, and its 1 sigma: rad/s, node axes."""
+        found: dict[str, tuple[Vector, Vector]] = {}
+        if self._filter is None:
+            return found
+        core = self._filter.core
+        for wheel in core.wheels:
+            sign = facing_sign(wheel.node.facing)
+            x, y, z = (wheel.at[entry] for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z))
+            sigmas = [math.sqrt(core.p[place, place]) for place in (x, y, z)]
+            bias = (core.x[x], sign * core.x[y], sign * core.x[z])
+            found[wheel.name] = (bias, (sigmas[0], sigmas[1], sigmas[2]))
+        return found
 
     def told(self, node: str, text: Mapping[str, str]) -> None:
         """What a node says of itself, as the log keeps it: its ranges, if that comes before its odometry."""

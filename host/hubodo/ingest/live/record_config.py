@@ -14,7 +14,7 @@ from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import load_toml, only_keys, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
-TABLES = ("record",)
+TABLES = ("record", "web")
 """Of hubodo.toml."""
 
 

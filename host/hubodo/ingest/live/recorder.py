@@ -22,7 +22,7 @@ from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
-from hubowire import Frame, node_name
+from hubowire import Frame, Message, node_name
 
 Send = Callable[[str, bytes, str], bool]
 
@@ -115,6 +115,17 @@ class Recorder:
         for node in list(self.nodes.values()):
             self._fuse(node.tick(now_ns), now_ns)
         self._warn(now_ns)
+
+    def request(self, node: str, message: Message, words: str) -> bool:
+        """Asks a node for a user; see `NodeSession.request`. Whether there is such a node."""
+        found = next((session for session in self.nodes.values() if session.name == node), None)
+        if found is not None:
+            found.request(message, words)
+        return found is not None
+
+    def mark(self, text: str) -> None:
+        """An event of the user's own."""
+        self._sink.event(Event(self._now_ns(), "mark", "user", text))
 
     def keep(self, news: LinkNews | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.node.session import NodeSession
+from hubodo.ingest.sink import Sink
+from hubodo.log.series import LogSeries
+from hubodo.log.writer import McapLog
 
 S = 1_000_000_000
 
@@ -134,12 +138,35 @@ class Snapshot:
 Watch = Callable[[Snapshot], None]
 
 
+class Audience(Protocol):
+    """Who watches closely. Called in the recorder's own thread, so it must not wait for anybody."""
+
+    def sink(self, log: McapLog, series: LogSeries) -> Sink:
+        """Where the recorder writes: the log, or what hands everything on to it. series: behind the log."""
+        ...
+
+    def look(self, recorder: Recorder, now_ns: int) -> None:
+        """Called some fifty times a second."""
+        ...
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Called once a second."""
+        ...
+
+
 class Watched:
     """A recorder looked at once a second, for those who want to know."""
 
-    def __init__(self, recorder: Recorder, log: Callable[[], LogNow], watch: Sequence[Watch]) -> None:
+    def __init__(
+        self,
+        recorder: Recorder,
+        log: Callable[[], LogNow],
+        watch: Sequence[Watch],
+        audience: Audience | None = None,
+    ) -> None:
         """watch: called with each snapshot in the recorder's own thread; must return at once."""
-        self._recorder, self._log, self._watch = recorder, log, list(watch)
+        self._recorder, self._log, self._audience = recorder, log, audience
+        self._watch = list(watch) if audience is None else [*watch, audience.show]
         self._started_ns = self._next_ns = 0
 
     def add(self, watch: Watch) -> None:
@@ -148,6 +175,8 @@ class Watched:
 
     def tick(self, now_ns: int) -> None:
         """Call often; the first call is the start."""
+        if self._audience is not None:
+            self._audience.look(self._recorder, now_ns)
         if now_ns < self._next_ns or not self._watch:
             return
         self._started_ns = self._started_ns or now_ns

@@ -12,7 +12,7 @@ from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.foreign import describe
 from hubodo.ingest.link.ports import Finder, PortName
 from hubodo.ingest.link.transport import open_transport
-from hubodo.ingest.node.questions import Questions
+from hubodo.ingest.node.questions import Questions, reason_words
 from hubowire import (
     FINGERPRINT,
     Frame,
@@ -32,16 +32,6 @@ _ANSWER_S = 1.0
 _TRIES = 3
 _REOPEN_S = 0.2
 _SAMPLE_BYTES = 512
-
-_REASONS = {
-    Reason.UNKNOWN_MESSAGE: "its firmware does not know the request; flash it with `hubodo flash`",
-    Reason.BAD_VALUE: "not a value that it can take",
-    Reason.WHEEL_TURNS: "the wheel turns; hold it still, or choose a bias kind that lets it turn",
-    Reason.NO_IMU: "no IMU answers it; see `hubodo doctor`",
-    Reason.BUSY: "it is busy with an initialisation; wait for its end",
-    Reason.NOT_STORED: "its flash did not take the setting",
-    Reason.WHEEL_RESTS: "the wheel rests; turn it, or choose a bias kind for a wheel at rest",
-}
 
 
 class NodeRefused(HubodoError):
@@ -232,9 +222,6 @@ class Conversation:
 
 
 def _refusal(port: str, name: str, answer: Nack) -> HubodoError:
-    words = f"reason {answer.reason}, which this host does not know"
-    if answer.reason in set(Reason):
-        words = _REASONS[Reason(answer.reason)]
     detail = f" ({answer.detail})" if answer.detail else ""
-    text = f"{port}: the node refuses {name}: {words}{detail}"
+    text = f"{port}: the node refuses {name}: {reason_words(answer.reason)}{detail}"
     return InputError(text) if answer.reason == Reason.BAD_VALUE else NodeRefused(text)

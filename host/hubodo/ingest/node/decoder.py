@@ -14,6 +14,7 @@ from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, sa
 from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
+    AnswerSeen,
     HealthSeen,
     HelloSeen,
     ImuBlock,
@@ -270,7 +271,8 @@ class NodeDecoder:
                     device_ns = boot.ticks.unwrap(message.t_us, t_ns) * 1000
                     yield filter_seen(message, device_ns, step, t_ns)
             case Ack() | Nack():
-                return  # answers to what this host or another has asked; a recording only asks to start
+                reason = message.reason if isinstance(message, Nack) else None
+                yield AnswerSeen(message.request, message.request_seq, reason, t_ns)
             case Hello() | ImuBatch():
                 return  # taken before
             case TimeRequest() | Ping() | SetConfig() | Start() | Stop() | BiasInit() | Reboot() | GetHello():

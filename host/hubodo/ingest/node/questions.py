@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 from hubowire import ANY_NODE, Frame, Message, encode, encode_frame
+from hubowire.messages import Reason
 
+_REASONS = {
+    Reason.UNKNOWN_MESSAGE: "its firmware does not know the request; flash it with `hubodo flash`",
+    Reason.BAD_VALUE: "not a value that it can take",
+    Reason.WHEEL_TURNS: "the wheel turns; hold it still, or choose a bias kind that lets it turn",
+    Reason.NO_IMU: "no IMU answers it; see `hubodo doctor`",
+    Reason.BUSY: "it is busy with an initialisation; wait for its end",
+    Reason.NOT_STORED: "its flash did not take the setting",
+    Reason.WHEEL_RESTS: "the wheel rests; turn it, or choose a bias kind for a wheel at rest",
+}
 _CTRL_C = 0x03
 _TRIES = 600
+
+
+def reason_words(reason: int) -> str:
+    """Why a node refuses, and what to do about it."""
+    known = _REASONS.get(Reason(reason)) if reason in set(Reason) else None
+    return known or f"reason {reason}, which this host does not know"
 
 
 class Questions:

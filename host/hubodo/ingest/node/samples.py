@@ -136,6 +136,16 @@ class FilterSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class AnswerSeen:
+    """A node has done what the request of that type and number asked, or refused it: reason, a `Reason`."""
+
+    request: int
+    request_seq: int
+    reason: int | None
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class Refused:
     """A node built from another message table; its frames are kept raw and not decoded."""
 
@@ -143,4 +153,6 @@ class Refused:
     received_ns: int
 
 
-Sample = ImuBlock | ImuRun | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | Refused
+Sample = (
+    ImuBlock | ImuRun | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | AnswerSeen | Refused
+)

@@ -17,9 +17,10 @@ from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
 from hubodo.ingest.node.many_frames import NodeFrames
 from hubodo.ingest.node.published import ArrivalOrder, Published, RateWindow
-from hubodo.ingest.node.questions import Questions
+from hubodo.ingest.node.questions import Questions, reason_words
 from hubodo.ingest.node.runs import RunDecoder
 from hubodo.ingest.node.samples import (
+    AnswerSeen,
     FilterSeen,
     HealthSeen,
     HelloSeen,
@@ -40,6 +41,7 @@ _CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answers 
 _CLOCK_ANSWERS = 6  # the first alone may have come late, by as much as a busy host was held up
 _HELLO_EVERY_NS = S // 2
 _START_AFTER_NS = 2 * S
+_MOST_REQUESTS = 16
 
 Send = Callable[[bytes], bool]
 Timed = ImuBlock | MagSample | FilterSeen  # what goes into the log at the time of its measurement
@@ -90,6 +92,7 @@ class NodeSession:
         self._held: list[Timed] = []
         self._held_since = 0
         self._questions = Questions(node_id)
+        self._requests: dict[tuple[int, int], str] = {}  # of a user, not answered yet
         self._exchanges = Exchanges(node_id, int(clock_period * S))
         self._next_hello = 0
         self._start_at: int | None = None
@@ -141,6 +144,20 @@ class NodeSession:
         self.asked(token, now_ns)
         self._sink.asked(self.link, now_ns, token)
         self._ask(TimeRequest(token))
+
+    def request(self, message: Message, words: str) -> None:
+        """Asks for a user what `words` say; that it was asked and what came of it are events."""
+        seq, data = self._questions.wire(message)
+        if not self._send(data):
+            self._tell("request", f"{words}: not asked, the link is down")
+            return
+        while len(self._requests) >= _MOST_REQUESTS:
+            self._requests.pop(next(iter(self._requests)))
+        self._requests[message.type_id, seq] = words
+        self._tell("request", f"{words}: asked")
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._sink.event(Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name}))
 
     def mute(self) -> None:
         """Asks nothing more until the node has spoken: the link is new.
@@ -209,6 +226,10 @@ class NodeSession:
                     yield from self._answered(output)
                 case HealthSeen():
                     self.health = output.health
+                case AnswerSeen():
+                    words = self._requests.pop((output.request, output.request_seq), None)
+                    if words is not None:
+                        self._tell("answer", f"{words}: {_answer_words(output.reason)}")
                 case Refused():
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
@@ -310,3 +331,7 @@ class NodeSession:
             self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
         self._start = switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns)
         self._sink.event(self._start)
+
+
+def _answer_words(reason: int | None) -> str:
+    return "done" if reason is None else f"refused: {reason_words(reason)}"

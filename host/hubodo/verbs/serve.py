@@ -1,0 +1,48 @@
+"""`hubodo serve`: the recordings of a folder in the browser, their reports, and what a model lacks."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+
+from hubodo.errors import InputError
+from hubodo.ingest.stopping import stop_on_signals
+from hubodo.verbs.web_options import add_access_arguments, given
+
+EXAMPLE = "hubodo serve drives/\n  hubodo serve drives/ --at 0.0.0.0:8642 --token-file token.txt"
+_LOOK_S = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The folder, where it is served, and who may see it."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="that holds logs (.mcap)")
+    parser.add_argument(
+        "--at",
+        default="",
+        dest="web",
+        metavar="HOST:PORT",
+        help="default 127.0.0.1:8642; others than this computer need a token",
+    )
+    add_access_arguments(parser)
+
+
+def run(args: argparse.Namespace) -> None:
+    """Serves until ctrl-C. Raises InputError for a folder that is not there and where it cannot listen."""
+    from hubodo.web.app import make_app
+    from hubodo.web.config import WebConfig, make_site
+    from hubodo.web.library import Library
+    from hubodo.web.server import serving
+
+    if not args.folder.is_dir():
+        raise InputError(f"{args.folder}: is no folder; name one that holds logs")
+    site = make_site(given(args, WebConfig(), Path()))
+    assert site is not None
+    app = make_app(site, Library(args.folder))
+    with stop_on_signals(threading.Event()) as stopping, serving(app, site) as port:
+        url = replace(site, address=replace(site.address, port=port)).url
+        print(f"hubodo serve: {args.folder} at {url}; stop with ctrl-C", file=sys.stderr, flush=True)
+        while not stopping.wait(_LOOK_S):
+            pass

@@ -1,0 +1,85 @@
+"""Options of the verbs that can be watched in a browser or in Foxglove."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hubodo.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from hubodo.ingest.live.snapshot import Audience
+    from hubodo.web.config import WebConfig
+
+_ANYWHERE = ""
+"""An option without an address: loopback, and the port that it has in `hubodo.web.config`."""
+
+
+def add_web_arguments(parser: argparse.ArgumentParser) -> None:
+    """Where the page is, and who may see it."""
+    parser.add_argument(
+        "--web",
+        nargs="?",
+        const=_ANYWHERE,
+        metavar="HOST:PORT",
+        help="a live page in the browser (default 127.0.0.1:8642); others than this computer need a token",
+    )
+    add_access_arguments(parser)
+    add_foxglove_argument(parser)
+
+
+def add_foxglove_argument(parser: argparse.ArgumentParser) -> None:
+    """Where Foxglove finds it."""
+    parser.add_argument(
+        "--foxglove",
+        nargs="?",
+        const=_ANYWHERE,
+        metavar="HOST:PORT",
+        help="the same topics for Foxglove's live connection (default 127.0.0.1:8765)",
+    )
+
+
+def add_access_arguments(parser: argparse.ArgumentParser) -> None:
+    """Who may see a page."""
+    parser.add_argument(
+        "--token-file", metavar="FILE", help="with the page: its first line is the secret that visitors give"
+    )
+    parser.add_argument("--cert", metavar="PEM", help="with the page: certificate, for https")
+    parser.add_argument("--key", metavar="PEM", help="with the page: its private key")
+
+
+def given(args: argparse.Namespace, config: WebConfig, folder: Path) -> WebConfig:
+    """What the options say, else `config`; its paths are relative to `folder`."""
+    names = ("token_file", "cert", "key")
+    files = {name: getattr(config, name) for name in names}
+    files = {name: None if file is None else str((folder / file).absolute()) for name, file in files.items()}
+    options = {name: getattr(args, name, None) for name in (*names, "foxglove")}
+    options["listen"] = getattr(args, "web", None)
+    return replace(config, **files, **{key: value for key, value in options.items() if value is not None})
+
+
+@contextlib.contextmanager
+def watched(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> Iterator[Audience | None]:
+    """What the options and the file of `--config` ask for; None where they ask for nothing."""
+    if args.web is None and args.foxglove is None and args.config is None:
+        yield None
+        return
+    from hubodo.web.config import WebConfig, load_web_config
+
+    config, folder = (WebConfig(), Path()) if args.config is None else load_web_config(args.config)
+    config = given(args, config, folder)
+    if config.listen is None and config.foxglove is None:
+        yield None
+        return
+    # What serves pages takes its time to load.
+    from hubodo.web.config import foxglove_address, make_site
+    from hubodo.web.live import watching
+
+    site, foxglove = make_site(config), foxglove_address(config)
+    models = {} if args.vehicle is None else {args.vehicle.name: args.vehicle}
+    with watching(site, foxglove, output.parent, vehicle=vehicle, models=models) as audience:
+        yield audience

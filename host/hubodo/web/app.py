@@ -1,0 +1,229 @@
+"""The addresses of the server: the page, the live feed, what a node is asked, recordings and their pages."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from hubodo.ingest.live.metrics_server import answer
+from hubodo.web.actions import Actions
+from hubodo.web.asked import NotServed, body_of, form_of, json_of
+from hubodo.web.config import Site
+from hubodo.web.guard import COOKIE, Guard, Secrets
+from hubodo.web.hub import Hub
+from hubodo.web.jobs import Jobs
+from hubodo.web.library import Library, RecordingFile
+
+STATIC = Path(__file__).parent / "static"
+_WRONG_TOKEN_S = 0.5
+_SEND_S = 20.0
+_YEAR = 31_536_000
+_PAGE_RULES = (
+    "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
+    "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
+)
+"""For pages made of a recording: they draw, but can ask this server for nothing."""
+
+
+class Pages:
+    """The routes and what they need; used on the server's loop alone."""
+
+    def __init__(
+        self, site: Site, secrets: Secrets, library: Library, hub: Hub | None, actions: Actions | None
+    ) -> None:
+        self._site = site
+        self._secrets = secrets
+        self._library = library
+        self._hub = hub
+        self._actions = actions
+        self._jobs = Jobs()
+        self._guessing = asyncio.Lock()
+
+    def routes(self) -> list[Route | WebSocketRoute | Mount]:
+        """All that there is."""
+        return [
+            Route("/", self._index),
+            Route("/login", self._login, methods=["GET", "POST"]),
+            Route("/api/recordings", self._recordings),
+            Route("/api/recordings/{name:path}", self._download),
+            Route("/api/jobs", self._start_job, methods=["POST"]),
+            Route("/api/jobs/{number:int}", self._job),
+            Route("/api/do/{action}", self._do, methods=["POST"]),
+            Route("/metrics", self._machine),
+            Route("/healthz", self._machine),
+            Route("/pages/report/{name:path}", self._report),
+            Route("/pages/gap/{name:path}", self._gap_page),
+            WebSocketRoute("/live", self._live),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ]
+
+    async def close(self) -> None:
+        """At the end of the server."""
+        await self._jobs.close()
+
+    async def _index(self, request: Request) -> Response:
+        text = (STATIC / "index.html").read_text("utf-8")
+        return HTMLResponse(
+            text.replace("{{csrf}}", self._secrets.csrf).replace("{{live}}", "yes" if self._hub else "no")
+        )
+
+    async def _login(self, request: Request) -> Response:
+        text = (STATIC / "login.html").read_text("utf-8")
+        if request.method == "GET":
+            return HTMLResponse(text.replace("{{wrong}}", ""))
+        body = await body_of(request)
+        given = form_of(body).get("token", "")
+        # One guess at a time, each of which takes its time when it was wrong.
+        async with self._guessing:
+            if not self._secrets.is_token(given):
+                await asyncio.sleep(_WRONG_TOKEN_S)
+                return HTMLResponse(text.replace("{{wrong}}", "That is not the token."), 403)
+        answer = RedirectResponse("/", 303)
+        answer.set_cookie(
+            COOKIE,
+            self._secrets.cookie,
+            max_age=_YEAR,
+            httponly=True,
+            samesite="strict",
+            secure=self._site.cert is not None,
+        )
+        return answer
+
+    async def _live(self, socket: WebSocket) -> None:
+        await socket.accept()
+        if self._hub is None:
+            await socket.close(4404)
+            return
+        reading = asyncio.ensure_future(_until_gone(socket))
+        following = self._hub.follow()
+        try:
+            while not reading.done():
+                waiting = asyncio.ensure_future(anext(following))
+                await asyncio.wait({waiting, reading}, return_when=asyncio.FIRST_COMPLETED)
+                if not waiting.done():
+                    waiting.cancel()
+                    with contextlib.suppress(asyncio.CancelledError):
+                        await waiting
+                    break
+                await asyncio.wait_for(socket.send_text(waiting.result()), _SEND_S)
+        except (TimeoutError, WebSocketDisconnect, RuntimeError, OSError):
+            pass  # it reads nothing, or has gone
+        finally:
+            reading.cancel()
+            await following.aclose()  # type: ignore[attr-defined]
+
+    async def _recordings(self, request: Request) -> Response:
+        current = None if self._actions is None else self._actions.file
+        return JSONResponse(self._library.as_json(current))
+
+    async def _download(self, request: Request) -> Response:
+        entry = self._entry(request.path_params["name"])
+        return FileResponse(entry.path, filename=entry.path.name, media_type="application/octet-stream")
+
+    async def _report(self, request: Request) -> Response:
+        return self._page(request, "report.html")
+
+    async def _gap_page(self, request: Request) -> Response:
+        return self._page(request, "gap", "report.html")
+
+    def _page(self, request: Request, *parts: str) -> Response:
+        path = self._library.fresh(self._entry(request.path_params["name"]), *parts)
+        if path is None:
+            raise NotServed(404, "it has not been made yet, or the recording has changed since")
+        return FileResponse(path, media_type="text/html", headers={"content-security-policy": _PAGE_RULES})
+
+    def _entry(self, name: str) -> RecordingFile:
+        entry = self._library.find(name)
+        if entry is None:
+            raise NotServed(404, "no such recording")
+        return entry
+
+    async def _machine(self, request: Request) -> Response:
+        newest = None if self._actions is None else self._actions.newest
+        status, kind, body = answer(request.url.path, newest, time.time_ns())
+        return Response(body, int(status.split()[0]), media_type=kind)
+
+    async def _start_job(self, request: Request) -> Response:
+        asked = await json_of(request)
+        kind, entry, library = asked.get("kind"), self._entry(str(asked.get("name"))), self._library
+        file = str(entry.path.absolute())
+        if kind == "info":
+            job = self._jobs.start("info", entry.name, ["info", file])
+        elif kind == "report":
+            page = library.made(entry, "report.html")
+            words = ["report", file, "-o", str(page.absolute()), "--force"]
+            job = self._jobs.start("report", entry.name, words, makes=page)
+        elif kind == "gap":
+            model = library.models().get(str(asked.get("model")))
+            if model is None:
+                raise NotServed(404, "no such model file; put one into the folder of the recordings")
+            out = library.made(entry, "gap")
+            words = ["gap", str(model.absolute()), file, "-o", str(out.absolute())]
+            job = self._jobs.start("gap", entry.name, words, makes=out / "report.html")
+        else:
+            raise NotServed(400, "kind is info, report or gap")
+        if job is None:
+            raise NotServed(429, "too much is being worked out already; wait for its end")
+        return JSONResponse(job.as_json(), 202)
+
+    async def _job(self, request: Request) -> Response:
+        job = self._jobs.get(request.path_params["number"])
+        if job is None:
+            raise NotServed(404, "no such job")
+        return JSONResponse(job.as_json())
+
+    async def _do(self, request: Request) -> Response:
+        if self._actions is None:
+            raise NotServed(404, "nothing is being recorded here")
+        self._actions.do(request.path_params["action"], await json_of(request))
+        return JSONResponse({"ok": True}, 202)
+
+
+def make_app(
+    site: Site,
+    library: Library,
+    hub: Hub | None = None,
+    actions: Actions | None = None,
+) -> Starlette:
+    """hub, actions: None where only recordings are served."""
+    secrets = Secrets(site.token)
+    pages = Pages(site, secrets, library, hub, actions)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        if hub is not None:
+            hub.attach(asyncio.get_running_loop(), csrf=secrets.csrf)
+        yield
+        await pages.close()
+
+    app = Starlette(
+        routes=pages.routes(),
+        middleware=[Middleware(Guard, site=site, secrets=secrets)],
+        exception_handlers={NotServed: _refused},
+        lifespan=lifespan,
+    )
+    app.state.secrets = secrets
+    return app
+
+
+def _refused(request: Request, error: Exception) -> Response:
+    assert isinstance(error, NotServed)
+    return JSONResponse({"error": str(error)}, error.status)
+
+
+async def _until_gone(socket: WebSocket) -> None:
+    """Pages say nothing; what they say is let go."""
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        while True:
+            await socket.receive_text()

@@ -1,0 +1,145 @@
+"""What a page is told of a recording: small dictionaries of rounded numbers, ten times a second.
+
+A frame has `t`, s since the recording began, and: `n`, each node's rate about its own z axis and, on a wheel,
+the surface speed of that wheel; `o`, odometry; `m`, the same on the map; `g`, a fix there, and `origin`, the
+place of its origin when that changes. Once a second it has
+`s` besides, what changes slowly, and `e`, events, when there are any. Units: m, s, rad, V, °C, Hz.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from hubodo.ingest.live.odometer import Odometer
+from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.snapshot import NodeNow, Snapshot
+from hubodo.ingest.node.bias_filter import filter_json
+from hubodo.ingest.node.session import NodeSession
+from hubodo.recording import Event
+from hubodo.vehicle import facing_sign
+from hubowire.messages import Fault
+
+_EQUATOR, _ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_141e-3
+Frame = dict[str, Any]
+
+
+def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Frame:
+    """What moves."""
+    odometer = recorder.odometer
+    frame: Frame = {"t": round(t, 2), "n": {n: _wheel(odometer, n, spin) for n, spin in spins.items()}}
+    state = None if odometer is None else odometer.state
+    if odometer is not None and state is not None:
+        p = state.covariance
+        frame["o"] = [
+            *(round(state.x, 3), round(state.y, 3), round(state.heading, 4)),
+            *(round(state.speed, 3), round(state.yaw_rate, 4)),
+            *(_sigma(p[0, 0] + p[1, 1], 3), _sigma(p[2, 2], 4)),
+            round(odometer.distance, 2),
+        ]
+    located = recorder.located
+    if located is not None:
+        p = located.pose_covariance[0]
+        x, y = located.position[0].tolist()
+        heading = float(located.heading[0])
+        frame["m"] = [round(x, 3), round(y, 3), round(heading, 4), _sigma(p[0, 0] + p[1, 1], 3)]
+    return frame
+
+
+def _wheel(odometer: Odometer | None, node: str, spin: float) -> list[float | None]:
+    mount = None if odometer is None else odometer.vehicle.nodes.get(node)
+    if odometer is None or mount is None or mount.side is None or mount.facing is None:
+        return [round(spin, 3), None]
+    speed = facing_sign(mount.facing) * spin * odometer.vehicle.wheel_radius
+    return [round(spin, 3), round(speed, 3)]
+
+
+def _sigma(variance: float, digits: int) -> float | None:
+    return round(math.sqrt(variance), digits) if variance >= 0.0 and math.isfinite(variance) else None
+
+
+def slow_frame(recorder: Recorder, now: Snapshot) -> Frame:
+    """What changes slowly; now: a snapshot of the recorder."""
+    biases = {} if recorder.odometer is None else recorder.odometer.biases()
+    sessions = {node.name: node for node in recorder.nodes.values()}
+    log = now.log
+    return {
+        "seconds": round(now.seconds, 1),
+        "nodes": {node.name: _node(node, sessions[node.name], biases.get(node.name)) for node in now.nodes},
+        "links": {
+            link.label: {
+                "up": link.where is not None,
+                "where": link.where or "",
+                "frames": link.frames,
+                "damaged": link.frames_damaged,
+                "downs": link.disconnections,
+                "foreign": link.foreign or "",
+            }
+            for link in now.links
+        },
+        "gnss": {receiver.label: receiver.fixes for receiver in now.gnss},
+        "log": {
+            "file": log.path.name,
+            "size": log.size,
+            "recording": log.recording,
+            "trouble": log.trouble,
+            "free": log.disk_free,
+            "disk": log.disk_size,
+        },
+    }
+
+
+def _node(now: NodeNow, session: NodeSession, bias: tuple[Sequence[float], Sequence[float]] | None) -> Frame:
+    clock, health = session.clock.estimate(), session.health
+    return {
+        "link": now.link,
+        "rate": round(now.rate, 1),
+        "samples": now.samples,
+        "lost": now.samples_lost,
+        "restarts": now.restarts,
+        "silent": round(now.age, 1),
+        "refused": now.refused or "",
+        "clock": {
+            "source": clock.source,
+            "offset": None if now.clock_sigma is None else now.clock_offset,
+            "sigma": now.clock_sigma,
+            "ppm": round(clock.drift * 1e6, 2) if clock.drift_used else None,
+            "ppm_sigma": round(clock.drift_sigma * 1e6, 2) if clock.drift_used else None,
+        },
+        "battery": now.battery,
+        "faults": [] if health is None else [f.name.lower() for f in Fault if f & health.faults],
+        "temperature": None if now.temperature is None else round(now.temperature, 2),
+        "bias": _rounded(filter_json(session.filter)),
+        "host_bias": None if bias is None else {"bias": _six(bias[0]), "sigma": _six(bias[1])},
+    }
+
+
+def _rounded(told: dict[str, Any] | None) -> dict[str, Any] | None:
+    if told is None:
+        return None
+    return {**told, "bias": _six(told["bias"]), "sigma": _six(told["sigma"])}
+
+
+def _six(values: Sequence[float | None]) -> list[float | None]:
+    return [None if value is None else round(value, 6) for value in values]
+
+
+def event_frame(event: Event, wall: float) -> Frame:
+    """wall: s since 1970, when it was heard."""
+    return {"at": round(wall, 1), "kind": event.kind, "source": event.source, "text": event.text}
+
+
+def east_north(
+    latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]
+) -> tuple[float, float]:
+    """m east and north of the origin by the radii of curvature there (WGS 84): for drawing."""
+    latitude = math.radians(origin_deg[0])
+    squared = 1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
+    across = _EQUATOR / math.sqrt(squared)
+    along = across * (1.0 - _ECCENTRICITY_SQUARED) / squared
+    east = math.remainder(longitude_deg - origin_deg[1], 360.0)
+    return (
+        math.radians(east) * across * math.cos(latitude),
+        math.radians(latitude_deg - origin_deg[0]) * along,
+    )

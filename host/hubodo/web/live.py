@@ -1,0 +1,60 @@
+"""Everything that watches a recording from outside, put together: the page, and Foxglove."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hubodo import __version__
+from hubodo.ingest.live.snapshot import Audience
+from hubodo.vehicle import Vehicle
+from hubodo.web.actions import Actions
+from hubodo.web.address import Address
+from hubodo.web.app import make_app
+from hubodo.web.config import Site
+from hubodo.web.foxglove_live import FoxgloveLive
+from hubodo.web.hub import Hub
+from hubodo.web.library import Library
+from hubodo.web.live_page import LivePage
+from hubodo.web.server import serving
+
+
+@contextlib.contextmanager
+def watching(
+    site: Site | None,
+    foxglove: Address | None,
+    folder: Path,
+    *,
+    vehicle: Vehicle | None = None,
+    models: dict[str, Path] | None = None,
+) -> Iterator[Audience | None]:
+    """What is asked for of the page of a recording into a folder, and of Foxglove; None where nothing is.
+
+    Where it is served is told by the recording, in its first turn. models: for `gap`, besides the TOML files
+    there. Raises InputError where it cannot be served.
+    """
+    with contextlib.ExitStack() as stack:
+        live: FoxgloveLive | None = None
+        greetings: list[str] = []
+        if foxglove is not None:
+            live = stack.enter_context(FoxgloveLive(foxglove))
+            greetings.append(f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}")
+            live.greetings = greetings
+        if site is None:
+            yield live
+            return
+        hub = Hub(_about(vehicle))
+        page = LivePage(hub.put, *([] if live is None else [live.hear]))
+        app = make_app(site, Library(folder, models), hub, Actions(page))
+        port = stack.enter_context(serving(app, site))
+        greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
+        page.greetings = greetings
+        yield page
+
+
+def _about(vehicle: Vehicle | None) -> dict[str, Any]:
+    sides = {} if vehicle is None else {name: mount.side for name, mount in vehicle.nodes.items()}
+    return {"version": __version__, "sides": sides}

@@ -1,0 +1,111 @@
+"""What the live page costs a recorder of four nodes at 208 Hz, while a client reads it: share of a core.
+
+    python tests/bench/bench_web.py [--seconds 30]
+
+Processor time of the server's thread, and of what is done for the page within the recording's own.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from fakes.fake_node import FakeNode
+from fakes.recorder_thread import RecorderThread
+from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
+from hubodo.vehicle import load_vehicle
+from hubodo.web.address import Address
+from hubodo.web.app import make_app
+from hubodo.web.config import Site
+from hubodo.web.hub import Hub
+from hubodo.web.library import Library
+from hubodo.web.live_page import LivePage
+from hubodo.web.server import serving
+
+NODES, RATE_HZ, LIMIT = 4, 208.0, 0.05
+CLIENT = """
+import sys
+from websockets.sync.client import connect
+with connect(f"ws://127.0.0.1:{sys.argv[1]}/live", max_size=None) as live:
+    print(len(live.recv()), flush=True)
+    for _ in live:
+        pass
+"""
+
+
+class TimedPage(LivePage):
+    """Counts the processor time that it takes from the thread of the recording."""
+
+    spent = 0.0
+
+    def look(self, recorder, now_ns):
+        begin = time.thread_time()
+        super().look(recorder, now_ns)
+        self.spent += time.thread_time() - begin
+
+
+class TimedEar:
+    """Counts the processor time of all that is heard of the log."""
+
+    def __init__(self, hear):
+        self.hear, self.spent = hear, 0.0
+
+    def __call__(self, *said):
+        begin = time.thread_time()
+        self.hear(*said)
+        self.spent += time.thread_time() - begin
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--seconds", type=float, default=30.0)
+    seconds = parser.parse_args().seconds
+    drive, hub, site = short_drive(5), Hub({}), Site(Address("127.0.0.1", 0))
+    page = TimedPage(hub.put)
+    ear = page._ear.hear = TimedEar(page._ear.hear)
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        folder = Path(name)
+        (folder / "vehicle.toml").write_text(VEHICLE_TOML)
+        rows = {number: raw_rows(drive, node) for number, node in ((1, "left"), (2, "right"))}
+        nodes = [
+            stack.enter_context(FakeNode(node_id=k + 1, rate_hz=RATE_HZ, rows=rows.get(k + 1, ())))
+            for k in range(NODES)
+        ]
+        port = stack.enter_context(serving(make_app(site, Library(folder), hub), site))
+        ports = [node.path for node in nodes]
+        vehicle = load_vehicle(folder / "vehicle.toml")
+        recorder = RecorderThread(folder / "x.mcap", *ports, vehicle=vehicle, audience=page)
+        stack.enter_context(recorder)
+        client = subprocess.Popen(
+            [sys.executable, "-c", CLIENT, str(port)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        client.stdout.readline()
+        server = next(thread for thread in threading.enumerate() if thread.name == "hubodo web")
+        clock = time.pthread_getcpuclockid(server.ident)
+        before = (time.clock_gettime(clock), page.spent + ear.spent)
+        time.sleep(seconds)
+        after = (time.clock_gettime(clock), page.spent + ear.spent)
+        client.kill()
+        client.wait()
+    served, made = ((b - a) / seconds for a, b in zip(before, after, strict=True))
+    print(
+        f"the live page of {NODES} nodes at {RATE_HZ:.0f} Hz, one client, {seconds:.0f} s: "
+        f"{100 * (served + made):.2f} % of a core ({100 * made:.2f} % in the recording, "
+        f"{100 * served:.2f} % in the server)"
+    )
+    return 0 if served + made < LIMIT else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

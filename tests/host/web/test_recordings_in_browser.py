@@ -1,0 +1,103 @@
+"""Recordings without a recorder, for those who know the token: in a real browser, over https too."""
+
+import ssl
+import subprocess
+import time
+import urllib.request
+
+import pytest
+
+import wanted
+from browser_page import Page
+from hubodo.errors import InputError
+from hubodo.web.address import Address
+from hubodo.web.app import make_app
+from hubodo.web.config import Site
+from hubodo.web.library import Library
+from hubodo.web.server import serving
+from in_process import hubodo
+from waiting import until
+
+pytestmark = pytest.mark.real_time
+TOKEN = "correct-horse-battery"
+MODEL = """[vehicle]
+wheel_radius = 0.31
+track_width = 0.92
+[imu]
+gyro_noise = 0.004
+accel_noise = 0.05
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+[inputs]
+speed = "reference.speed"
+yaw_rate = "reference.yaw_rate"
+speed_noise = 0.0005
+yaw_rate_noise = 0.0002
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model, and a recording of what it does not know: a wheel that leans."""
+    made = tmp_path_factory.mktemp("rides")
+    (made / "model.toml").write_text(MODEL)
+    leaning = tmp_path_factory.mktemp("truth") / "leaning.toml"
+    leaning.write_text(MODEL + "[nodes.right.effects.wheel_camber]\nangle = 0.1\n")
+    done = hubodo("simulate", leaning, "--duration", 24, "-o", made / "ride.mcap")
+    assert done.code == 0, done.err
+    return made
+
+
+def test_with_the_token_gap_runs_on_a_click_with_progress_and_its_page_opens(folder, tmp_path):
+    site = Site(Address("127.0.0.1", 0), TOKEN)
+    with (
+        serving(make_app(site, Library(folder)), site) as port,
+        Page(f"http://127.0.0.1:{port}/", tmp_path / "profile") as page,
+    ):
+        page.open()
+        assert page.run("return location.pathname") == "/login"
+        assert page.ask("faintWords()") == []
+        page.keep("login")
+        page.run(f"document.getElementById('token').value = '{TOKEN}'; document.forms[0].submit()")
+        until(lambda: page.run("return document.querySelectorAll('.recording').length") == 1)
+        assert page.run("return document.getElementById('view-live').hidden")
+        page.run(
+            "[...document.querySelectorAll('.recording button')].find((b) => b.innerText === 'Gap').click()"
+        )
+        seen = set()
+        while not page.run("return document.querySelector('[data-made=gap], .wrong')"):
+            seen.add(page.run("return document.querySelector('.note [role=status]')?.innerText"))
+            time.sleep(0.1)
+        assert "round 1: every effect in every scope" in seen, page.run("return document.body.innerText")
+        said = page.run("return document.querySelector('.recording').innerText")
+        assert "explained: gap" in said and "wheel camber (right)" in said
+        assert page.console() == []
+        page.keep("gap")
+        page.open("pages/gap/ride.mcap")
+        assert "wheel leans" in page.run("return document.body.innerText")
+        until(lambda: page.run("return document.querySelectorAll('.main-svg').length") > 0)
+    assert (folder / "pages" / "ride.mcap" / "gap" / "gap.json").is_file()
+
+
+def test_with_a_certificate_it_is_served_over_https_alone(folder, tmp_path):
+    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    words = [
+        wanted.program("openssl"),
+        *["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"],
+    ]
+    words += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(cert)]
+    subprocess.run(words, check=True, capture_output=True)
+    site = Site(Address("127.0.0.1", 0), cert=cert, key=key)
+    with serving(make_app(site, Library(folder)), site) as port:
+        trusting = ssl.create_default_context(cafile=str(cert))
+        with urllib.request.urlopen(f"https://127.0.0.1:{port}/api/recordings", context=trusting) as answer:
+            assert b"ride.mcap" in answer.read()
+        with pytest.raises(OSError):
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/api/recordings")
+    cert.write_text("no certificate")
+    with pytest.raises(InputError, match="PEM"), serving(None, site):
+        pass

@@ -1,0 +1,249 @@
+"""A recording told to pages: what they see, what they may ask, and that none of them holds it up."""
+
+import asyncio
+import json
+import socket
+import threading
+from contextlib import ExitStack
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from fakes.fake_node import FakeNode
+from fakes.script import Script
+from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.mcap import read_recording
+from hubodo.log.summary import summarise
+from hubodo.vehicle import load_vehicle
+from hubodo.web.actions import Actions
+from hubodo.web.address import Address
+from hubodo.web.app import make_app
+from hubodo.web.asked import NotServed
+from hubodo.web.config import Site
+from hubodo.web.frames import east_north
+from hubodo.web.hub import HISTORY, Hub
+from hubodo.web.library import Library
+from hubodo.web.live_page import LivePage
+from hubodo.web.server import serving
+from hubodo.web.thin_path import ThinPath
+from hubowire.messages import BiasInit, Reason
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory):
+    """Eleven seconds of a drive with their frames; on the way a mark, a wish that is refused, a pause."""
+    folder, frames, computer = tmp_path_factory.mktemp("watched"), [], VirtualComputer()
+    (folder / "vehicle.toml").write_text(VEHICLE_TOML)
+    page = LivePage(frames.append)
+    actions = Actions(page)
+    Script(
+        computer,
+        (2.0, lambda: actions.do("mark", {"text": "a  bump\n"})),
+        (3.0, lambda: actions.do("bias", {"node": "left"})),
+        (5.0, lambda: actions.do("record", {"on": False})),
+        (7.0, lambda: actions.do("record", {"on": True})),
+    )
+    drive = short_drive(5)
+    nodes = {
+        name: FakeNode(
+            node_id=number,
+            rows=raw_rows(drive, name),
+            bias_q12=(100, 200, 300),
+            refuse=Reason.WHEEL_TURNS,
+            computer=computer,
+        )
+        for number, name in ((1, "left"), (2, "right"))
+    }
+    with nodes["left"] as left, nodes["right"] as right:
+        config = RecordConfig(ports=(left.path, right.path), duration=11.0)
+        vehicle = load_vehicle(folder / "vehicle.toml")
+        result = record(config, folder / "ride.mcap", vehicle=vehicle, computer=computer, audience=page)
+    return frames, result, nodes, folder
+
+
+def test_ten_frames_a_second_say_where_the_vehicle_is_and_how_its_wheels_turn(watched):
+    frames, result, _, _ = watched
+    assert len(frames) == pytest.approx(110, abs=2)
+    last = frames[-1]
+    assert last["o"][7] == pytest.approx(result.odometry["distance"], abs=0.1)
+    moving = [frame for frame in frames if frame["t"] > 4.0 and frame["t"] < 9.0]
+    for frame in moving:
+        speeds = [frame["n"][name][1] for name in ("left", "right")]
+        assert np.mean(speeds) == pytest.approx(frame["o"][3], abs=0.15)
+    assert json.dumps(frames, allow_nan=False)
+
+
+def test_once_a_second_they_say_how_nodes_links_log_and_disk_fare(watched):
+    slow = [frame["s"] for frame in watched[0] if "s" in frame]
+    assert len(slow) == pytest.approx(11, abs=1)
+    left = slow[-1]["nodes"]["left"]
+    assert (left["battery"], left["lost"], left["clock"]["source"]) == (3.7, 0, "two way")
+    assert left["rate"] == pytest.approx(208, abs=9)
+    assert left["bias"]["bias"][2] == pytest.approx(300 / 4096 * np.radians(0.07), abs=1e-6)
+    assert left["bias"]["sigma"][1] is None
+    assert all(0 < sigma < 0.2 for sigma in left["host_bias"]["sigma"])
+    assert slow[-1]["log"]["free"] > 0
+    assert slow[-1]["links"][left["link"]]["up"]
+
+
+def test_a_mark_and_a_wish_and_what_the_node_said_to_it_are_events_of_page_and_log(watched):
+    frames, _, nodes, folder = watched
+    told = [event for frame in frames for event in frame.get("e", ())]
+    recorded = read_recording(folder / "ride.mcap").events
+    for events in ([(e["kind"], e["text"]) for e in told], [(e.kind, e.text) for e in recorded]):
+        assert ("mark", "a bump") in events
+        assert ("request", "left: bias initialisation over 2000 samples: asked") in events
+        refused = next(text for kind, text in events if kind == "answer")
+        assert refused.startswith("left: bias initialisation over 2000 samples: refused: the wheel turns")
+    assert [m for m in nodes["left"].requests if isinstance(m, BiasInit)] == [BiasInit(2000)]
+    assert not [m for m in nodes["right"].requests if isinstance(m, BiasInit)]
+
+
+def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(watched):
+    frames, result, _, folder = watched
+    logs = sorted(folder.glob("*.mcap"), key=lambda path: len(path.name))
+    assert len(logs) == 2
+    spans = []
+    for path in logs:
+        summary = summarise(path)
+        assert summary.complete and not summary.gaps
+        recording = read_recording(path)
+        spans.append((recording.nodes["left"].t[0], recording.nodes["left"].t[-1]))
+        assert recording.metadata["node.left.serial"]
+    between = spans[1][0] + read_recording(logs[1]).t_zero_ns * 1e-9
+    between -= spans[0][1] + read_recording(logs[0]).t_zero_ns * 1e-9
+    assert between == pytest.approx(2.0, abs=0.7)
+    assert result.nodes["left"]["samples_lost"] == 0
+    messages = sum(stream.messages for path in logs for stream in summarise(path).streams)
+    assert messages == result.messages
+    states = [frame["s"]["log"]["recording"] for frame in frames if "s" in frame]
+    assert states[0] and not states[6] and states[-1]
+    assert max(np.diff([frame["t"] for frame in frames])) < 0.25
+
+
+@pytest.mark.parametrize(
+    ("action", "asked"),
+    [
+        ("bias", {"node": "left", "samples": 10}),
+        ("bias", {"samples": "many"}),
+        ("reboot", {}),
+        ("record", {}),
+    ],
+)
+def test_a_wish_that_makes_no_sense_is_refused(action, asked):
+    page = LivePage(lambda frame: None)
+    with pytest.raises(NotServed):
+        Actions(page).do(action, asked)
+
+
+def test_wishes_are_bounded_while_the_recording_is_busy():
+    page = LivePage(lambda frame: None)
+    for _ in range(16):
+        Actions(page).do("mark", {})
+    with pytest.raises(NotServed, match="too many"):
+        Actions(page).do("mark", {})
+
+
+def frame(k):
+    return {"t": k * 0.1, "n": {}, "o": [k, 0, 0, 0, 0, 0, 0, 0]}
+
+
+def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_then_what_comes():
+    async def run():
+        hub = Hub({"version": "1"})
+        hub.attach(asyncio.get_running_loop(), csrf="c")
+        for k in range(3 * HISTORY):
+            hub.put({**frame(k), "e": [{"text": str(k)}]})
+            if k % 50 == 0:
+                await asyncio.sleep(0)
+        await asyncio.sleep(0.01)
+        following = hub.follow()
+        first = json.loads(await anext(following))
+        hub.put(frame(5000))
+        then = json.loads(await anext(following))
+        await following.aclose()
+        return first, then
+
+    first, then = asyncio.run(run())
+    assert first["hello"]["csrf"] == "c"
+    assert len(first["history"]) == HISTORY
+    assert first["history"][-1]["o"][0] == 3 * HISTORY - 1
+    assert first["hello"]["trails"]["o"][0] == [0, 0]
+    assert len(first["hello"]["events"]) == 200
+    assert then["o"][0] == 5000
+
+
+def test_a_page_that_reads_slowly_begins_anew_instead_of_being_queued_for():
+    async def run():
+        hub = Hub({})
+        hub.attach(asyncio.get_running_loop())
+        following = hub.follow()
+        await anext(following)
+        for k in range(400):
+            hub.put(frame(k))
+            await asyncio.sleep(0)
+        behind = json.loads(await anext(following))
+        hub.put(frame(400))
+        after = json.loads(await anext(following))
+        await following.aclose()
+        return behind, after
+
+    behind, after = asyncio.run(run())
+    assert "hello" in behind and len(behind["history"]) == 400
+    assert after["o"][0] == 400
+
+
+def test_the_path_of_days_stays_small_and_keeps_its_ends():
+    trail = ThinPath()
+    for k in range(100_000):
+        trail.add(k * 0.05, 1.0)
+    assert 1000 <= len(trail.points) <= 2000
+    assert trail.points[0] == [0.0, 1.0]
+    assert trail.points[-1][0] > 4990
+
+
+def test_east_and_north_are_metres_on_the_ground():
+    x, y = east_north(47.401, 8.502, (47.4, 8.5))
+    assert (x, y) == (pytest.approx(151.0, abs=0.3), pytest.approx(111.2, abs=0.2))
+    assert east_north(0.0, -179.999, (0.0, 179.999))[0] == pytest.approx(222.6, abs=0.2)
+
+
+def test_a_browser_that_never_reads_keeps_neither_the_recording_nor_another_browser_waiting(tmp_path):
+    """What such a browser does not take stays in the buffers of its own socket, and is then let go."""
+    hub = Hub({"pad": "x" * 20_000})
+    site = Site(Address("127.0.0.1", 0))
+    frames = iter({**frame(k), "pad": "y" * 2000} for k in range(10**9))
+    with serving(make_app(site, Library(tmp_path), hub), site) as port:
+        deaf = socket.create_connection(("127.0.0.1", port))
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.sendall(
+            b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        )
+        assert b"101" in deaf.recv(12)
+        with connect(f"ws://127.0.0.1:{port}/live", max_size=None) as other:
+            other.recv(timeout=60)
+            for _ in range(100):
+                for _ in range(30):
+                    hub.put(next(frames))
+                seen = json.loads(other.recv(timeout=60))
+                assert seen
+            assert len(hub._incoming) <= hub._incoming.maxlen
+            assert len(hub._frames) <= HISTORY
+        deaf.close()
+
+
+def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own(tmp_path):
+    site = Site(Address("127.0.0.1", 0))
+    with ExitStack() as stack, serving(make_app(site, Library(tmp_path), Hub({})), site) as port:
+        taken = Site(Address("127.0.0.1", port))
+        with pytest.raises(Exception, match="cannot listen there"), serving(None, taken):
+            pass
+        stack.enter_context(connect(f"ws://127.0.0.1:{port}/live"))
+    with pytest.raises(OSError):
+        socket.create_connection(("127.0.0.1", port), timeout=2)
+    assert "hubodo web" not in {thread.name for thread in threading.enumerate()}
