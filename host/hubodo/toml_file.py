@@ -1,12 +1,10 @@
-"""TOML files: read to dataclasses with every key accounted for, written whole or not at all."""
+"""TOML files: read to dataclasses with every key accounted for, and the words of one."""
 
 from __future__ import annotations
 
 import difflib
 import math
-import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
@@ -14,7 +12,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from hubodo.errors import ConfigError, InputError
+from hubodo.errors import ConfigError
 
 _T = TypeVar("_T")
 
@@ -35,23 +33,6 @@ def toml_text(text: str) -> str:
 def toml_number(value: float) -> str:
     """A float with all its digits."""
     return repr(float(value))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file whole or not at all; an existing one is replaced. InputError without its folder."""
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist; create it first")
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def read_table(table: object, shape: type[_T], where: str) -> _T:

@@ -122,6 +122,9 @@ class Log:
             yield messages
 
     def _messages(self, place: ChunkPlace) -> Messages | None:
+        if place.offset in self.found.unbelievable:
+            self.found.note(place, f"chunk claims {place.size} bytes, more than such a file can hold")
+            return None
         try:
             messages = walk(load(self._fd, place))
         except DamagedChunk as error:
@@ -219,6 +222,16 @@ class Log:
                 streams[channel].topic, log_time, publish_time, sequence, channel, data[begin:stop]
             )
 
+    @property
+    def _unplaced(self) -> bool:
+        """Whether the whole fails its checksum, and nothing that was read tells why."""
+        return "data" in self.found.doubts and not self.found.damage
+
+    @property
+    def damaged(self) -> int:
+        """Places that could not be used or trusted; complete once the chunks were read."""
+        return len(self.found.damage) + self._unplaced + ("summary" in self.found.doubts)
+
     def warnings(self) -> tuple[str, ...]:
         """One line for each thing wrong with the file; complete once its chunks were read."""
         found, lines = self.found, []
@@ -232,6 +245,13 @@ class Log:
                 f"{found.path}: was not closed: {self.kept} messages are kept, {lost} bytes at the end are "
                 "lost; hubodo recover writes a whole one"
             )
+        if self._unplaced:
+            lines.append(
+                f"{found.path}: {found.doubts['data']}, and no part that was read is to blame: what stands "
+                "between the chunks is damaged; metadata such as t = 0 and names of topics may be wrong"
+            )
+        if "summary" in found.doubts:
+            lines.append(f"{found.path}: {found.doubts['summary']}; it is not used")
         return tuple(lines)
 
     def _place(self, damage: DamagedSpan) -> str:

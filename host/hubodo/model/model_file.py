@@ -22,9 +22,9 @@ from hubodo.toml_file import (
     toml_key,
     toml_number,
     toml_text,
-    write_whole,
 )
 from hubodo.vehicle import RANGES, NodeMount, Vehicle, vehicle_of
+from hubodo.whole_files import write_whole
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")

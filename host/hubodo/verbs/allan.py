@@ -30,6 +30,7 @@ from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
 from hubodo.verbs.log_options import LOG_HELP, log_form
 from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
@@ -161,7 +162,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
     # The page first: it does not need what the figure may lack.
     if args.report is not None:
-        args.report.write_text(allan_page(named, title, sheets), "utf-8")
+        write_whole(args.report, allan_page(named, title, sheets))
     if args.figure is not None:
         save(allan_figure(named, title, sheets), args.figure)
     return made

@@ -29,6 +29,7 @@ from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.whole_files import write_whole
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -150,7 +151,7 @@ def run(args: argparse.Namespace) -> CalibratedImu:
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."
-        args.report.write_text(page(f"Calibration of {args.node}", lead, imu_sections(result)), "utf-8")
+        write_whole(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
     return CalibratedImu(args.node, str(args.output), result)
 
 

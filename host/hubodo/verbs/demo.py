@@ -36,6 +36,7 @@ from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.fuse import score_against_truth
+from hubodo.whole_files import write_whole
 
 _START_NS = 1_767_225_600_000_000_000
 """Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""
@@ -190,12 +191,10 @@ def run(args: argparse.Namespace) -> Demo:
         f"({demo.score.final_percent:.2f} % of the path)."
     )
     facts = facts_grid(demo.facts())
-    demo.page.write_text(
-        demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS), "utf-8"
-    )
+    write_whole(demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS))
     made = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
-    demo.report.write_text(made.html, "utf-8")
-    (out / "demo.json").write_text(_kept(demo, out), "utf-8")
+    write_whole(demo.report, made.html)
+    write_whole(out / "demo.json", _kept(demo, out))
     return demo
 
 

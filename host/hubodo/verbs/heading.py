@@ -28,6 +28,7 @@ from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
 from hubodo.verbs.standstill import CHANNELS, read_node, temperature_of
+from hubodo.whole_files import whole_files, write_whole
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
@@ -125,10 +126,11 @@ def run(args: argparse.Namespace) -> HeadingTaken:
     if args.output is not None:
         track = report.track
         columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
-        write_table(args.output, Table(columns))
+        with whole_files(args.output) as (part,):
+            write_table(part, Table(columns))
     title = f"Heading of {node} {args.axis}"
     if args.report is not None:
-        args.report.write_text(page(title, heading_lead(report), heading_sections(report)), "utf-8")
+        write_whole(args.report, page(title, heading_lead(report), heading_sections(report)))
     if args.figure is not None:
         heading_figure(report, args.figure, title)
     return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)

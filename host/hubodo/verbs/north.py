@@ -33,6 +33,7 @@ from hubodo.verbs.log_options import add_log_options, check_units, log_form
 from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
@@ -141,7 +142,7 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
         azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
     if args.report is not None:
         lead = north_lead(azimuth, sigma)
-        args.report.write_text(page("North", lead, north_sections(gyros, warnings)), "utf-8")
+        write_whole(args.report, page("North", lead, north_sections(gyros, warnings)))
     if args.figure is not None:
         save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return FoundNorth(

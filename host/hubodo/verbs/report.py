@@ -20,6 +20,7 @@ from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -96,5 +97,5 @@ def run(args: argparse.Namespace) -> Reported:
             calibration_from=where,
             gravity=args.gravity,
         )
-    args.output.write_text(made.html, "utf-8")
+    write_whole(args.output, made.html)
     return Reported(str(args.log), str(args.output), args.output.stat().st_size, made.facts, made.missing)

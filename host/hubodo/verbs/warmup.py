@@ -37,6 +37,7 @@ from hubodo.report.warmup_figure import warmup_figure
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
 
@@ -137,7 +138,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
     title = f"Warm-up of {data.node} {data.channel}"
     if args.report is not None:
         sections = warmup_sections(report, data.node)
-        args.report.write_text(page(title, warmup_lead(report), sections), "utf-8")
+        write_whole(args.report, page(title, warmup_lead(report), sections))
     if args.figure is not None:
         save(warmup_figure(report, title), args.figure)
     output = None if args.output is None else str(args.output)
