@@ -65,7 +65,7 @@ def test_each_turned_byte_is_noticed(compression: str, step: int, tmp_path: Path
         assert warnings, f"byte {at} of {len(data)} is not noticed, seed {seed}"
         assert found[0] in ({}, truth[0]), f"byte {at}: a damaged attachment is given out, seed {seed}"
         harmless += found == truth
-    print(f"{len(data[::step])} of {len(data)} bytes: all noticed; {harmless} of them change nothing that is read")
+    print(f"{len(data[::step])} of {len(data)} bytes: all noticed; {harmless} change nothing read")
 
 
 def test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs(tmp_path: Path) -> None:

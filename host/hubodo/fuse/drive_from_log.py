@@ -8,6 +8,7 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
 from hubodo.model.inputs import Inputs
+from hubodo.one_record import check_one_record
 from hubodo.recording import Recording, Table
 from hubodo.smooth import smooth, through
 
@@ -55,4 +56,5 @@ def _enough(table: Table | None, name: str, where: str) -> Table:
         raise InputError(
             f"{where}: has {count} of the {_FEWEST} rows of {name} that a drive needs; name another log"
         )
+    check_one_record(table.t, f"{where}: {name}")
     return table

@@ -29,6 +29,7 @@ from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
 from hubodo.verbs.log_options import LOG_HELP, log_form
+from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
 from hubodo.whole_files import write_whole
 
@@ -128,7 +129,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"lay a data sheet beside it: a file, or one of {', '.join(CHIPS)} (repeatable)",
     )
     parser.add_argument(
-        "--turn", type=float, default=2.0, help="s from stop to stop of a maytag table (default 2)"
+        "--turn", type=positive, default=2.0, help="s from stop to stop of a maytag table (default 2)"
     )
     parser.add_argument(
         "--per-octave",
@@ -146,8 +147,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Characterised | Compared:
     """Read, check, characterise; write page and figure where asked."""
-    if not args.turn > 0:
-        raise InputError(f"--turn {args.turn} must be a positive time in s")
     channels = _channels(args.channel)
     sheets = tuple(read_datasheet(name) for name in args.datasheet)
     args.channel = channels[0]

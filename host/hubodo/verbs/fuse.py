@@ -21,6 +21,7 @@ from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
+from hubodo.verbs.numbers import number
 from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
@@ -107,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--antenna",
         nargs=2,
-        type=float,
+        type=number(),
         metavar=("X", "Y"),
         help="m of the GNSS antenna forward and left of midway between the wheels ([vehicle] antenna)",
     )

@@ -14,6 +14,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.ingest.live.status import RecordResult
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.numbers import baud, positive
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -45,15 +46,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--baud",
-        type=int,
+        type=baud,
         help=f"of the nodes' serial ports (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 on its USB "
         f"converter; USB of a Pico does not care)",
     )
-    parser.add_argument("--gnss-baud", type=int, help="of the receiver's serial port (default 9600)")
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--gnss-baud", type=baud, help="of the receiver's serial port (default 9600)")
+    parser.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
     parser.add_argument(
         "--time-scale",
-        type=float,
+        type=positive,
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
