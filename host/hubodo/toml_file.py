@@ -15,6 +15,10 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 from hubodo.errors import ConfigError
 
 _T = TypeVar("_T")
+_DEEPEST = 20
+
+LARGEST = 1e12
+"""In SI units, of whatever: beyond it nothing was meant."""
 
 
 def toml_key(name: str) -> str:
@@ -97,9 +101,29 @@ def load_toml(path: Path) -> dict[str, Any]:
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
     """The document in a text; path: where it stood. Raises ConfigError when it is not TOML."""
     try:
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
+    except (ValueError, RecursionError):
+        # A number of thousands of digits, a list within lists within lists.
+        raise ConfigError(f"{path}: not TOML that means anything: too long or too deep a value") from None
+    _check_size(document, path)
+    return document
+
+
+def _check_size(document: dict[str, Any], path: Path) -> None:
+    """Raises ConfigError for a whole number beyond the 64 bits of TOML, and for tables without end."""
+    waiting: list[tuple[str, object, int]] = [("", document, 0)]
+    while waiting:
+        name, value, depth = waiting.pop()
+        if depth > _DEEPEST:
+            raise ConfigError(f"{path}: {name[:40]}...: a table within {depth} others; write it flatter")
+        if isinstance(value, dict):
+            waiting += [(f"{name}.{key}".removeprefix("."), inner, depth + 1) for key, inner in value.items()]
+        elif isinstance(value, list):
+            waiting += [(name, inner, depth + 1) for inner in value]
+        elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
+            raise ConfigError(f"{path}: {name}: a whole number beyond 64 bits; write a smaller one")
 
 
 def as_table(value: object, where: str) -> dict[str, Any]:
@@ -118,9 +142,14 @@ def only_keys(table: object, known: Iterable[str], where: str) -> None:
 
 
 def above_zero(value: float, where: str) -> None:
-    """Raises ConfigError for a number that is not finite or not above 0. where: file, table and key."""
+    """Raises ConfigError for a number that is not above 0, or that nothing is: its square must be a number.
+
+    where: file, table and key.
+    """
     if not (math.isfinite(value) and value > 0.0):
         raise ConfigError(f"{where} = {value}: must be a finite number above 0")
+    if not 1.0 / LARGEST <= value <= LARGEST:
+        raise ConfigError(f"{where} = {value}: must be from {1.0 / LARGEST:g} to {LARGEST:g}")
 
 
 def near(word: str, known: Iterable[str]) -> str:

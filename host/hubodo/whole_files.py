@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -41,7 +42,7 @@ def whole_files(*paths: Path, make_folder: bool = False) -> Iterator[list[Path]]
     except BaseException as error:
         for part, path in beside.items():
             if part != path:
-                part.unlink(missing_ok=True)
+                _remove(part)
         for folder in made:
             with suppress(OSError):
                 folder.rmdir()
@@ -63,13 +64,42 @@ def whole_new_file(path: Path) -> Iterator[Path]:
             raise named from error
         raise
     finally:
-        part.unlink(missing_ok=True)
+        _remove(part)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill that becomes `folder` when the block ends well, else it is removed.
+
+    Raises InputError where there is something in it already, OSError that names it.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            f"{folder}: exists already and is not empty; choose another folder, nothing is overwritten"
+        )
+    if not folder.absolute().parent.is_dir():
+        raise InputError(f"{folder}: its parent folder does not exist; create it first")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        part.mkdir()
+        yield part
+        part.rename(folder)
+    except BaseException as error:
+        shutil.rmtree(part, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno is not None:
+            raise OSError(error.errno, error.strerror, str(folder)) from error
+        raise
 
 
 def write_whole(path: Path, text: str) -> None:
     """Write a text as UTF-8; an existing file is replaced. Raises as `whole_files` does."""
     with whole_files(path) as (part,):
         part.write_text(text, "utf-8")
+
+
+def _remove(part: Path) -> None:
+    with suppress(OSError):
+        part.unlink()
 
 
 def _beside(path: Path) -> Path:

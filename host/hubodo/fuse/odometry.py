@@ -238,7 +238,7 @@ class DifferentialOdometry:
 def integrate(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
     """All poses of recorded wheels, the same as if the samples had come live. InputError for a wild time."""
     for wheel in wheels:
-        check_one_record(wheel.t_ns * 1e-9, f"{wheel.side} wheel", _LONGEST)
+        check_one_record(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _LONGEST)
     odometry = DifferentialOdometry(config)
     states: list[OdometryState] = []
     for part in _second_by_second(wheels):

@@ -68,9 +68,9 @@ def write_recording(
             )
     metadata = {key: text for key, text in recording.metadata.items() if not key.startswith("hubodo.")}
     with (
-        whole_new_file(path) as part,
+        whole_new_file(path) as beside,
         McapLog(
-            part, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
+            beside, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
         ) as log,
     ):
         files = {name: json.dumps(list(table)) for name, table in recording.files().items()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import os
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -55,6 +55,8 @@ class Log:
         self.kept = 0
         """Messages met so far by `chunks()`."""
         self._position = 0
+        self._impossible: dict[int, int] = {}
+        """Messages beyond the times of the format, by the offset of their chunk."""
 
     @property
     def path(self) -> Path:
@@ -133,6 +135,10 @@ class Log:
         self.found.learn(messages.definitions)
         if not messages.whole:
             self.found.note(place, "chunk ends in nonsense")
+        possible = (messages.heads["log_time"] >= 0) & (messages.heads["publish_time"] >= 0)
+        if not possible.all():
+            self._impossible[place.offset] = int(np.count_nonzero(~possible))
+            messages = replace(messages, places=messages.places[possible], heads=messages.heads[possible])
         return messages
 
     def _cut_messages(self, place: ChunkPlace) -> Messages:
@@ -250,6 +256,9 @@ class Log:
                 f"{found.path}: {found.doubts['data']}, and no part that was read is to blame: what stands "
                 "between the chunks is damaged; metadata such as t = 0 and names of topics may be wrong"
             )
+        if self._impossible:
+            count = sum(self._impossible.values())
+            lines.append(f"{found.path}: {count} messages have times beyond the year 2262; they are left out")
         if "summary" in found.doubts:
             lines.append(f"{found.path}: {found.doubts['summary']}; it is not used")
         return tuple(lines)

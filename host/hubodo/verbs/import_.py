@@ -114,7 +114,7 @@ def run(args: argparse.Namespace) -> Imported | Decoded:
         if args.source.is_dir() and not is_rosbag2(args.source):
             recording = in_si(read_folder(args.source, repair=args.repair, progress=show), form)
         else:
-            recording = read_log(args.source, form=form, progress=show)
+            recording = read_log(args.source, form=form, progress=show, keep_empty=True)
         _check_whole(args.source, recording)
         messages = write_recording(recording, args.output, progress=show)
     return Imported(

@@ -160,7 +160,7 @@ def _events(s: Summary, say: Any) -> None:
 def _filter_json(row: Mapping[str, float]) -> dict[str, Any]:
     whole = ("state", "samples", "saturations")
     return {
-        name: None if math.isnan(value) else int(value) if name in whole else value
+        name: None if not math.isfinite(value) else int(value) if name in whole else value
         for name, value in row.items()
     }
 

@@ -67,16 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--near-deg", type=number(), help="about where table zero points; decides between two answers")
     add("--settle", type=not_negative, help="s cut at both ends of each stop (default: found from the data)")
     add("--calibration", type=Path, metavar="TOML", help="all that is known of the nodes' errors")
-    found = parser.add_argument_group("stops and angles from the gyro, where there is no table.csv")
-    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
-    found.add_argument(
-        "--step-deg", type=number(1.0, 180.0), help="the table stops at multiples of this only"
-    )
-    found.add_argument(
-        "--scale-sigma",
-        type=number(high=0.2, above=0.0),
-        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
-    )
+    _add_found(parser.add_argument_group("stops and angles from the gyro, where there is no table.csv"))
     _add_live(parser.add_argument_group("live, instead of a LOG"))
     noise = parser.add_argument_group("the gyro's noise and what it allows")
     noise.add_argument(
@@ -109,6 +100,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trial.add_argument("--stop", type=positive, default=34.0, help="s, simulated and live stops (default 34)")
     trial.add_argument(
         "--stops", type=whole(1, 1_000_000), default=20, help="how many, simulated or live (default 20)"
+    )
+
+
+def _add_found(found: argparse._ArgumentGroup) -> None:
+    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
+    found.add_argument(
+        "--step-deg", type=number(1.0, 180.0), help="the table stops at multiples of this only"
+    )
+    found.add_argument(
+        "--scale-sigma",
+        type=number(high=0.2, above=0.0),
+        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
     )
 
 

@@ -6,8 +6,7 @@ import argparse
 import math
 from collections.abc import Callable
 
-LARGEST = 1e12
-"""In the unit of any option; what is beyond was not meant, and its square may be infinite."""
+from hubodo.toml_file import LARGEST
 
 
 def number(
@@ -25,7 +24,7 @@ def number(
             value = float(text)
         except ValueError:
             value = math.nan
-        if not low <= value <= high or (above is not None and value <= above):
+        if not low <= value <= high or (above is not None and value < above + 1.0 / LARGEST):
             raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {words}".rstrip())
         return value
 

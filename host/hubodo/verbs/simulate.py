@@ -124,6 +124,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with two temperatures: the time constant of a warm-up",
     )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
+    _add_bench(parser)
+    parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
+    add_board_arguments(parser, " of --virtual-node")
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    """What a turntable or poses take."""
     parser.add_argument(
         "--latitude-deg", type=latitude, metavar="L", help="let the Earth turn under the bench"
     )
@@ -147,8 +154,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--turn", type=number(0.1, _LONGEST), default=2.0, help="s that it turns (default: 2)"
     )
-    parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
-    add_board_arguments(parser, " of --virtual-node")
 
 
 def run(args: argparse.Namespace) -> Simulated:

@@ -32,7 +32,7 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
     Raises InputError when the log lacks what the model needs, is shorter than 20 s, has no node of the model,
     or cannot belong to it.
     """
-    names = [name for name in model.vehicle.nodes if name in recording.nodes]
+    names = [name for name in model.vehicle.nodes if len(recording.nodes.get(name, ()))]
     if not names:
         raise InputError(
             f"{where}: has none of the model's nodes ({', '.join(model.vehicle.nodes) or 'it names none'}); "
