@@ -70,7 +70,7 @@ def test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed():
             line.says(one.says_hello() + other.says_hello())
     node = next(iter(line.recorder.nodes.values()))
     assert node.decoder.counts.frames_unread == 60
-    assert sum("serial" in notice for notice in line.recorder.notices) == 1
+    assert sum("serial" in notice.text for notice in line.recorder.notices) == 1
     for _ in range(5):
         line.says(one.says_hello(), seconds=5.0)  # the other was taken away
     line.says(one.batch())
@@ -104,7 +104,7 @@ def test_silence_after_frames_is_no_stranger_and_another_baud_rate_is():
     assert line.link().foreign is None and line.recorder.verdict() is None
     assert line.recorder.notices == []
     line.waits(2.0)
-    assert ["nothing has come for 5 s" in notice for notice in line.recorder.notices] == [True]
+    assert ["nothing has come for 5 s" in notice.text for notice in line.recorder.notices] == [True]
     rng = random.Random(3)
     for _ in range(40):
         line.says(bytes(rng.choice((0x80, 0xF8, 0x00, 0xE6, 0x98)) for _ in range(80)), seconds=0.1)
