@@ -9,9 +9,11 @@ from dataclasses import replace
 import pytest
 
 from faults.line import BATCH, HELLO, Line, Node, S
+from hubodo.ingest.link.down import LinkDown
 from hubodo.ingest.link.link import Chunk
 from hubodo.ingest.link.ports import Finder, parse_port
-from hubodo.ingest.link.transport import LinkDown, SerialTransport, open_transport
+from hubodo.ingest.link.serial_port import SerialTransport
+from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.gaps import LINK_DOWN
 
 
@@ -215,7 +217,7 @@ def test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how(port, a
         raise answer
 
     with monkeypatch.context() as patch:
-        patch.setattr("hubodo.ingest.link.transport.os.read", read)
+        patch.setattr("hubodo.ingest.link.serial_port.os.read", read)
         with pytest.raises(LinkDown, match=says):
             transport.read(1.0)
     os.close(master)

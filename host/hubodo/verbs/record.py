@@ -59,12 +59,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for emulated nodes: a second of the log takes N seconds",
     )
     parser.add_argument(
-        "--rotate-after", type=float, metavar="S", help="begin another log after so many seconds"
+        "--rotate-after", type=positive, metavar="S", help="begin another log after so many seconds"
     )
-    parser.add_argument("--rotate-at-mb", type=float, metavar="MB", help="begin another log at this size")
+    parser.add_argument("--rotate-at-mb", type=positive, metavar="MB", help="begin another log at this size")
     parser.add_argument(
         "--disk-budget-mb",
-        type=float,
+        type=positive,
         metavar="MB",
         help="of all logs of this name; the oldest go first (default: none is ever removed)",
     )
