@@ -36,9 +36,13 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
 def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
 
-    Raises InputError when the log has none, or fewer than 20.
+    Raises InputError when the log has none, or fewer than 20 that are a place on Earth.
     """
     table = _enough(recording.gnss, "gnss", where)
+    on_earth = np.abs(table["latitude_deg"]) <= 90.0
+    if not on_earth.all():
+        rows = {name: values[on_earth] for name, values in table.columns.items()}
+        table = _enough(Table(rows), "gnss", where)
     latitude, longitude = table["latitude_deg"], table["longitude_deg"]
     frame = local_frame(float(np.median(latitude)), float(np.median(longitude)))
     t = table.t - table.t[0]

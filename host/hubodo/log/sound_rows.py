@@ -39,7 +39,6 @@ def sound_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[st
 
 _LARGEST = 1e12
 """In any unit of a table: no sensor and no place reads more, and the square of what does may be infinite."""
-_LIMITS = {"latitude_deg": 90.0, "longitude_deg": 360.0}
 
 
 def believable_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
@@ -50,7 +49,7 @@ def believable_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], li
         wild = np.zeros(len(table), bool)
         for column in known:
             if column in table and column != "t":
-                wild |= np.abs(table[column]) > _LIMITS.get(column, _LARGEST)
+                wild |= np.abs(table[column]) > _LARGEST
         kept[name] = table
         if wild.any():
             first, count = float(table.t[np.argmax(wild)]), int(np.count_nonzero(wild))
