@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants browser setup clean
+.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load browser setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -73,6 +73,16 @@ gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelch
 
 mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; about an hour
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
+
+faults: setup        ## the table of faults, each done and judged, two hundred kills among them; some three minutes
+	$(BIN)/python tests/faults/faults.py --kills 200
+
+SECONDS ?= 600
+fuzz: setup          ## logs, CSV, TOML, streams, NMEA, options made from chance, SECONDS each (600)
+	$(BIN)/python tests/fuzz/fuzz.py --seconds $(SECONDS)
+
+load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
+	$(BIN)/python tests/load/load.py
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true

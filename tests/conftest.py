@@ -18,6 +18,10 @@ settings.register_profile(
 settings.load_profile("hubodo")
 
 
+def pytest_addoption(parser):
+    parser.addoption("--kills", type=int, default=10, help="how many recorders faults/test_kill.py kills")
+
+
 def pytest_collection_modifyitems(items):
     def place(item):
         long = [index for index, name in enumerate(LONGEST) if item.path.is_relative_to(HERE / name)]

@@ -113,6 +113,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)
+    except MemoryError:
+        text = "not enough memory for all of it; give a part, or close other programs"
+        return _fail(args, text, EXIT_FAILED)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback for users
         text = f"{type(error).__name__}: {error}; this is a defect of hubodo, please report it with --debug"
         return _fail(args, text, EXIT_FAILED)

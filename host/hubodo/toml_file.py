@@ -1,12 +1,10 @@
-"""TOML files: read to dataclasses with every key accounted for, written whole or not at all."""
+"""TOML files: read to dataclasses with every key accounted for, and the words of one."""
 
 from __future__ import annotations
 
 import difflib
 import math
-import os
 import re
-import tempfile
 import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
@@ -14,9 +12,13 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from hubodo.errors import ConfigError, InputError
+from hubodo.errors import ConfigError
 
 _T = TypeVar("_T")
+_DEEPEST = 20
+
+LARGEST = 1e12
+"""In SI units, of whatever: beyond it nothing was meant."""
 
 
 def toml_key(name: str) -> str:
@@ -35,23 +37,6 @@ def toml_text(text: str) -> str:
 def toml_number(value: float) -> str:
     """A float with all its digits."""
     return repr(float(value))
-
-
-def write_whole(path: Path, text: str) -> None:
-    """Write a file whole or not at all; an existing one is replaced. InputError without its folder."""
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist; create it first")
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.absolute().parent)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def read_table(table: object, shape: type[_T], where: str) -> _T:
@@ -116,9 +101,29 @@ def load_toml(path: Path) -> dict[str, Any]:
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
     """The document in a text; path: where it stood. Raises ConfigError when it is not TOML."""
     try:
-        return tomllib.loads(text)
+        document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
+    except (ValueError, RecursionError):
+        # A number of thousands of digits, a list within lists within lists.
+        raise ConfigError(f"{path}: not TOML that means anything: too long or too deep a value") from None
+    _check_size(document, path)
+    return document
+
+
+def _check_size(document: dict[str, Any], path: Path) -> None:
+    """Raises ConfigError for a whole number beyond the 64 bits of TOML, and for tables without end."""
+    waiting: list[tuple[str, object, int]] = [("", document, 0)]
+    while waiting:
+        name, value, depth = waiting.pop()
+        if depth > _DEEPEST:
+            raise ConfigError(f"{path}: {name[:40]}...: a table within {depth} others; write it flatter")
+        if isinstance(value, dict):
+            waiting += [(f"{name}.{key}".removeprefix("."), inner, depth + 1) for key, inner in value.items()]
+        elif isinstance(value, list):
+            waiting += [(name, inner, depth + 1) for inner in value]
+        elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
+            raise ConfigError(f"{path}: {name}: a whole number beyond 64 bits; write a smaller one")
 
 
 def as_table(value: object, where: str) -> dict[str, Any]:
@@ -137,9 +142,14 @@ def only_keys(table: object, known: Iterable[str], where: str) -> None:
 
 
 def above_zero(value: float, where: str) -> None:
-    """Raises ConfigError for a number that is not finite or not above 0. where: file, table and key."""
+    """Raises ConfigError for a number that is not above 0, or that nothing is: its square must be a number.
+
+    where: file, table and key.
+    """
     if not (math.isfinite(value) and value > 0.0):
         raise ConfigError(f"{where} = {value}: must be a finite number above 0")
+    if not 1.0 / LARGEST <= value <= LARGEST:
+        raise ConfigError(f"{where} = {value}: must be from {1.0 / LARGEST:g} to {LARGEST:g}")
 
 
 def near(word: str, known: Iterable[str]) -> str:

@@ -1,12 +1,14 @@
 """One spelling of options in every `--help`, both spellings on the command line."""
 
+import argparse
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from hubodo.cli import main
+from hubodo.cli import build_parser, main
 from hubodo.verbs import VERBS
 
 
@@ -54,3 +56,16 @@ def test_json_is_taken_before_and_behind_the_kind_of_calibration(words, tmp_path
     log = str(tmp_path / "none")
     assert main([*words, log, "--node", "frame", "-o", str(tmp_path / "c.toml")]) == 2
     assert "unrecognized" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [[verb] for verb in VERBS if verb != "calibrate"])
+def test_no_option_that_takes_a_number_takes_nan_or_infinity(words):
+    """The parser's own table: what is no number, or none that can be meant, is no value of any option."""
+    parser = build_parser(words)
+    command = next(a for a in parser._actions if a.dest == "verb").choices[words[0]]
+    for action in command._actions:
+        if action.type is None or action.type is Path:
+            continue
+        for text in ("nan", "inf", "-inf", "1e308", "x", ""):
+            with pytest.raises((argparse.ArgumentTypeError, ValueError)):
+                action.type(text)

@@ -120,7 +120,7 @@ def test_several_sensors_make_one_table_one_figure_and_one_page_with_a_data_shee
         (("--channel", "gz,ax"), "gyro and accelerometer share no unit"),
         (("--channel", "wz"), "choose from gx"),
         (("--channel", "gx"), "has no gx; say --channel with gz"),
-        (("--rate", "0"), "give samples per second, above 0"),
+        (("--rate", "0"), "--rate: 0: write a number above 0"),
         (("--unit", "deg/s"), "at most one for the gyro"),
     ],
 )

@@ -199,9 +199,12 @@ def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--duration", "1"], "--duration 1: use 5"),
-        (["--rate", "0.1"], "--rate 0.1: use 1"),
-        (["--seed", "-1"], "0 or more"),
+        (["--duration", "1"], "--duration: 1: write a number from 5"),
+        (["--rate", "0.1"], "--rate: 0.1: write a number from 1"),
+        (["--seed", "-1"], "whole number from 0"),
+        (["--rate", "0"], "--rate: 0: write"),
+        (["--temperature", "1", "2", "--settle", "0"], "--settle: 0: write"),
+        (["--drive", "turntable", "--angles-deg", "nan"], "--angles-deg: nan: write"),
         (["--drive", "reference"], "needs --from LOG"),
         (["--from", "x.mcap"], "goes with reference or gnss"),
         (["--drive", "gnss", "--from", "nope.mcap"], "nope.mcap"),

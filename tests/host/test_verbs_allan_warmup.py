@@ -135,7 +135,7 @@ def test_warmup_writes_a_figure_and_a_page_below_a_megabyte_and_forecasts_where_
     assert len(text) < 1_000_000 and "What to do" in text and "residual" in text and "<svg" in text
     assert figure.read_text("utf-8").lstrip().startswith("<?xml")
     assert main(["warmup", str(cold), "--at", "-1"]) == 2
-    assert "--at -1.0" in capsys.readouterr().err
+    assert "--at: -1: write a number from 0 on" in capsys.readouterr().err
 
 
 def test_axes_share_a_time_constant_and_a_simpler_model_takes_the_older_out(cold, tmp_path, capsys):

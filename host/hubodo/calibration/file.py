@@ -40,8 +40,8 @@ from hubodo.toml_file import (
     toml_key,
     toml_number,
     toml_text,
-    write_whole,
 )
+from hubodo.whole_files import write_whole
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,9 @@ Follows = Literal["age", "temperature"]
 REFERENCE_CELSIUS = 25.0
 """Temperature at which nothing that follows the temperature adds anything."""
 
+_LARGEST = 1e12
+"""In the unit of any parameter: beyond it nothing was meant, and its square may be infinite."""
+
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
@@ -174,8 +177,9 @@ class Effect:
         # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
         if about["positive"] and (value < 0.0 or (value == 0.0 and cls.default(parameter) != 0.0)):
             return "must be above 0"
-        if abs(value) > about["within"]:
-            return f"must lie within ±{about['within']:g}"
+        within = min(about["within"], _LARGEST)
+        if abs(value) > within:
+            return f"must lie within ±{within:g}"
         return ""
 
     @classmethod

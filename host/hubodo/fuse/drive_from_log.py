@@ -8,6 +8,7 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
 from hubodo.model.inputs import Inputs
+from hubodo.one_record import check_one_record
 from hubodo.recording import Recording, Table
 from hubodo.smooth import smooth, through
 
@@ -35,9 +36,13 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
 def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
 
-    Raises InputError when the log has none, or fewer than 20.
+    Raises InputError when the log has none, or fewer than 20 that are a place on Earth.
     """
     table = _enough(recording.gnss, "gnss", where)
+    on_earth = np.abs(table["latitude_deg"]) <= 90.0
+    if not on_earth.all():
+        rows = {name: values[on_earth] for name, values in table.columns.items()}
+        table = _enough(Table(rows), "gnss", where)
     latitude, longitude = table["latitude_deg"], table["longitude_deg"]
     frame = local_frame(float(np.median(latitude)), float(np.median(longitude)))
     t = table.t - table.t[0]
@@ -55,4 +60,5 @@ def _enough(table: Table | None, name: str, where: str) -> Table:
         raise InputError(
             f"{where}: has {count} of the {_FEWEST} rows of {name} that a drive needs; name another log"
         )
+    check_one_record(table.t, f"{where}: {name}")
     return table

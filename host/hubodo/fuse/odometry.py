@@ -10,9 +10,12 @@ from enum import Enum
 import numpy as np
 
 from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, WheelSamples, WheelSpec
+from hubodo.one_record import check_one_record
 from hubodo.vehicle import Side
 
 _PORTION_NS = 1_000_000_000
+_LONGEST = 20_000.0
+"""s; over a pause poses go on as evenly as elsewhere, and more of them do not fit into memory."""
 """ns of each wheel that are handled in turn."""
 
 
@@ -233,7 +236,9 @@ class DifferentialOdometry:
 
 
 def integrate(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
-    """All poses of recorded wheels, the same as if the samples had come live."""
+    """All poses of recorded wheels, the same as if the samples had come live. InputError for a wild time."""
+    for wheel in wheels:
+        check_one_record(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _LONGEST)
     odometry = DifferentialOdometry(config)
     states: list[OdometryState] = []
     for part in _second_by_second(wheels):

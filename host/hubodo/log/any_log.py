@@ -5,7 +5,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from hubodo.errors import InputError
 from hubodo.log.convert import write_recording
@@ -13,17 +15,37 @@ from hubodo.log.csv_folder import Progress, read_folder
 from hubodo.log.foreign import LogForm, in_si, read_number_file, read_rosbag
 from hubodo.log.mcap import read_recording
 from hubodo.log.number_file import kind_of
-from hubodo.recording import Recording
+from hubodo.log.sound_rows import believable_tables
+from hubodo.recording import RESERVED, Recording
 
 _ROSBAG2 = "metadata.yaml"
 _AS_IT_IS = LogForm()
 
 
-def read_log(path: Path, *, form: LogForm = _AS_IT_IS, progress: Progress | None = None) -> Recording:
+def read_log(
+    path: Path, *, form: LogForm = _AS_IT_IS, progress: Progress | None = None, keep_empty: bool = False
+) -> Recording:
     """Read a whole log. form: what the user says of it, for what it does not say itself.
 
-    Raises LogError or InputError as `read_recording`, `read_folder`, `read_number_file` and `read_rosbag` do.
+    keep_empty: all as it stands; else tables without a row and rows that nothing can have measured are left
+    out and told. Raises LogError or InputError as
+    `read_recording`, `read_folder`, `read_number_file` and `read_rosbag` do.
     """
+    recording = _read(path, form, progress)
+    if keep_empty:
+        return recording
+    tables, said = believable_tables(recording.files())
+    kept = {name: table for name, table in tables.items() if len(table)}
+    said += [f"nothing in {name}; left out" for name in tables if name not in kept]
+    if not said:
+        return recording
+    special: dict[str, Any] = {name: kept.get(name) for name in RESERVED}
+    nodes = {name: kept[name] for name in recording.nodes if name in kept}
+    warnings = (*recording.warnings, *(f"{path}: {line}" for line in said))
+    return replace(recording, nodes=nodes, warnings=warnings, **special)
+
+
+def _read(path: Path, form: LogForm, progress: Progress | None) -> Recording:
     file = mcap_file(path)
     if file is not None:
         return in_si(read_recording(file, progress=progress), form)
@@ -42,7 +64,7 @@ def as_mcap(path: Path, form: LogForm = _AS_IT_IS) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="hubodo-") as folder:
         made = Path(folder) / f"{path.absolute().name}.mcap"
-        write_recording(read_log(path, form=form), made)
+        write_recording(read_log(path, form=form, keep_empty=True), made)
         yield made
 
 

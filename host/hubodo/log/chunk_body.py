@@ -18,7 +18,16 @@ from hubodo.log.descriptor import pread
 
 MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
+_ROOM, _RATIO = 1 << 26, 256
 _HEAD = struct.Struct("<BQ")
+
+
+def room_of(size: int) -> int:
+    """Bytes that the chunks of a file of so many may hold together; damage and malice claim more.
+
+    Messages have heads that differ, so no recording gets smaller than its 256th part.
+    """
+    return _ROOM + _RATIO * size
 
 
 @dataclass(frozen=True)
@@ -63,7 +72,7 @@ def load(fd: int, place: ChunkPlace) -> bytes:
 def load_cut(fd: int, place: ChunkPlace) -> bytes:
     """What still decompresses of a chunk that the file's end cut off; may be empty, fails no checksum."""
     data = pread(fd, min(place.data_size, MAX_CHUNK), place.data_offset)
-    bound = min(place.size, MAX_CHUNK)
+    bound = min(place.size, MAX_CHUNK, room_of(len(data)))
     try:
         if place.compression == "zstd":
             data = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)).read(bound)
@@ -120,7 +129,7 @@ def walk(data: bytes) -> Messages:
     """Find the messages among a chunk's records; stops where they make no sense."""
     parts: list[NDArray[np.int64]] = []
     single: list[int] = []
-    definitions: list[tuple[int, bytes]] = []
+    definitions: dict[tuple[int, bytes], bytes] = {}
     position, end, run, last = 0, len(data), 0, -1
     unpack = _HEAD.unpack_from
     while position + _HEAD.size <= end:
@@ -139,12 +148,12 @@ def walk(data: bytes) -> Messages:
                 single, run = [], 0
                 after += count * stride
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            definitions.append((opcode, data[position + _HEAD.size : after]))
+            start = position + _HEAD.size
+            definitions.setdefault((opcode, data[start : start + 2]), data[start:after])
         position = after
     places = np.concatenate([*parts, np.array(single, np.int64)])
-    return Messages(
-        np.frombuffer(data, np.uint8), places, _heads(data, places), tuple(definitions), position == end
-    )
+    defined = tuple((opcode, content) for (opcode, _), content in definitions.items())
+    return Messages(np.frombuffer(data, np.uint8), places, _heads(data, places), defined, position == end)
 
 
 def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void]:

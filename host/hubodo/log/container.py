@@ -278,32 +278,6 @@ class McapFile:
         return summary + offsets + _encode(footer) + MAGIC
 
 
-def temporary_beside(path: Path) -> Path:
-    """A name for the file while it is being written: hidden, in the same folder, ours alone."""
-    if path.exists():
-        raise InputError(f"{path}: exists already; choose another name or remove it, nothing is overwritten")
-    if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: its folder does not exist; create it first")
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
-
-
-def publish(temporary: Path, path: Path) -> None:
-    """Give a finished file its name; refuses with `InputError` when the name is taken by now."""
-    try:
-        os.link(temporary, path)
-    except FileExistsError:
-        raise InputError(
-            f"{path}: exists already; choose another name or remove it, nothing is overwritten"
-        ) from None
-    except OSError:
-        # File systems without hard links (FAT on a memory card): check, then rename.
-        if path.exists():
-            raise InputError(f"{path}: exists already; choose another name or remove it") from None
-        temporary.rename(path)
-        return
-    temporary.unlink(missing_ok=True)
-
-
 def _encode(record: McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)

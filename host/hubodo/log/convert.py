@@ -21,11 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.errors import InputError
 from hubodo.log import topics
-from hubodo.log.container import Compression, publish, temporary_beside
+from hubodo.log.container import Compression
 from hubodo.log.csv_table import T_LIMIT
 from hubodo.log.timebase import NS, survives, to_ns
 from hubodo.log.writer import McapLog
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
+from hubodo.whole_files import free_path, whole_new_file
 
 Progress = Callable[[str, float], None]
 _ROWS = 8192
@@ -57,7 +58,7 @@ def write_recording(
     written under a temporary name beside it, so a failure or a kill leaves no file of that name.
     """
     path = Path(path)
-    temporary = temporary_beside(path)
+    free_path(path)
     parts = _parts(recording)
     for part in parts:
         if len(part.t_ns) and (part.t_ns.min() < 0 or part.t_ns.max() >= T_LIMIT * NS):
@@ -66,19 +67,17 @@ def write_recording(
                 "log, which holds 0 to 2147483647 s; shift t"
             )
     metadata = {key: text for key, text in recording.metadata.items() if not key.startswith("hubodo.")}
-    log = McapLog(
-        temporary, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
-    )
-    try:
-        with log:
-            files = {name: json.dumps(list(table)) for name, table in recording.files().items()}
-            log.add_metadata(topics.CSV_FILES, files)
-            for event in recording.events:
-                log.event(event)
-            _write_by_time(log, parts, progress)
-        publish(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with (
+        whole_new_file(path) as beside,
+        McapLog(
+            beside, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
+        ) as log,
+    ):
+        files = {name: json.dumps(list(table)) for name, table in recording.files().items()}
+        log.add_metadata(topics.CSV_FILES, files)
+        for event in recording.events:
+            log.event(event)
+        _write_by_time(log, parts, progress)
     return log.message_count
 
 

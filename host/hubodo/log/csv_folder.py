@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +11,7 @@ from typing import Any, Literal
 from hubodo.errors import InputError
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
 from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.whole_files import whole_folder
 
 Format = Literal["csv", "parquet"]
 Progress = Callable[[str, float], None]
@@ -66,28 +64,16 @@ def write_folder(
         raise InputError(
             "the log holds no table that has a CSV file: no node, no GNSS, no truth; see hubodo info"
         )
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(
-            f"{folder}: exists already and is not empty; choose another folder, nothing is overwritten"
-        )
-    if not folder.absolute().parent.is_dir():
-        raise InputError(f"{folder}: its parent folder does not exist; create it first")
     for name in files:
-        if "/" in name or name in ("", ".", ".."):
+        if "/" in name or "\0" in name or name in ("", ".", ".."):
             raise InputError(f"node {name!r} cannot be the name of a file; export the other nodes by hand")
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
-    try:
+    with whole_folder(folder) as part:
         names = []
         for number, (name, table) in enumerate(files.items()):
             if progress:
                 progress(f"writing {name}.{form}", number / len(files))
             names.append(f"{name}.{form}")
-            write(temporary / names[-1], table)
-        temporary.chmod(0o777 & ~_umask())
-        temporary.rename(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+            write(part / names[-1], table)
     return tuple(names)
 
 
@@ -144,9 +130,3 @@ def _parquet_writer() -> Callable[[Path, Table], None]:
         parquet.write_table(arrow.table({name: table[name] for name in table}), path)
 
     return write
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

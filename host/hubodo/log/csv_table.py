@@ -25,7 +25,8 @@ from hubodo.errors import InputError
 from hubodo.log.timebase import EXACT_S, ns_of_texts, text_of_ns
 from hubodo.recording import Table
 
-MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
+UNREADABLE, MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
+    "not CSV",
     "wrong number of columns",
     "not a number",
     "NaN or infinity",
@@ -149,7 +150,10 @@ class _Reader:
             raise InputError(f"{self.path}: row {line}: is not UTF-8 text; convert the file") from None
 
     def _row(self, text: str) -> tuple[list[float], str, str]:
-        cells = next(csv.reader([text]))
+        try:
+            cells = next(csv.reader([text]))
+        except csv.Error as error:
+            return [], UNREADABLE, _csv_fault(error)
         if len(cells) != len(self.names):
             return [], MISSING, f"{len(cells)} instead of {len(self.names)} ({', '.join(self.names)})"
         row = []
@@ -260,7 +264,10 @@ def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
 
 
 def _names(path: Path, header: str, line: int, required: Sequence[str]) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in next(csv.reader([header])))
+    try:
+        names = tuple(name.strip() for name in next(csv.reader([header])))
+    except csv.Error as error:
+        raise InputError(f"{path}: row {line}: {_csv_fault(error)}; save it again as CSV") from None
     missing = [name for name in required if name not in names]
     if missing:
         raise InputError(
@@ -271,6 +278,13 @@ def _names(path: Path, header: str, line: int, required: Sequence[str]) -> tuple
         if names.count(name) > 1:
             raise InputError(f"{path}: row {line}: column {name!r} stands twice in the header; rename one")
     return names
+
+
+def _csv_fault(error: csv.Error) -> str:
+    text = str(error)
+    if "new-line" in text:
+        return "carriage returns without line feeds within it"
+    return "a cell longer than any number" if "field larger" in text else text
 
 
 def _quoted(name: str) -> str:

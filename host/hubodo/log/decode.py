@@ -79,7 +79,7 @@ def column_names(text: str) -> list[str]:
     """Column names from their JSON list; none when it is damaged."""
     try:
         names = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return []
     return [str(name) for name in names] if isinstance(names, list) else []
 
@@ -167,8 +167,8 @@ def _gather(
     """One field of all messages: (n,) or (n, k), in the field's own type."""
     assert form.fields is not None
     part, offset = form.fields[name][:2]
-    if part.itemsize == 0:
-        return np.empty((len(starts), 0))
+    if part.itemsize == 0 or not len(starts):
+        return np.empty((len(starts), *part.shape), part.base)
     anywhere: NDArray[np.void] = np.ndarray(
         (len(data) - offset - part.itemsize + 1,), f"V{part.itemsize}", data, offset, (1,)
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import os
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -55,6 +55,8 @@ class Log:
         self.kept = 0
         """Messages met so far by `chunks()`."""
         self._position = 0
+        self._impossible: dict[int, int] = {}
+        """Messages beyond the times of the format, by the offset of their chunk."""
 
     @property
     def path(self) -> Path:
@@ -122,6 +124,9 @@ class Log:
             yield messages
 
     def _messages(self, place: ChunkPlace) -> Messages | None:
+        if place.offset in self.found.unbelievable:
+            self.found.note(place, f"chunk claims {place.size} bytes, more than such a file can hold")
+            return None
         try:
             messages = walk(load(self._fd, place))
         except DamagedChunk as error:
@@ -130,6 +135,10 @@ class Log:
         self.found.learn(messages.definitions)
         if not messages.whole:
             self.found.note(place, "chunk ends in nonsense")
+        possible = (messages.heads["log_time"] >= 0) & (messages.heads["publish_time"] >= 0)
+        if not possible.all():
+            self._impossible[place.offset] = int(np.count_nonzero(~possible))
+            messages = replace(messages, places=messages.places[possible], heads=messages.heads[possible])
         return messages
 
     def _cut_messages(self, place: ChunkPlace) -> Messages:
@@ -219,6 +228,16 @@ class Log:
                 streams[channel].topic, log_time, publish_time, sequence, channel, data[begin:stop]
             )
 
+    @property
+    def _unplaced(self) -> bool:
+        """Whether the whole fails its checksum, and nothing that was read tells why."""
+        return "data" in self.found.doubts and not self.found.damage
+
+    @property
+    def damaged(self) -> int:
+        """Places that could not be used or trusted; complete once the chunks were read."""
+        return len(self.found.damage) + self._unplaced + ("summary" in self.found.doubts)
+
     def warnings(self) -> tuple[str, ...]:
         """One line for each thing wrong with the file; complete once its chunks were read."""
         found, lines = self.found, []
@@ -232,6 +251,16 @@ class Log:
                 f"{found.path}: was not closed: {self.kept} messages are kept, {lost} bytes at the end are "
                 "lost; hubodo recover writes a whole one"
             )
+        if self._unplaced:
+            lines.append(
+                f"{found.path}: {found.doubts['data']}, and no part that was read is to blame: what stands "
+                "between the chunks is damaged; metadata such as t = 0 and names of topics may be wrong"
+            )
+        if self._impossible:
+            count = sum(self._impossible.values())
+            lines.append(f"{found.path}: {count} messages have times beyond the year 2262; they are left out")
+        if "summary" in found.doubts:
+            lines.append(f"{found.path}: {found.doubts['summary']}; it is not used")
         return tuple(lines)
 
     def _place(self, damage: DamagedSpan) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -42,7 +44,7 @@ def events_of(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, 
     events, notes = [], []
     for payload in payloads:
         try:
-            body = json.loads(payload)
+            body = json.loads(payload, parse_constant=_no_number, parse_float=_finite)
             events.append(
                 Event(
                     int(body["t_ns"]),
@@ -52,9 +54,18 @@ def events_of(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, 
                     dict(body["data"]),
                 )
             )
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
             notes.append(f"an event cannot be understood: {payload[:60]!r}")
     return tuple(sorted(events, key=lambda event: event.t_ns)), tuple(notes)
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _no_number(text)
 
 
 class _Collected:
@@ -65,12 +76,13 @@ class _Collected:
         self.notes: list[str] = []
         payloads: list[bytes] = []
         decoders: dict[int, Decoder] = {}
+        strangers: Counter[int] = Counter()
         for messages in log.chunks():
             channels = messages.heads["channel"]
             for id in np.unique(channels).tolist():
                 stream = log.streams.get(id)
                 if stream is None:
-                    self._note(f"{int((channels == id).sum())} messages of unknown channel {id} are left out")
+                    strangers[id] += int((channels == id).sum())
                     continue
                 chosen = np.flatnonzero(channels == id)
                 if stream.topic == topics.EVENTS and stream.encoding == "json":
@@ -80,6 +92,8 @@ class _Collected:
                     decoder.feed(messages, chosen)
             if progress:
                 progress(f"reading {log.path.name}", log.progress)
+        for id, count in strangers.items():
+            self._note(f"{count} messages of unknown channel {id} are left out")
         self.rows: dict[str, tuple[Stream, ChannelRows]] = {}
         for id, decoder in decoders.items():
             stream, rows = log.streams[id], decoder.rows()

@@ -29,6 +29,7 @@ _MAGIC: tuple[tuple[bytes, Kind], ...] = (
 _MATLAB, _MATLAB_HDF5 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"
 _DELIMITERS = (",", ";", "\t")
 _MOST_COLUMNS = 32
+_ROOM, _RATIO = 1 << 28, 1000
 
 
 @dataclass(frozen=True)
@@ -138,9 +139,15 @@ def _hdf5(path: Path) -> tuple[dict[str, FloatArray], dict[str, str]]:
 
     arrays: dict[str, FloatArray] = {}
     units: dict[str, str] = {}
+    # No packing of measured numbers is a thousandfold; what is declared and never written is not read.
+    room = _ROOM + _RATIO * path.stat().st_size
 
     def collect(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and item.size > 1 and item.ndim <= 2:
+            if 8 * item.size > room:
+                raise InputError(
+                    f"{path}: {name} claims {item.size} numbers, more than the file can hold; save it again"
+                )
             arrays[name] = _upright(np.asarray(item[()], np.float64))
             said = next((item.attrs[key] for key in ("unit", "units") if key in item.attrs), None)
             if said is not None:
@@ -155,7 +162,7 @@ def _numpy(path: Path) -> tuple[dict[str, FloatArray], dict[str, str]]:
     try:
         content = np.load(path, allow_pickle=False)
         found = {path.stem: content} if isinstance(content, np.ndarray) else dict(content)
-    except ValueError as error:
+    except (ValueError, MemoryError) as error:
         raise InputError(f"{path}: cannot be read by numpy ({error}); save plain arrays") from None
     return {name: _upright(np.asarray(it, np.float64)) for name, it in found.items() if _numeric(it)}, {}
 

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from hubodo.errors import InputError
 from hubodo.log.chunk_body import Messages
 from hubodo.log.chunks import PREFIX
-from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile, publish, temporary_beside
+from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile
 from hubodo.log.logfile import Log
 from hubodo.log.scan import scan
+from hubodo.whole_files import whole_new_file
 
 Progress = Callable[[str, float], None]
 Indexes = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
@@ -56,19 +57,14 @@ def recover(path: Path, out: Path, *, progress: Progress | None = None) -> Recov
     path, out = Path(path), Path(out)
     if out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the log itself; give another name, the damaged log is kept as it is")
-    temporary = temporary_beside(out)
-    with Log(scan(path, lenient=True)) as log:
-        target = McapFile(
-            temporary, profile=log.found.profile or PROFILE, library=log.found.library or LIBRARY
-        )
+    with whole_new_file(out) as part, Log(scan(path, lenient=True)) as log:
+        target = McapFile(part, profile=log.found.profile or PROFILE, library=log.found.library or LIBRARY)
         try:
             salvage = _Salvage(log, target)
             salvage.run(progress)
             target.finish()
-            publish(temporary, out)
         finally:
             target.abandon()
-            temporary.unlink(missing_ok=True)
         return salvage.account(out)
 
 
@@ -161,6 +157,6 @@ class _Salvage:
             chunks_kept=self.chunks_kept,
             chunks_lost=sum(place.offset in broken for place in found.chunks),
             unknown=self.unknown,
-            was_whole=found.complete and not found.damage,
+            was_whole=found.complete and not found.damage and not found.doubts,
             losses=log.warnings(),
         )

@@ -21,7 +21,8 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metadata, Schema
 
 from hubodo.errors import LogError
-from hubodo.log.chunk_body import ChunkPlace
+from hubodo.log.checksums import attachment_holds, data_section_holds
+from hubodo.log.chunk_body import ChunkPlace, room_of
 from hubodo.log.container import MAGIC
 from hubodo.log.descriptor import pread
 
@@ -48,7 +49,11 @@ class DamagedSpan:
 
 @dataclass
 class Scan:
-    """All records of one file but the messages; `cut` is the last chunk's place when the file ends in it."""
+    """All records of one file but the messages; `cut` is the last chunk's place when the file ends in it.
+
+    unbelievable: offsets of chunks that claim to hold more than a file of this size can. doubts: checksums
+    that fail without telling where, each in words, of `data` (all up to the end of it) and `summary`.
+    """
 
     path: Path
     size: int
@@ -60,6 +65,8 @@ class Scan:
     attachments: list[Attachment] = field(default_factory=list)
     chunks: list[ChunkPlace] = field(default_factory=list)
     damage: list[DamagedSpan] = field(default_factory=list)
+    unbelievable: set[int] = field(default_factory=set)
+    doubts: dict[str, str] = field(default_factory=dict)
     cut: ChunkPlace | None = None
     complete: bool = False
 
@@ -91,6 +98,9 @@ class _Scanner:
     def __init__(self, path: Path, fd: int) -> None:
         self.fd = fd
         self.found = Scan(path, os.fstat(fd).st_size)
+        self.room = room_of(self.found.size)
+        self.header_end = len(MAGIC)
+        self.data_ended = False
 
     def run(self, lenient: bool) -> Scan:
         found, size = self.found, self.found.size
@@ -122,6 +132,8 @@ class _Scanner:
             if trusted:
                 suspect = after
             position = after
+        if found.complete and not self.data_ended:
+            found.doubts["data"] = "the mark at the end of its data is missing"
         return found
 
     def _record(self, position: int) -> tuple[int | None, bool]:
@@ -137,12 +149,18 @@ class _Scanner:
             place = _chunk_place(head, position)
             if place is None or place.length > _HEAD.size + length:
                 return None, False
-            self.found.chunks.append(place)
+            self._believe(place)
             return end, place.length == _HEAD.size + length
         if opcode == Opcode.MESSAGE:
             if length < 22:
                 return None, False
             self._loose(position, end, int.from_bytes(head[15:23], "little"))
+            return end, False
+        if opcode == Opcode.DATA_END and length >= 4:
+            stated = int.from_bytes(head[9:13], "little")
+            self.data_ended = True
+            if not data_section_holds(self.fd, (0, len(MAGIC), self.header_end), position, stated):
+                self.found.doubts["data"] = "its checksum over all data fails"
             return end, False
         if opcode in _READERS:
             if length > _MAX_RECORD:
@@ -158,6 +176,7 @@ class _Scanner:
             return False
         if isinstance(record, Header):
             found.profile, found.library = record.profile, record.library
+            self.header_end = position + _HEAD.size + length
         elif isinstance(record, Schema):
             found.schemas.setdefault(record.id, record)
         elif isinstance(record, Channel):
@@ -165,7 +184,11 @@ class _Scanner:
         elif isinstance(record, Metadata):
             found.metadata.append(record)
         elif isinstance(record, Attachment):
-            found.attachments.append(record)
+            if attachment_holds(content):
+                found.attachments.append(record)
+            else:
+                reason = f"the attachment {record.name} fails its checksum"
+                found.damage.append(DamagedSpan(position, _HEAD.size + length, reason))
         elif isinstance(record, Footer):
             end = position + _HEAD.size + length
             found.complete = pread(self.fd, len(MAGIC), end) == MAGIC
@@ -175,10 +198,12 @@ class _Scanner:
     def _trust_summary(self, footer: Footer, footer_at: int) -> None:
         """The summary repeats schemas and channels under a checksum: where that holds, it is believed."""
         size = footer_at - footer.summary_start
-        if not footer.summary_crc or not 0 < size <= _MAX_RECORD:
+        if not footer.summary_crc:
             return
-        summary = pread(self.fd, size + _HEAD.size + 16, footer.summary_start)
+        sound = 0 < size <= _MAX_RECORD
+        summary = pread(self.fd, size + _HEAD.size + 16, footer.summary_start) if sound else b""
         if zlib.crc32(summary) != footer.summary_crc:
+            self.found.doubts["summary"] = "the checksum of its summary fails"
             return
         position = 0
         while position + _HEAD.size <= size:
@@ -190,6 +215,14 @@ class _Scanner:
             elif isinstance(record, Channel):
                 self.found.channels[record.id] = record
             position += _HEAD.size + length
+
+    def _believe(self, place: ChunkPlace) -> None:
+        """Take in a chunk; one that claims more than is left for a file of this size is not opened."""
+        self.found.chunks.append(place)
+        if place.size <= self.room:
+            self.room -= place.size
+        else:
+            self.found.unbelievable.add(place.offset)
 
     def _loose(self, position: int, end: int, time_ns: int) -> None:
         chunks = self.found.chunks

@@ -80,6 +80,8 @@ class Summary:
     """All of `hubodo info`. start_ns: host time of t = 0; duration: s between first and last message.
 
     bias_filters: the last row of what each node's own filter said, columns `BIAS_FILTER_COLUMNS`.
+    attachments: bytes of each file kept in the log. damaged: places of it that could not be used, and
+    checksums that fail.
     """
 
     path: Path
@@ -95,6 +97,8 @@ class Summary:
     health: Mapping[str, Mapping[str, Any]]
     bias_filters: Mapping[str, Mapping[str, float]]
     metadata: Mapping[str, str]
+    attachments: Mapping[str, int]
+    damaged: int
     warnings: tuple[str, ...]
 
     @property
@@ -145,6 +149,8 @@ def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
             health=_health(events),
             bias_filters=_bias_filters(log, filters, start),
             metadata=log.metadata,
+            attachments={name: len(data) for name, data in log.attachments.items()},
+            damaged=log.damaged,
             warnings=(*log.warnings(), *(f"{log.path}: {note}" for note in notes)),
         )
 

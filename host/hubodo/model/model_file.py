@@ -13,6 +13,7 @@ from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
+    LARGEST,
     above_zero,
     as_table,
     load_toml,
@@ -22,9 +23,9 @@ from hubodo.toml_file import (
     toml_key,
     toml_number,
     toml_text,
-    write_whole,
 )
 from hubodo.vehicle import RANGES, NodeMount, Vehicle, vehicle_of
+from hubodo.whole_files import write_whole
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")
@@ -152,7 +153,7 @@ def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputName
     only_keys(entries, ("speed", "yaw_rate", *_SPREADS), where)
     inputs = read_table(entries, InputNames, where)
     for key in _SPREADS:
-        if not (math.isfinite(getattr(inputs, key)) and getattr(inputs, key) >= 0.0):
+        if not 0.0 <= getattr(inputs, key) <= LARGEST:
             raise ConfigError(f"{where} {key} = {getattr(inputs, key)}: must be a finite number, 0 or more")
     for key in ("speed", "yaw_rate"):
         _check_input(getattr(inputs, key), f"{where} {key}", vehicle)

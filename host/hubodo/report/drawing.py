@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
+from hubodo.whole_files import whole_files
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 _MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
@@ -56,7 +57,8 @@ def drawing(draw: Callable[[], Any]) -> Drawing:
 
 def save(figure: Any, path: Path) -> None:
     """Write a matplotlib figure in the form of its suffix. Raises OSError where it cannot be written."""
-    figure.savefig(path, dpi=150, format=path.suffix[1:].lower())
+    with whole_files(path) as (part,):
+        figure.savefig(part, dpi=150, format=path.suffix[1:].lower())
 
 
 def _svg(figure: Any) -> str:

@@ -21,6 +21,7 @@ _BLOCK_S = 1.0
 _MOVED_SIGMAS = 10.0
 _MOST_LOST, _LEVEL_S = 0.25, 10.0
 _STEP_WINDOW_S, _STEP_DEGREES = 60.0, 1.5
+_MOST_EMPTY = 100
 
 _ACCEL_UNITS = ((0.85, 1.15, "g"), (850.0, 1150.0, "mg"), (85.0, 112.0, "dm/s²"), (850e3, 1150e3, "µg"))
 
@@ -206,6 +207,8 @@ def check_still(t: FloatArray, values: FloatArray) -> None:
 
 def temperature_step(t: FloatArray, temperature: FloatArray) -> TemperatureStep | None:
     """The largest jump: more than 1.5 degrees within a minute, and four times what the minute before did."""
+    if t[-1] - t[0] > 5.0 * _MOST_EMPTY * len(t):
+        return None  # but for a wild stamp there is nothing on most of it
     grid = np.arange(t[0], t[-1], 5.0)
     half = round(_STEP_WINDOW_S / 5.0)
     if len(grid) < 3 * half:

@@ -21,6 +21,8 @@ _OFF_GRID = 0.3
 _PAUSE_INTERVALS, _PAUSE_S = 5.0, 1.0
 _OUTLIER_BLOCK = 200
 _LONGEST_OUTLIER = 3
+# A grid of which so little is filled comes from a wild stamp, and would not fit into memory.
+_MOST_EMPTY, _ALWAYS_FITS = 20, 4_000_000
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,7 @@ def even_grid(
     _check(t, values)
     notes: list[str] = []
     dt, places, even = _places(t)
+    _check_filled(t, places)
     if not even:
         notes.append(
             "the time stamps do not sit on an even grid, as when samples are stamped in bursts: they are "
@@ -139,6 +142,17 @@ def _check(t: FloatArray, values: FloatArray) -> None:
     if not bool((steps > 0).all()):
         row = int(np.argmin(steps)) + 1
         raise InputError(f"time does not increase at sample {row} (t = {t[row]:.6g} s); import with --repair")
+
+
+def _check_filled(t: FloatArray, places: NDArray[np.int64]) -> None:
+    if places[-1] <= max(_MOST_EMPTY * len(t), _ALWAYS_FITS):
+        return
+    row = int(np.argmax(np.diff(places)))
+    raise InputError(
+        f"nothing between {t[row]:.6g} s and {t[row + 1]:.6g} s, far longer than all that was recorded: a "
+        f"wild time stamp, or two records; take one side of it with --end {t[row]:.6g} or --start "
+        f"{t[row + 1]:.6g}"
+    )
 
 
 def _places(t: FloatArray) -> tuple[float, NDArray[np.int64], bool]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from hubodo.errors import HubodoError, InputError
 from hubodo.ingest.live.record_config import load_record_config
 from hubodo.service import rules, unit
-from hubodo.toml_file import write_whole
+from hubodo.whole_files import write_whole
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
 from hubodo.verbs.log_options import LOG_HELP, log_form
+from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
@@ -127,7 +129,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"lay a data sheet beside it: a file, or one of {', '.join(CHIPS)} (repeatable)",
     )
     parser.add_argument(
-        "--turn", type=float, default=2.0, help="s from stop to stop of a maytag table (default 2)"
+        "--turn", type=positive, default=2.0, help="s from stop to stop of a maytag table (default 2)"
     )
     parser.add_argument(
         "--per-octave",
@@ -145,8 +147,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Characterised | Compared:
     """Read, check, characterise; write page and figure where asked."""
-    if not args.turn > 0:
-        raise InputError(f"--turn {args.turn} must be a positive time in s")
     channels = _channels(args.channel)
     sheets = tuple(read_datasheet(name) for name in args.datasheet)
     args.channel = channels[0]
@@ -161,7 +161,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
     # The page first: it does not need what the figure may lack.
     if args.report is not None:
-        args.report.write_text(allan_page(named, title, sheets), "utf-8")
+        write_whole(args.report, allan_page(named, title, sheets))
     if args.figure is not None:
         save(allan_figure(named, title, sheets), args.figure)
     return made

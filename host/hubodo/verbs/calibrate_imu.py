@@ -29,6 +29,8 @@ from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.verbs.numbers import latitude, positive
+from hubodo.whole_files import write_whole
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -100,10 +102,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
     parser.add_argument("--node", required=True, help="name of the node")
-    parser.add_argument("--gravity", type=float, default=9.80665, help="m/s² at the place (default 9.80665)")
-    parser.add_argument("--latitude-deg", type=float, help="makes Earth rate the reference of precise gyros")
     parser.add_argument(
-        "--table-rate-deg-s", type=float, help="steady rate of a rate table, the gyros' reference"
+        "--gravity", type=positive, default=9.80665, help="m/s² at the place (default 9.80665)"
+    )
+    parser.add_argument(
+        "--latitude-deg", type=latitude, help="makes Earth rate the reference of precise gyros"
+    )
+    parser.add_argument(
+        "--table-rate-deg-s", type=positive, help="steady rate of a rate table, the gyros' reference"
     )
     parser.add_argument(
         "--convention",
@@ -112,7 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what the accelerometers' frame is: sensors turned least, or sensor x defines x (default "
         "symmetric)",
     )
-    parser.add_argument("--min-rest", type=float, default=1.0, help="shortest rest, s (default 1)")
+    parser.add_argument("--min-rest", type=positive, default=1.0, help="shortest rest, s (default 1)")
     parser.add_argument(
         "--report", type=Path, metavar="HTML", help="write a page with rests, parameters, residuals"
     )
@@ -123,12 +129,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> CalibratedImu:
     """Read, calibrate, add to the calibration file."""
-    if args.latitude_deg is not None and not abs(args.latitude_deg) <= 90:
-        raise InputError(f"--latitude-deg {args.latitude_deg} is out of range; give degrees from -90 to 90")
-    if args.table_rate_deg_s is not None and not args.table_rate_deg_s > 0:
-        raise InputError(
-            f"--table-rate-deg-s {args.table_rate_deg_s} must be positive; its sign does not matter"
-        )
     with progress_line() as show:
         recording = read_log(args.log, form=log_form(args), progress=show)
         show("rests, poses and turns", 0.5)
@@ -150,7 +150,7 @@ def run(args: argparse.Namespace) -> CalibratedImu:
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."
-        args.report.write_text(page(f"Calibration of {args.node}", lead, imu_sections(result)), "utf-8")
+        write_whole(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
     return CalibratedImu(args.node, str(args.output), result)
 
 

@@ -32,6 +32,7 @@ from hubodo.log.any_log import read_log
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
+from hubodo.verbs.numbers import number
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -103,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(
             f"--{name}-sigma",
-            type=float,
+            type=number(high=1.0, above=0.0),
             default=getattr(WheelPriors(), name),
             metavar="SHARE",
             help=f"by which {of} may be off before the drive, 1 sigma (default %(default)s)",
@@ -117,7 +118,7 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     check_units(recording, vehicle.nodes, str(args.log))
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))
-    priors = WheelPriors(*(_share(args, name) for name in ("radius", "track", "scale")))
+    priors = WheelPriors(*(getattr(args, f"{name}_sigma") for name in ("radius", "track", "scale")))
     try:
         there = [name for name in vehicle.nodes if name in recording.nodes]
         config = wheel_config(
@@ -157,13 +158,6 @@ def _positions(recording: Recording, vehicle: Vehicle, log: str) -> tuple[str, P
     sound = np.isfinite(x) & np.isfinite(y) & np.isfinite(sigma) & (sigma > 0)
     kind = "gnss" if truth is None else "truth"
     return kind, Positions(t[sound], x[sound], y[sound], sigma[sound], antenna)
-
-
-def _share(args: argparse.Namespace, name: str) -> float:
-    value: float = getattr(args, f"{name}_sigma")
-    if not 0.0 < value < 1.0:
-        raise InputError(f"--{name}-sigma {value:g}: give a share between 0 and 1, such as 0.02")
-    return value
 
 
 def _words(found: WheelCalibration, positions: str) -> Iterator[str]:

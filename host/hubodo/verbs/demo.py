@@ -27,7 +27,7 @@ from hubodo.demo.ride import (
 from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.emulator.interpreters.interpreter import Kind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
-from hubodo.errors import HubodoError, InputError
+from hubodo.errors import HubodoError
 from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
@@ -36,6 +36,8 @@ from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.fuse import score_against_truth
+from hubodo.verbs.numbers import number, seed
+from hubodo.whole_files import write_whole
 
 _START_NS = 1_767_225_600_000_000_000
 """Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""
@@ -135,16 +137,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out/demo"), help="folder (default: out/demo)"
     )
-    parser.add_argument("--seed", type=int, default=1, help="draws drive, specimens and noise (default: 1)")
+    parser.add_argument("--seed", type=seed, default=1, help="draws drive, specimens and noise (default: 1)")
     parser.add_argument(
-        "--moving", type=float, default=60.0, help="s of drive between the rests (default: 60)"
+        "--moving", type=number(5.0, 3600.0), default=60.0, help="s of drive between the rests (default: 60)"
     )
     add_board_arguments(parser, "")
 
 
 def run(args: argparse.Namespace) -> Demo:
-    if not 5.0 <= args.moving <= 3600.0:
-        raise InputError(f"--moving {args.moving}: use 5 to 3600 s")
     started = time.monotonic()
     interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     out = _fresh(args.output)
@@ -190,12 +190,10 @@ def run(args: argparse.Namespace) -> Demo:
         f"({demo.score.final_percent:.2f} % of the path)."
     )
     facts = facts_grid(demo.facts())
-    demo.page.write_text(
-        demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS), "utf-8"
-    )
+    write_whole(demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS))
     made = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
-    demo.report.write_text(made.html, "utf-8")
-    (out / "demo.json").write_text(_kept(demo, out), "utf-8")
+    write_whole(demo.report, made.html)
+    write_whole(out / "demo.json", _kept(demo, out))
     return demo
 
 

@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hubodo.errors import InputError
 from hubodo.flash.computer_checks import ComputerCheck, look_at
 from hubodo.flash.surroundings import Surroundings
+from hubodo.verbs.numbers import baud, number
 from hubowire.budget import CONSOLE_BAUD
 
 if TYPE_CHECKING:
@@ -39,11 +39,11 @@ class Diagnosis:
 
     def render(self, console: Console) -> None:
         table = Table("", "check", "", "seen, and what to do", title=f"board on {self.found.port}")
-        for number, result in enumerate(self.found.results, 1):
+        for place, result in enumerate(self.found.results, 1):
             colour = _COLOURS[result.verdict]
             remedy = f"\n→ {result.remedy}" if result.remedy else ""
             table.add_row(
-                str(number), result.check, f"[{colour}]{result.verdict}[/]", f"{result.seen}{remedy}"
+                str(place), result.check, f"[{colour}]{result.verdict}[/]", f"{result.seen}{remedy}"
             )
         console.print(table)
 
@@ -85,15 +85,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="interrupt a node that runs: look at its wires and files from within, then start it again",
     )
-    parser.add_argument("--seconds", type=float, default=6.0, help="how long to listen (default: 6)")
     parser.add_argument(
-        "--baud", type=int, default=CONSOLE_BAUD, help=f"(default: {CONSOLE_BAUD}, a console's)"
+        "--seconds", type=number(_LEAST_S, 3600.0), default=6.0, help="how long to listen (default: 6)"
+    )
+    parser.add_argument(
+        "--baud", type=baud, default=CONSOLE_BAUD, help=f"(default: {CONSOLE_BAUD}, a console's)"
     )
 
 
 def run(args: argparse.Namespace) -> Diagnosis | ComputerDiagnosis:
-    if args.seconds < _LEAST_S:
-        raise InputError(f"--seconds {args.seconds:g}: at least {_LEAST_S:g}, or a clock shows nothing")
     if args.port is None:
         with Console(stderr=True).status("looking at this computer"):
             return ComputerDiagnosis(tuple(look_at(Surroundings())))

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Exported:
     """Read the log, write the folder."""
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args), progress=show)
+        recording = read_log(args.log, form=log_form(args), progress=show, keep_empty=True)
         names = write_folder(recording, args.output, form=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return Exported(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)

@@ -21,6 +21,8 @@ from hubodo.log.csv_table import write_table
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
+from hubodo.verbs.numbers import number
+from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
 
@@ -106,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--antenna",
         nargs=2,
-        type=float,
+        type=number(),
         metavar=("X", "Y"),
         help="m of the GNSS antenna forward and left of midway between the wheels ([vehicle] antenna)",
     )
@@ -154,9 +156,9 @@ def run(args: argparse.Namespace) -> Fused:
         score_against_truth(absolute.track if absolute else odometry.track, recording),
         recording.warnings + odometry.warnings + (absolute.warnings if absolute else ()),
     )
-    args.output.mkdir(parents=True, exist_ok=True)
-    write_table(files[0], Table({name: getattr(result.track, name) for name in TRACK_COLUMNS}))
-    files[1].write_text(json.dumps(result.as_json(), indent=2, allow_nan=False) + "\n", "utf-8")
+    with whole_files(*files, make_folder=True) as (track, told):
+        write_table(track, Table({name: getattr(result.track, name) for name in TRACK_COLUMNS}))
+        told.write_text(json.dumps(result.as_json(), indent=2, allow_nan=False) + "\n", "utf-8")
     return result
 
 

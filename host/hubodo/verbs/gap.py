@@ -33,8 +33,9 @@ from hubodo.log.any_log import read_log
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
-from hubodo.toml_file import near, write_whole
+from hubodo.toml_file import near
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 FILES = ("gap.json", "model.toml", "report.html")
@@ -122,10 +123,10 @@ def run(args: argparse.Namespace) -> GapReport:
         show("writing the report", 0.97)
         written = _model_text(result, args)
         html = gap_page(result, log=args.log.name, model=args.model.name, written=written)
-    args.output.mkdir(parents=True, exist_ok=True)
     text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
-    for name, content in zip(FILES, (text + "\n", written, html), strict=True):
-        write_whole(args.output / name, content)
+    with whole_files(*(args.output / name for name in FILES), make_folder=True) as parts:
+        for part, content in zip(parts, (text + "\n", written, html), strict=True):
+            part.write_text(content, "utf-8")
     return GapReport(
         result,
         str(args.output),

@@ -27,7 +27,9 @@ from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_re
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.standstill import CHANNELS, read_node, temperature_of
+from hubodo.whole_files import whole_files, write_whole
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
@@ -77,27 +79,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOML",
         help="warm-up and scale of the node, as hubodo warmup and hubodo calibrate imu write them",
     )
-    parser.add_argument("--age", type=float, help="s since power-on at the first sample (default 0)")
+    parser.add_argument("--age", type=not_negative, help="s since power-on at the first sample (default 0)")
     parser.add_argument(
         "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
     )
     parser.add_argument(
         "--rest",
-        type=float,
+        type=number(),
         nargs=2,
         action="append",
         metavar=("FROM", "TO"),
         help="s of the log in which the node stood still, again for each (default: found in the log)",
     )
     parser.add_argument(
-        "--scale-sigma", type=float, help="1 sigma of the scale (default: of the calibration, else 0.01)"
+        "--scale-sigma",
+        type=not_negative,
+        help="1 sigma of the scale (default: of the calibration, else 0.01)",
     )
     parser.add_argument(
         "--lag",
-        type=float,
+        type=not_negative,
         help="s by which the gyro answers late (default: of the calibration, else 0.005), part of sigma",
     )
-    parser.add_argument("--step", type=float, default=0.1, help="s from row to row (default 0.1)")
+    parser.add_argument(
+        "--step", type=number(1e-3, 60.0), default=0.1, help="s from row to row (default 0.1)"
+    )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
     parser.add_argument(
         "--figure", type=drawing_path, metavar="PNG", help="the course with its sigma: .png, .svg or .pdf"
@@ -107,15 +113,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> HeadingTaken:
     """Read, take the heading, score it; write course, figure and page where asked."""
-    for name, value in (
-        ("--age", args.age or 0.0),
-        ("--scale-sigma", args.scale_sigma or 0.0),
-        ("--lag", args.lag or 0.0),
-    ):
-        if not (math.isfinite(value) and value >= 0.0):
-            raise InputError(f"{name} {value:g}: give 0 or more")
-    if not 0.0 < args.step <= 60.0:
-        raise InputError(f"--step {args.step:g}: give s above 0, 60 at most")
     recording, node = read_node(args.log, args.node, log_form(args))
     check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
@@ -125,10 +122,11 @@ def run(args: argparse.Namespace) -> HeadingTaken:
     if args.output is not None:
         track = report.track
         columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
-        write_table(args.output, Table(columns))
+        with whole_files(args.output) as (part,):
+            write_table(part, Table(columns))
     title = f"Heading of {node} {args.axis}"
     if args.report is not None:
-        args.report.write_text(page(title, heading_lead(report), heading_sections(report)), "utf-8")
+        write_whole(args.report, page(title, heading_lead(report), heading_sections(report)))
     if args.figure is not None:
         heading_figure(report, args.figure, title)
     return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)

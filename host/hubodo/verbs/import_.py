@@ -13,7 +13,6 @@ from rich.console import Console
 from hubodo.errors import InputError
 from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
 from hubodo.log.any_log import is_rosbag2, mcap_file, read_log
-from hubodo.log.container import temporary_beside
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.foreign import CHANNELS, in_si
@@ -21,6 +20,7 @@ from hubodo.log.units import doubtful
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.verbs.log_options import add_log_options, log_form
+from hubodo.whole_files import free_path
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
@@ -67,7 +67,8 @@ class Decoded:
     def as_json(self) -> dict[str, Any]:
         """As `--json` prints it."""
         done = self.done
-        return {"log": str(done.out), "source": self.source, "nodes": done.nodes, "messages": done.messages}
+        made = {"log": str(done.out), "source": self.source, "nodes": done.nodes, "messages": done.messages}
+        return {**made, "warnings": list(done.warnings)}
 
     def render(self, console: Console) -> None:
         """One line per node."""
@@ -77,6 +78,7 @@ class Decoded:
             else node["refused"]
             for name, node in self.done.nodes.items()
         ]
+        lines += [f"warning: {line}" for line in self.done.warnings]
         for line in [*lines, f"wrote {self.done.out}: {self.done.messages} messages"]:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
 
@@ -101,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Imported | Decoded:
     """Read the folder or the frames, write the log."""
-    temporary_beside(args.output)
+    free_path(args.output)
     form = log_form(args)
     if args.source.is_file() and mcap_file(args.source) is not None:
         if args.repair:
@@ -112,7 +114,7 @@ def run(args: argparse.Namespace) -> Imported | Decoded:
         if args.source.is_dir() and not is_rosbag2(args.source):
             recording = in_si(read_folder(args.source, repair=args.repair, progress=show), form)
         else:
-            recording = read_log(args.source, form=form, progress=show)
+            recording = read_log(args.source, form=form, progress=show, keep_empty=True)
         _check_whole(args.source, recording)
         messages = write_recording(recording, args.output, progress=show)
     return Imported(

@@ -62,6 +62,8 @@ class Info:
             "health": {node: dict(values) for node, values in s.health.items()},
             "bias_filter": {node: _filter_json(row) for node, row in s.bias_filters.items()},
             "metadata": dict(s.metadata),
+            "attachments": dict(s.attachments),
+            "damaged": s.damaged,
             "warnings": list(s.warnings),
         }
 
@@ -70,6 +72,7 @@ class Info:
         s = self.summary
         say = _plain(console)
         state = "whole" if s.complete else "not closed"
+        state += f", {s.damaged} damaged places" if s.damaged else ""
         say(f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}")
         if s.start_ns:
             say(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
@@ -84,6 +87,8 @@ class Info:
         for key, text in s.metadata.items():
             shown = text if len(text) <= _LONG_VALUE else f"{text[:_LONG_VALUE]}... (--json shows all)"
             say(f"{key}: {shown}")
+        for name, size in s.attachments.items():
+            say(f"attachment {name}: {size} bytes")
         for line in s.warnings:
             say(f"warning: {line}")
 
@@ -155,7 +160,7 @@ def _events(s: Summary, say: Any) -> None:
 def _filter_json(row: Mapping[str, float]) -> dict[str, Any]:
     whole = ("state", "samples", "saturations")
     return {
-        name: None if math.isnan(value) else int(value) if name in whole else value
+        name: None if not math.isfinite(value) else int(value) if name in whole else value
         for name, value in row.items()
     }
 

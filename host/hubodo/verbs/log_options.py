@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 from collections.abc import Iterable
 
 from hubodo.errors import InputError
 from hubodo.log.foreign import LogForm
 from hubodo.log.units import doubtful
 from hubodo.recording import Recording, Table
+from hubodo.verbs.numbers import positive
 
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy)"
 
@@ -18,7 +18,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     """--rate, --unit, --columns, --variable."""
     group = parser.add_argument_group("files that do not say it themselves")
     group.add_argument(
-        "--rate", type=float, metavar="HZ", help="samples per second, where there are no times"
+        "--rate", type=positive, metavar="HZ", help="samples per second, where there are no times"
     )
     group.add_argument(
         "--unit",
@@ -36,9 +36,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 
 def log_form(args: argparse.Namespace) -> LogForm:
-    """What the options say. Raises InputError for an impossible rate, or two units of one sensor."""
-    if args.rate is not None and not (args.rate > 0 and math.isfinite(args.rate)):
-        raise InputError(f"--rate {args.rate}: give samples per second, above 0")
+    """What the options say. Raises InputError for two units of one sensor."""
     columns = () if args.columns is None else tuple(name.strip() for name in args.columns.split(","))
     channel = getattr(args, "channel", None) or "gz"
     form = LogForm(args.rate, tuple(args.unit), columns, args.variable, channel)

@@ -17,6 +17,7 @@ from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
+from hubodo.verbs.numbers import baud, whole
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
 from hubowire.messages import (
@@ -117,8 +118,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="with set: " + ", ".join(key.name.lower() for key in ConfigKey),
     )
-    parser.add_argument("--node-id", type=int, metavar="N", help="which node, where several share the line")
-    parser.add_argument("--baud", type=int, default=UART_BAUD, help=f"of a serial port (default {UART_BAUD})")
+    parser.add_argument(
+        "--node-id", type=whole(0, 255), metavar="N", help="which node, where several share the line"
+    )
+    parser.add_argument(
+        "--baud", type=baud, default=UART_BAUD, help=f"of a serial port (default {UART_BAUD})"
+    )
     parser.add_argument(
         "--kind",
         choices=[kind.name.lower() for kind in BiasKind],
@@ -126,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--samples",
-        type=int,
+        type=whole(0, 1_000_000_000),
         default=_LEAST_SAMPLES,
         help=f"with bias: how many to use, from {_LEAST_SAMPLES} on (default {_LEAST_SAMPLES})",
     )

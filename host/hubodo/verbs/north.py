@@ -33,6 +33,8 @@ from hubodo.verbs.log_options import add_log_options, check_units, log_form
 from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
+from hubodo.verbs.numbers import not_negative, number, positive, whole
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
@@ -53,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="MCAP recording or CSV folder; several of one table that was not moved count together",
     )
     add_log_options(parser)
-    add("--latitude-deg", type=float, required=True, help="north positive")
+    add("--latitude-deg", type=number(), required=True, help="north positive")
     add("--node", action="append", help="node; again for each that is to be fused (default: the only one)")
     add(
         "--axis",
@@ -62,17 +64,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="gyro axis (default x); again to fuse several",
     )
     add("--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)")
-    add("--near-deg", type=float, help="about where table zero points; decides between two answers")
-    add("--settle", type=float, help="s cut at both ends of each stop (default: found from the data)")
+    add("--near-deg", type=number(), help="about where table zero points; decides between two answers")
+    add("--settle", type=not_negative, help="s cut at both ends of each stop (default: found from the data)")
     add("--calibration", type=Path, metavar="TOML", help="all that is known of the nodes' errors")
-    found = parser.add_argument_group("stops and angles from the gyro, where there is no table.csv")
-    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
-    found.add_argument("--step-deg", type=float, help="the table stops at multiples of this only")
-    found.add_argument(
-        "--scale-sigma",
-        type=float,
-        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
-    )
+    _add_found(parser.add_argument_group("stops and angles from the gyro, where there is no table.csv"))
     _add_live(parser.add_argument_group("live, instead of a LOG"))
     noise = parser.add_argument_group("the gyro's noise and what it allows")
     noise.add_argument(
@@ -81,8 +76,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     noise.add_argument(
         "--plan", action="store_true", help="say which stops to make; --allan or a LOG at rest"
     )
-    noise.add_argument("--sigma-deg", type=float, help="wanted (with --plan default 1; live: stops there)")
-    noise.add_argument("--turn", type=float, default=2.0, help="s of a turn, for --plan (default 2)")
+    noise.add_argument(
+        "--sigma-deg",
+        type=number(high=45.0, above=0.0),
+        help="wanted (with --plan default 1; live: stops there)",
+    )
+    noise.add_argument(
+        "--turn", type=number(0.0, 3600.0), default=2.0, help="s of a turn, for --plan (default 2)"
+    )
     parser.add_argument(
         "--figure",
         type=drawing_path,
@@ -93,11 +94,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     trial = parser.add_argument_group("simulated")
     trial.add_argument(
         "--simulate-azimuth-deg",
-        type=float,
+        type=number(),
         help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
     )
-    trial.add_argument("--stop", type=float, default=34.0, help="s, simulated and live stops (default 34)")
-    trial.add_argument("--stops", type=int, default=20, help="how many, simulated or live (default 20)")
+    trial.add_argument("--stop", type=positive, default=34.0, help="s, simulated and live stops (default 34)")
+    trial.add_argument(
+        "--stops", type=whole(1, 1_000_000), default=20, help="how many, simulated or live (default 20)"
+    )
+
+
+def _add_found(found: argparse._ArgumentGroup) -> None:
+    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
+    found.add_argument(
+        "--step-deg", type=number(1.0, 180.0), help="the table stops at multiples of this only"
+    )
+    found.add_argument(
+        "--scale-sigma",
+        type=number(high=0.2, above=0.0),
+        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
+    )
 
 
 def _add_live(live: argparse._ArgumentGroup) -> None:
@@ -141,7 +156,7 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
         azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
     if args.report is not None:
         lead = north_lead(azimuth, sigma)
-        args.report.write_text(page("North", lead, north_sections(gyros, warnings)), "utf-8")
+        write_whole(args.report, page("North", lead, north_sections(gyros, warnings)))
     if args.figure is not None:
         save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return FoundNorth(
@@ -160,10 +175,6 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
 
 def _check(args: argparse.Namespace) -> None:
     """Raises InputError for arguments that do not go together, or are none."""
-    if args.sigma_deg is not None and not 0.0 < args.sigma_deg < 45.0:
-        raise InputError(f"--sigma-deg {args.sigma_deg:g}: give above 0, below 45 degrees")
-    if not 0.0 <= args.turn <= 3600.0:
-        raise InputError(f"--turn {args.turn:g}: give 0 to 3600 s")
     if args.plan:
         return
     if args.sigma_deg is not None and args.live is None:
@@ -172,10 +183,6 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
     if args.live is None and (args.table is not None or args.output is not None or args.resume):
         raise InputError("--table, -o and --resume go with --live PORT")
-    if args.step_deg is not None and not 1.0 <= args.step_deg <= 180.0:
-        raise InputError(f"--step-deg {args.step_deg:g}: give 1 to 180 degrees")
-    if args.scale_sigma is not None and not 0.0 < args.scale_sigma <= 0.2:
-        raise InputError(f"--scale-sigma {args.scale_sigma:g}: give above 0, 0.2 at most")
 
 
 def _earlier(

@@ -20,6 +20,7 @@ from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.play_view import Replayed, show
 from hubodo.verbs.web_options import add_foxglove_argument
 
@@ -31,12 +32,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
     parser.add_argument(
-        "--speed", type=float, default=1.0, help="times real time; 0 = as fast as possible (default 1)"
+        "--speed", type=not_negative, default=1.0, help="times real time; 0 = as fast as possible (default 1)"
     )
     parser.add_argument(
-        "--start", type=float, metavar="S", help="from this time of the log, as `hubodo info` shows it"
+        "--start", type=number(), metavar="S", help="from this time of the log, as `hubodo info` shows it"
     )
-    parser.add_argument("--end", type=float, metavar="S", help="up to this time")
+    parser.add_argument("--end", type=number(), metavar="S", help="up to this time")
     parser.add_argument(
         "--to",
         choices=("view", "pty"),
@@ -109,8 +110,6 @@ def run(args: argparse.Namespace) -> PlayResult:
 
     Raises InputError for a speed, part or link that makes no sense, LogError for what is no log.
     """
-    if not (math.isfinite(args.speed) and args.speed >= 0):
-        raise InputError(f"--speed {args.speed}: write a number from 0 on")
     if args.start is not None and args.end is not None and args.end <= args.start:
         raise InputError(f"--end {args.end} is not after --start {args.start}")
     if args.to == "view" and (args.link is not None or args.only is not None):

@@ -62,6 +62,8 @@ def show(
 ) -> tuple[float, float, Replayed | None]:
     """Shows the log; the part that was shown, s, and what became of its odometry."""
     recording = read_recording(args.log)
+    for line in recording.warnings:
+        say(f"warning: {line}")
     tables = [table.t for table in recording.nodes.values() if len(table)]
     if not tables:
         raise InputError(f"{args.log}: holds no node; there is nothing to show")

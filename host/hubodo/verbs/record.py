@@ -12,6 +12,7 @@ from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.web_options import add_web_arguments, watched
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
@@ -47,26 +48,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--baud",
-        type=int,
+        type=baud,
         help=f"of the nodes' serial ports (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 on its USB "
         f"converter; USB of a Pico does not care)",
     )
-    parser.add_argument("--gnss-baud", type=int, help="of the receiver's serial port (default 9600)")
-    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--gnss-baud", type=baud, help="of the receiver's serial port (default 9600)")
+    parser.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
     parser.add_argument(
         "--time-scale",
-        type=float,
+        type=positive,
         metavar="N",
         help="for emulated nodes: a second of the log takes N seconds",
     )
     add_web_arguments(parser)
     parser.add_argument(
-        "--rotate-after", type=float, metavar="S", help="begin another log after so many seconds"
+        "--rotate-after", type=positive, metavar="S", help="begin another log after so many seconds"
     )
-    parser.add_argument("--rotate-at-mb", type=float, metavar="MB", help="begin another log at this size")
+    parser.add_argument("--rotate-at-mb", type=positive, metavar="MB", help="begin another log at this size")
     parser.add_argument(
         "--disk-budget-mb",
-        type=float,
+        type=positive,
         metavar="MB",
         help="of all logs of this name; the oldest go first (default: none is ever removed)",
     )

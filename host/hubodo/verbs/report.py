@@ -20,6 +20,8 @@ from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.numbers import positive
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -58,7 +60,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="HTML")
     parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry instead of that in the log")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="instead of that in the log")
-    parser.add_argument("--gravity", type=float, default=9.80665, help="m/s² at the place (default 9.80665)")
+    parser.add_argument(
+        "--gravity", type=positive, default=9.80665, help="m/s² at the place (default 9.80665)"
+    )
     parser.add_argument("--force", action="store_true", help="replace a page that is there")
 
 
@@ -96,5 +100,5 @@ def run(args: argparse.Namespace) -> Reported:
             calibration_from=where,
             gravity=args.gravity,
         )
-    args.output.write_text(made.html, "utf-8")
+    write_whole(args.output, made.html)
     return Reported(str(args.log), str(args.output), args.output.stat().st_size, made.facts, made.missing)

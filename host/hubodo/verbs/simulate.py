@@ -39,6 +39,7 @@ from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
+from hubodo.verbs.numbers import latitude, number, seed
 from hubowire.messages import NODE_IDS
 
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
@@ -99,28 +100,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from", dest="source", type=Path, metavar="LOG", help="log or CSV folder for reference and gnss"
     )
-    parser.add_argument("--duration", type=float, default=120.0, help="s (default: 120)")
-    parser.add_argument("--rate", type=float, help="samples per second (default: 200; --virtual-node: 416)")
-    parser.add_argument("--reference-rate", type=float, default=50.0, help="Hz of reference (default: 50)")
-    parser.add_argument("--seed", type=int, default=1, help="draws drive and noise (default: 1)")
     parser.add_argument(
-        "--temperature", type=float, nargs="+", metavar="DEG_C", help="one, or from first to last evenly"
+        "--duration", type=number(_SHORTEST, _LONGEST), default=120.0, help="s (default: 120)"
     )
     parser.add_argument(
-        "--settle", type=float, metavar="S", help="with two temperatures: the time constant of a warm-up"
+        "--rate", type=number(*_RATES), help="samples per second (default: 200; --virtual-node: 416)"
+    )
+    parser.add_argument(
+        "--reference-rate", type=number(*_RATES), default=50.0, help="Hz of reference (default: 50)"
+    )
+    parser.add_argument("--seed", type=seed, default=1, help="draws drive and noise (default: 1)")
+    parser.add_argument(
+        "--temperature",
+        type=number(-273.0, 1000.0),
+        nargs="+",
+        metavar="DEG_C",
+        help="one, or from first to last evenly",
+    )
+    parser.add_argument(
+        "--settle",
+        type=number(1e-3),
+        metavar="S",
+        help="with two temperatures: the time constant of a warm-up",
     )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
-    parser.add_argument("--latitude-deg", type=float, metavar="L", help="let the Earth turn under the bench")
-    parser.add_argument(
-        "--azimuth-deg", type=float, default=0.0, metavar="A", help="of table zero, clockwise from north"
-    )
-    parser.add_argument(
-        "--angles-deg", type=float, nargs="+", default=(0.0, 180.0), help="of the table's stops (0 180)"
-    )
-    parser.add_argument("--stop", type=float, default=20.0, help="s that the table stands (default: 20)")
-    parser.add_argument("--turn", type=float, default=2.0, help="s that it turns (default: 2)")
+    _add_bench(parser)
     parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
     add_board_arguments(parser, " of --virtual-node")
+
+
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    """What a turntable or poses take."""
+    parser.add_argument(
+        "--latitude-deg", type=latitude, metavar="L", help="let the Earth turn under the bench"
+    )
+    parser.add_argument(
+        "--azimuth-deg",
+        type=number(-360.0, 360.0),
+        default=0.0,
+        metavar="A",
+        help="of table zero, clockwise from north",
+    )
+    parser.add_argument(
+        "--angles-deg",
+        type=number(-3600.0, 3600.0),
+        nargs="+",
+        default=(0.0, 180.0),
+        help="of the table's stops (0 180)",
+    )
+    parser.add_argument(
+        "--stop", type=number(1.0, _LONGEST), default=20.0, help="s that the table stands (default: 20)"
+    )
+    parser.add_argument(
+        "--turn", type=number(0.1, _LONGEST), default=2.0, help="s that it turns (default: 2)"
+    )
 
 
 def run(args: argparse.Namespace) -> Simulated:
@@ -135,7 +168,7 @@ def run(args: argparse.Namespace) -> Simulated:
             recording, virtual = _virtual(args, model, experiment, show)
         else:
             show("simulating", 0.0)
-            rate = args.rate or 200.0
+            rate = 200.0 if args.rate is None else args.rate
             recording = experiments.simulate(model, experiment, rate, args.reference_rate, args.seed)
             virtual = None
         words = {
@@ -170,27 +203,13 @@ def run(args: argparse.Namespace) -> Simulated:
 
 def _check(args: argparse.Namespace, model: Model) -> None:
     """What can be refused before anything is computed."""
-    for name, value, (low, high) in (
-        ("--duration", args.duration, (_SHORTEST, _LONGEST)),
-        ("--rate", args.rate or 200.0, _RATES),
-        ("--reference-rate", args.reference_rate, _RATES),
-        ("--stop", args.stop, (1.0, _LONGEST)),
-        ("--turn", args.turn, (0.1, _LONGEST)),
-        ("--settle", args.settle or 1.0, (1e-3, math.inf)),
-        ("--latitude-deg", args.latitude_deg or 0.0, (-90.0, 90.0)),
-        ("--azimuth-deg", args.azimuth_deg, (-360.0, 360.0)),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{name} {value:g}: use {low:g} to {high:g}")
-    if args.seed < 0:
-        raise InputError(f"--seed {args.seed}: use 0 or more")
     if args.output.exists():
         raise InputError(f"{args.output}: exists already; choose another name, nothing is overwritten")
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
-    if args.temperature and (len(args.temperature) > 2 or not all(map(math.isfinite, args.temperature))):
+    if args.temperature and len(args.temperature) > 2:
         raise InputError("--temperature: give one number, or the first and the last, in °C")
-    if args.settle and (not args.temperature or len(args.temperature) < 2):
+    if args.settle is not None and (not args.temperature or len(args.temperature) < 2):
         raise InputError("--settle goes with two temperatures; give --temperature FIRST LAST")
     needs_log = args.drive in ("reference", "gnss")
     if needs_log != (args.source is not None):
@@ -275,7 +294,7 @@ def _virtual(
             interpreter,
             args.seed,
             lambda share: show("virtual nodes drive", share),
-            int(args.rate or 416),
+            416 if args.rate is None else int(args.rate),
             pico=PicoSettings(args.image, args.bootrom),
         )
         recorded = read_recording(result.log)

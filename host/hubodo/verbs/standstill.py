@@ -19,6 +19,7 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, rest_of, temperature_step
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.numbers import number
 
 FloatArray = NDArray[np.float64]
 
@@ -55,8 +56,8 @@ def add_standstill_arguments(parser: argparse.ArgumentParser, channels: Sequence
 
 def add_span_arguments(parser: argparse.ArgumentParser) -> None:
     """--start, --end, --trust-units, --trust-still, and how to read foreign files."""
-    parser.add_argument("--start", type=float, help="leave out what is before this time of the log, s")
-    parser.add_argument("--end", type=float, help="leave out what is after this time of the log, s")
+    parser.add_argument("--start", type=number(), help="leave out what is before this time of the log, s")
+    parser.add_argument("--end", type=number(), help="leave out what is after this time of the log, s")
     parser.add_argument("--trust-units", action="store_true", help="do not judge the unit by the magnitude")
     parser.add_argument("--trust-still", action="store_true", help="do not look for movement")
     add_log_options(parser)

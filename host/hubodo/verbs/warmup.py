@@ -36,7 +36,9 @@ from hubodo.report.warmup import (
 from hubodo.report.warmup_figure import warmup_figure
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
+from hubodo.verbs.numbers import not_negative
 from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
+from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
 
@@ -87,14 +89,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo warmup`."""
     add_standstill_arguments(parser, CHANNELS[:3])
     parser.add_argument(
-        "--age", type=float, default=0.0, help="s since power-on at the first sample (default 0)"
+        "--age", type=not_negative, default=0.0, help="s since power-on at the first sample (default 0)"
     )
     parser.add_argument(
         "-o", "--output", type=Path, metavar="TOML", help="calibration file; this axis is added to it"
     )
     parser.add_argument(
         "--at",
-        type=float,
+        type=not_negative,
         action="append",
         default=[],
         metavar="AGE",
@@ -108,10 +110,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> WarmedUp:
     """Read, check, fit; add to the calibration file and write the page where asked."""
-    for name, ages in (("--age", [args.age]), ("--at", args.at)):
-        for age in ages:
-            if not (age >= 0 and math.isfinite(age)):
-                raise InputError(f"{name} {age} must be a time in s since power-on, 0 or more")
     data = read_standstill(args)
     try:
         report = characterise_warmup(
@@ -137,7 +135,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
     title = f"Warm-up of {data.node} {data.channel}"
     if args.report is not None:
         sections = warmup_sections(report, data.node)
-        args.report.write_text(page(title, warmup_lead(report), sections), "utf-8")
+        write_whole(args.report, page(title, warmup_lead(report), sections))
     if args.figure is not None:
         save(warmup_figure(report, title), args.figure)
     output = None if args.output is None else str(args.output)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.fuse.wheel.window import WINDOW
+from hubodo.one_record import check_one_record
 from hubodo.recording import Table
 
 _LONGEST = 0.5
@@ -15,10 +16,11 @@ SurfaceSpeeds = dict[int, tuple[float, float]]
 
 
 def surface_speeds(table: Table) -> SurfaceSpeeds:
-    """Of a table t, left, right; windows that it does not fill are left out."""
+    """Of a table t, left, right; windows that it does not fill are left out. InputError for a wild time."""
     t = table.t
     if len(t) < 2:
         return {}
+    check_one_record(t, "wheels")
     numbers = np.arange(int(np.ceil(t[0] / WINDOW)), int(np.floor(t[-1] / WINDOW)))
     if not len(numbers):
         return {}

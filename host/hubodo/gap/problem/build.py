@@ -14,6 +14,7 @@ from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeForward
 from hubodo.model.inputs import Inputs
 from hubodo.model.model_file import Model
+from hubodo.one_record import check_one_record
 from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
 
@@ -31,12 +32,15 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
     Raises InputError when the log lacks what the model needs, is shorter than 20 s, has no node of the model,
     or cannot belong to it.
     """
-    names = [name for name in model.vehicle.nodes if name in recording.nodes]
+    names = [name for name in model.vehicle.nodes if len(recording.nodes.get(name, ()))]
     if not names:
         raise InputError(
             f"{where}: has none of the model's nodes ({', '.join(model.vehicle.nodes) or 'it names none'}); "
             f"the log has {', '.join(recording.nodes) or 'no node'}; name them alike in [nodes]"
         )
+    for name, table in recording.files().items():
+        if name in names or name == "reference":
+            check_one_record(table.t, f"{where}: {name}")
     warnings = [f"{name}: not in the log" for name in model.vehicle.nodes if name not in names]
     origin = min(float(table.t[0]) for table in recording.files().values() if len(table))
     read = read_inputs(recording, model, origin, where)

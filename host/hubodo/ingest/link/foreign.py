@@ -30,6 +30,11 @@ _SIGNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
 )
 
 
+def recognised(data: bytes) -> bool:
+    """Whether these bytes tell what they are, however few."""
+    return any(pattern.search(data) for pattern, _, _ in _SIGNS)
+
+
 def describe(data: bytes, count: int) -> str:
     """What came and what to do about it, for `count` bytes in which no frame was found; data: the first."""
     for pattern, what, remedy in _SIGNS:

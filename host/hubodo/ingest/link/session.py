@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from hubodo.ingest.link.foreign import describe
+from hubodo.ingest.link.foreign import describe, recognised
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.sink import Sink
@@ -19,6 +19,7 @@ _FOREIGN_NS = 3 * S
 _SILENT_NS = 5 * S
 _DAMAGE_EVERY_NS = 10 * S
 _SAMPLE_BYTES = 512
+_DAMAGED_BYTES_S = 200_000
 _MAX_SENDERS = 64
 _CAUSES = ("crc", "cobs", "short", "oversize")
 
@@ -27,7 +28,8 @@ class LinkSession:
     """Counts and splits what comes over one link, across its interruptions.
 
     The piece before the first delimiter and the one after the last, of each connection, are halves of
-    frames that were cut, not damaged: they are logged with the damaged ones but counted apart.
+    frames that were cut, not damaged: they are logged with the damaged ones but counted apart. Of damaged
+    ones at most 200 kB a second are logged: a port that babbles must not fill the disk.
     """
 
     def __init__(self, label: str, sink: Sink) -> None:
@@ -37,6 +39,8 @@ class LinkSession:
         self.frames = 0
         self.bytes = 0
         self.cut = 0
+        self.unlogged = 0
+        """Bytes of damaged frames that were too many to log."""
         self.downs = 0
         self.foreign: str | None = None
         self.missed = False
@@ -47,6 +51,8 @@ class LinkSession:
         self._strange = bytearray()
         self._strange_count = 0
         self._strange_since: int | None = None
+        self._met = False  # a frame has come since the link is open
+        self._room, self._room_since = _DAMAGED_BYTES_S, 0
         self._heard_ns: int | None = None
         self._reported = 0
         self._next_report = 0
@@ -60,7 +66,7 @@ class LinkSession:
     def up(self, news: LinkUp) -> None:
         """The link is open."""
         self.where, self.datagrams = news.where, news.datagrams
-        self._heard_ns, self._silence_said = news.t_ns, False
+        self._heard_ns, self._silence_said, self._met = news.t_ns, False, False
         text = f"{self.label}: connected at {news.where}"
         self._sink.event(
             Event(news.t_ns, "connected", self.label, text, {"link": self.label, "where": news.where})
@@ -81,19 +87,20 @@ class LinkSession:
         """Logs each piece between delimiters, then yields it if it is a frame."""
         self._heard_ns = chunk.t_ns
         self.bytes += len(chunk.data)
-        decoder = self._decoder(chunk.sender)
+        decoder, met = self._decoder(chunk.sender), False
         for stuffed in decoder.split(chunk.data):
             frame = decoder.decode(stuffed)
             fresh = chunk.sender in self._fresh
             self._fresh.discard(chunk.sender)
             if frame is None:
-                self._sink.raw(self.label + DAMAGED, chunk.t_ns, stuffed + b"\0")
+                self._keep_damaged(chunk.t_ns, stuffed + b"\0")
                 if fresh:
                     self.cut += 1
                     decoder.damage = Damage()
             else:
                 self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
                 self.frames += 1
+                met = self._met = True
                 self._strange.clear()
                 self._strange_count = 0
                 self._strange_since = self.foreign = None
@@ -101,6 +108,8 @@ class LinkSession:
             if frame is not None:
                 yield frame
         self._count(decoder)
+        if met:
+            return  # what came behind the last frame is the beginning of the next
         if self._strange_since is None:
             self._strange_since = chunk.t_ns
         self._strange_count += len(chunk.data)
@@ -117,11 +126,7 @@ class LinkSession:
 
     def tick(self, now_ns: int) -> Iterator[Event]:
         """Yields what the user should see: a stranger on the line, or silence."""
-        if (
-            self._strange_since is not None
-            and self.foreign is None
-            and now_ns - self._strange_since > _FOREIGN_NS
-        ):
+        if self.foreign is None and self._sounds_strange(now_ns):
             self.foreign = describe(bytes(self._strange), self._strange_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
             event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
@@ -139,6 +144,22 @@ class LinkSession:
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
             self._report(now_ns)
+
+    def _sounds_strange(self, now_ns: int) -> bool:
+        """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
+        if self._strange_since is None or self._heard_ns is None:
+            return False
+        known = not self._met or recognised(bytes(self._strange))
+        return (now_ns if known else self._heard_ns) - self._strange_since > _FOREIGN_NS
+
+    def _keep_damaged(self, t_ns: int, piece: bytes) -> None:
+        if t_ns - self._room_since >= S:
+            self._room, self._room_since = _DAMAGED_BYTES_S, t_ns
+        if len(piece) > self._room:
+            self.unlogged += len(piece)
+            return
+        self._room -= len(piece)
+        self._sink.raw(self.label + DAMAGED, t_ns, piece)
 
     def close(self, now_ns: int) -> None:
         """Accounts for what is left."""
@@ -176,6 +197,6 @@ class LinkSession:
         new, self._reported = total - self._reported, total
         named = ", ".join(f"{cause} {count}" for cause, count in self.damage.items() if count)
         text = f"{self.label}: {new} damaged frames since the last report; in all: {named}"
-        self._sink.event(
-            Event(now_ns, "damage", self.label, text, {"link": self.label, "new": new, **self.damage})
-        )
+        text += f"; {self.unlogged} bytes of them were too many to log" if self.unlogged else ""
+        data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged}
+        self._sink.event(Event(now_ns, "damage", self.label, text, data))

@@ -114,6 +114,8 @@ class Recorder:
             self.notices += link.tick(now_ns)
         for node in list(self.nodes.values()):
             self._fuse(node.tick(now_ns), now_ns)
+            self.notices += node.notices
+            node.notices.clear()
         self._warn(now_ns)
 
     def request(self, node: str, message: Message, words: str) -> bool:

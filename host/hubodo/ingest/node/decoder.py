@@ -52,6 +52,7 @@ _HELLO_HEAD = struct.Struct("<I3B")  # fixed for every version of the table
 _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
 _CLOCK_JUMP_US = 3_000_000
+_GONE_NS = 15_000_000_000  # three of the periods in which a node says Hello by itself
 _OVERRUN_FLAGS = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
 _NAMES = {message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply)}
 
@@ -76,6 +77,9 @@ class NodeDecoder:
         self._doubt = True  # no Hello yet that settles which start these frames belong to
         self._pending: deque[tuple[Frame, int, LinkCounts]] = deque()
         self._gaps = GapLedger(name)
+        self._heard: dict[bytes, int] = {}  # serials on this line, and when each last said Hello
+        self._downs = 0
+        self._shared = False  # two nodes answer to one id
 
     @property
     def wants_hello(self) -> bool:
@@ -87,7 +91,7 @@ class NodeDecoder:
         self.counts.frames += 1
         if frame.type_id == Hello.type_id:
             yield from self._hello(frame, t_ns, link)
-        elif self.refusal is not None:
+        elif self.refusal is not None or self._shared:
             self.counts.frames_unread += 1
         elif self._doubt:
             self._keep(frame, t_ns, link)
@@ -131,6 +135,9 @@ class NodeDecoder:
             self.counts.frames_unread += 1
             return
         self.refusal = None
+        yield from self._alone(hello, t_ns, link)
+        if self._shared:
+            return
         before = self._boot
         restarted = before is not None and before.hello.boot_id != hello.boot_id
         if before is None or restarted:
@@ -147,6 +154,24 @@ class NodeDecoder:
             yield from self._restart(before, hello, t_ns, link)
         for kept in pending:
             yield from self._known(*kept, sure=True)
+
+    def _alone(self, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
+        """Notices two nodes that speak as one: which frame is whose, nobody can tell."""
+        if link.downs != self._downs:
+            self._heard, self._downs = {}, link.downs
+        self._heard[hello.serial] = t_ns
+        heard = sorted(serial.hex() for serial, at_ns in self._heard.items() if t_ns - at_ns < _GONE_NS)
+        shared = len(heard) > 1 and not self._datagrams
+        if shared and not self._shared:
+            self.counts.frames_unread += len(self._pending)
+            self._pending.clear()
+            self._doubt = True
+            text = (
+                f"{self.name}: two nodes with one id on one line, serials {' and '.join(heard)}: their "
+                "frames are kept raw, not decoded; give one of them another id (hubodo flash --node)"
+            )
+            yield Event(t_ns, "conflict", self.name, text, {"node": self.name, "serials": heard})
+        self._shared = shared
 
     def _restart(self, before: Boot, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
         self.counts.restarts += 1

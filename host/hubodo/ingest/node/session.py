@@ -76,6 +76,7 @@ class NodeSession:
         self.filter: FilterSeen | None = None
         self.newest: ImuBlock | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
+        self.notices: list[Event] = []  # for the user, taken away by who shows them
         self.last_frame_ns = 0
         self.span_ns: list[int] = []  # first and newest published time
         self.power_on_ns: int | None = None
@@ -201,6 +202,8 @@ class NodeSession:
         for output in outputs:
             match output:
                 case Event():
+                    if output.kind == "conflict":
+                        self.notices.append(output)
                     self._sink.event(self._gap(output) if output.kind == "gap" else output)
                 case HelloSeen():
                     if output.hello.boot_id != self._boot_id:

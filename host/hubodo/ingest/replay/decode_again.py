@@ -21,12 +21,12 @@ from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_body import Messages
-from hubodo.log.container import publish, temporary_beside
 from hubodo.log.decode import message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
+from hubodo.whole_files import whole_new_file
 from hubowire import FrameDecoder, PayloadError, decode
 from hubowire.messages import Hello
 
@@ -41,11 +41,12 @@ _MADE_AGAIN = ("gap", "reset", "health", "started", "mismatch")
 
 @dataclass(frozen=True)
 class DecodedAgain:
-    """What became of the frames. nodes: name -> counts; messages: in the new log, in all."""
+    """What became of the frames. nodes: name -> counts; messages: in the new log; warnings: of the old."""
 
     out: Path
     messages: int
     nodes: dict[str, dict[str, Any]]
+    warnings: tuple[str, ...]
 
 
 def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> DecodedAgain:
@@ -56,33 +57,28 @@ def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> 
     to `hubodo fuse`. Raises LogError for what is no log, InputError when it holds no raw frames or `out`
     exists, WireMismatch when every node speaks another version.
     """
-    temporary = temporary_beside(out)
-    with open_log(path) as log:
+    with open_log(path) as log, whole_new_file(out) as part:
         records = {name: values for name, values in log.records.items() if not name.startswith("node.")}
         main = {k: v for k, v in records.pop(topics.METADATA, {}).items() if k != topics.T_ZERO}
         main |= {"decoded_from": path.name, "decoded_by": f"hubodo {__version__}"}
-        target = McapLog(temporary, metadata=main, t_zero_ns=log.t_zero_ns or 0, clock=None)
-        try:
-            with target:
-                for name, values in records.items():
-                    target.add_metadata(name, values)
-                for file in log.found.attachments:
-                    target.attach(file.name, file.media_type, bytes(file.data))
-                again = _Again(log, target, _ports(main.get("ports", "")))
-                for messages in log.chunks():
-                    again.take(messages)
-                    if progress:
-                        progress(f"decoding {path.name}", log.progress)
-                nodes = again.finish()
-            if not again.links:
-                raise InputError(f"{path}: holds no raw frames; only what `hubodo record` wrote does")
-            refused = [text for session in again.sessions() if (text := session.decoder.refusal)]
-            if refused and len(refused) == len(nodes):
-                raise WireMismatch("; ".join(refused))
-            publish(temporary, out)
-        finally:
-            temporary.unlink(missing_ok=True)
-    return DecodedAgain(out, target.message_count, nodes)
+        with McapLog(part, metadata=main, t_zero_ns=log.t_zero_ns or 0, clock=None) as target:
+            for name, values in records.items():
+                target.add_metadata(name, values)
+            for file in log.found.attachments:
+                target.attach(file.name, file.media_type, bytes(file.data))
+            again = _Again(log, target, _ports(main.get("ports", "")))
+            for messages in log.chunks():
+                again.take(messages)
+                if progress:
+                    progress(f"decoding {path.name}", log.progress)
+            nodes = again.finish()
+        if not again.links:
+            raise InputError(f"{path}: holds no raw frames; only what `hubodo record` wrote does")
+        refused = [text for session in again.sessions() if (text := session.decoder.refusal)]
+        if refused and len(refused) == len(nodes):
+            raise WireMismatch("; ".join(refused))
+        warnings = log.warnings()
+    return DecodedAgain(out, target.message_count, nodes, warnings)
 
 
 def _ports(text: str) -> dict[str, PortName]:

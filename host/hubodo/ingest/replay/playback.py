@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import tempfile
-import tomllib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,7 @@ from hubodo.log.decode import ChannelRows, Decoder, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
 from hubodo.log.writer import McapLog
+from hubodo.toml_file import parse_toml
 from hubodo.vehicle import Vehicle, vehicle_of
 
 Progress = Callable[[str, float], None]
@@ -52,14 +53,18 @@ def setup_of(log: Log) -> Setup:
     if "vehicle.toml" in files:
         where = f"{log.path}: vehicle.toml"
         try:
-            vehicle = vehicle_of(tomllib.loads(files["vehicle.toml"].decode()), where)
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            vehicle = vehicle_of(parse_toml(files["vehicle.toml"].decode(), Path(where)), where)
+        except UnicodeDecodeError as error:
             raise ConfigError(f"{where}: not TOML: {error}; give --vehicle") from None
     if "calibration.toml" in files:
         text = files["calibration.toml"].decode("utf-8", "replace")
         calibration = parse_calibration(text, Path(f"{log.path}: calibration.toml"))
-    rate = log.metadata.get("odometry_rate_hz")
-    return Setup(vehicle, calibration, float(rate) if rate else None)
+    rate = log.metadata.get("odometry_rate_hz", "")
+    try:
+        rate_hz = float(rate) if rate else None
+    except ValueError:
+        raise ConfigError(f"{log.path}: odometry_rate_hz = {rate[:40]!r} in it is no number") from None
+    return Setup(vehicle, calibration, rate_hz if rate_hz is not None and 0.0 < rate_hz < math.inf else None)
 
 
 class Playback:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from hubodo.errors import ConfigError, InputError
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.ieee952 import ACCEL, GYRO
+from hubodo.toml_file import load_toml
 
 FloatArray = NDArray[np.float64]
 
@@ -82,12 +82,9 @@ def read_datasheet(name: str) -> Datasheet:
     if chip is not None:
         return chip
     path = Path(name)
-    try:
-        content = tomllib.loads(path.read_text("utf-8"))
-    except OSError:
-        raise InputError(f"--datasheet {name}: no such file, and no chip of {', '.join(CHIPS)}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{name}: no TOML ({error})") from None
+    if not path.is_file():
+        raise InputError(f"--datasheet {name}: no such file, and no chip of {', '.join(CHIPS)}")
+    content = load_toml(path)
     label = str(content.pop("name", path.stem))
     for sensor, entries in content.items():
         known = {_DENSITY[sensor][0], *_KEYS[sensor]} if sensor in _KEYS else set()
@@ -96,7 +93,7 @@ def read_datasheet(name: str) -> Datasheet:
         for key, value in entries.items():
             if key not in known:
                 raise ConfigError(f"{name}: [{sensor}] {key!r} is none of {', '.join(sorted(known))}")
-            if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
                 raise ConfigError(f"{name}: [{sensor}] {key} = {value!r}: give a number above 0")
         if _DENSITY[sensor][0] in entries and next(iter(_KEYS[sensor])) in entries:
             raise ConfigError(f"{name}: [{sensor}] gives the white noise twice; leave one out")

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from hubodo.errors import InputError
 from hubodo.recording import Table
 from hubodo.sensors.north.find_stops import find_motion
 from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning, vertical_earth
@@ -17,6 +18,10 @@ Array = NDArray[np.float64]
 
 
 SPIKE = 20.0
+
+
+_LEAST = 100
+"""Samples; fewer are no stop."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +61,10 @@ def axis_record(
     """The record of an axis, and what must be said of it.
 
     node: samples with the calibration applied. table: `table.csv`, or None to find the stops. latitude: rad.
-    Raises InputError as of `find_motion`, `mount_of` and `check_direction`.
+    Raises InputError for a record of nothing, and as of `find_motion`, `mount_of` and `check_direction`.
     """
+    if len(node) < _LEAST:
+        raise InputError(f"{len(node)} samples are too few to find north; record some stops of the table")
     node, spikes = _without_spikes(node)
     mount = mounted(node, axis)
     warnings = list(mount.warnings)

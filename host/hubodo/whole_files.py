@@ -1,0 +1,157 @@
+"""Files that are written whole or not at all: beside their name first, under it once they are complete."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from hubodo.errors import InputError
+
+
+def free_path(path: Path) -> Path:
+    """The path itself; raises InputError where something has it, or its folder does not exist."""
+    if path.exists():
+        raise InputError(f"{path}: exists already; choose another name or remove it, nothing is overwritten")
+    _check_folder(path)
+    return path
+
+
+@contextmanager
+def whole_files(*paths: Path, make_folder: bool = False) -> Iterator[list[Path]]:
+    """Names to write under; what is there when the block ends well replaces `paths`, else it is removed.
+
+    All or none: the first gets its name when the last is written. make_folder: their folder is made where it
+    does not exist, and removed again after a failure. Raises InputError without it, OSError that names the
+    file that was wanted (disk full, no rights).
+    """
+    made = _make(paths[0].absolute().parent) if make_folder else []
+    beside = {_beside(path): path for path in paths}
+    try:
+        for path in paths:
+            _check_folder(path)
+        yield list(beside)
+        for part, path in beside.items():
+            if part != path and path.exists():
+                _to_disk(part)
+        for part, path in beside.items():
+            if part != path:
+                part.replace(path.resolve())
+    except BaseException as error:
+        for part, path in beside.items():
+            if part != path:
+                _remove(part)
+        for folder in made:
+            with suppress(OSError):
+                folder.rmdir()
+        if (named := _named(error, beside)) is not error:
+            raise named from error
+        raise
+
+
+@contextmanager
+def whole_new_file(path: Path) -> Iterator[Path]:
+    """The same for one file that must not exist (InputError), neither before nor when it gets its name."""
+    free_path(path)
+    part = _beside(path)
+    try:
+        yield part
+        _publish(part, path)
+    except OSError as error:
+        if (named := _named(error, {part: path})) is not error:
+            raise named from error
+        raise
+    finally:
+        _remove(part)
+
+
+@contextmanager
+def whole_folder(folder: Path) -> Iterator[Path]:
+    """A folder to fill that becomes `folder` when the block ends well, else it is removed.
+
+    Raises InputError where there is something in it already, OSError that names it.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            f"{folder}: exists already and is not empty; choose another folder, nothing is overwritten"
+        )
+    if not folder.absolute().parent.is_dir():
+        raise InputError(f"{folder}: its parent folder does not exist; create it first")
+    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        part.mkdir()
+        yield part
+        part.rename(folder)
+    except BaseException as error:
+        shutil.rmtree(part, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno is not None:
+            raise OSError(error.errno, error.strerror, str(folder)) from error
+        raise
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a text as UTF-8; an existing file is replaced. Raises as `whole_files` does."""
+    with whole_files(path) as (part,):
+        part.write_text(text, "utf-8")
+
+
+def _remove(part: Path) -> None:
+    with suppress(OSError):
+        part.unlink()
+
+
+def _beside(path: Path) -> Path:
+    """A name in the same folder, hidden, ours alone; the path itself where it is no file, as /dev/stdout."""
+    if path.exists() and not path.is_file():
+        return path
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
+def _named(error: BaseException, beside: Mapping[Path, Path]) -> BaseException:
+    """The error; one of the file system that names no file, or ours, with the file that was wanted."""
+    if not isinstance(error, OSError) or error.errno is None:
+        return error
+    if error.filename is not None and Path(error.filename) not in beside:
+        return error
+    wanted = next(iter(beside.values())) if error.filename is None else beside[Path(error.filename)]
+    return OSError(error.errno, error.strerror, str(wanted))
+
+
+def _check_folder(path: Path) -> None:
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{path}: its folder does not exist; create it first")
+
+
+def _make(folder: Path) -> list[Path]:
+    """Make a folder and those above it; what was made, innermost first."""
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    for folder in reversed(missing):
+        folder.mkdir()
+    return missing
+
+
+def _to_disk(part: Path) -> None:
+    # What is replaced cannot be made again: a power cut after the rename must not leave an empty file.
+    handle = os.open(part, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _publish(part: Path, path: Path) -> None:
+    taken = f"{path}: exists already; choose another name or remove it, nothing is overwritten"
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise InputError(taken) from None
+    except OSError:
+        # File systems without hard links (FAT on a memory card): check, then rename.
+        if path.exists():
+            raise InputError(taken) from None
+        part.rename(path)

@@ -1,0 +1,1 @@
+"""Faults, what is to happen, and the counter that moves."""

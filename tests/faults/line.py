@@ -1,0 +1,121 @@
+"""A node's line without a port: what it says as bytes, and a recorder that listens, in a time of its own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
+from hubodo.ingest.live.recorder import Recorder
+from hubodo.recording import Event
+from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
+from hubowire.messages import Hello, ImuBatch
+
+S = 1_000_000_000
+T0 = 1_700_000_000 * S
+PERIOD_NS, BATCH = 4_807_692, 8
+HELLO = Hello(
+    FINGERPRINT, (1, 2, 3), b"serial01", 77, 1, 1, 208_000, 2000, 16,
+    70_000_000, 488_000, 62_500, 25_000_000, 14_614_000, 8, 0, 40, ((0x6B, 0x69, 1),),
+)  # fmt: skip
+
+
+@dataclass
+class Node:
+    """Counts frames and samples as a node does; a sample's gx and ay are its number."""
+
+    hello: Hello = HELLO
+    node_id: int = 1
+    index: int = 0
+    clock_us: int = 0  # by which its clock is ahead of the samples' times
+    seqs: dict[int, int] = field(default_factory=dict)
+
+    def frame(self, message: Message) -> bytes:
+        seq = self.seqs.get(message.type_id, 0)
+        self.seqs[message.type_id] = (seq + 1) & 0xFFFF
+        return encode_frame(Frame(message.type_id, self.node_id, seq, encode(message)))
+
+    def says_hello(self) -> bytes:
+        return self.frame(self.hello)
+
+    def batch(self) -> bytes:
+        numbers = range(self.index, self.index + BATCH)
+        rows = tuple((k % 1000, 0, -5, 0, k % 1000, 2049) for k in numbers)
+        t_us = (self.clock_us + self.index * PERIOD_NS // 1000) % (1 << 30)
+        made = self.frame(ImuBatch(t_us, PERIOD_NS, self.index & 0xFFFF, 160, 0, rows))
+        self.index += BATCH
+        return made
+
+    def restarts(self, boot_id: int) -> None:
+        self.hello = replace(self.hello, boot_id=boot_id)
+        self.index, self.seqs = 0, {}
+
+
+class Kept:
+    """A sink that keeps what it is given, by kind."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.raws: list[tuple[str, bytes]] = []
+        self.rows: dict[str, list[np.ndarray[Any, Any]]] = {}
+
+    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None:
+        self.raws.append((link, frame))
+
+    def event(self, event: Event) -> None:
+        self.events.append(event)
+
+    def imu(self, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
+        self.rows.setdefault(node, []).append(np.asarray(gyro))
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *args, **kwargs: None
+
+    def numbers(self, node: str = "left") -> list[int]:
+        """The numbers of the samples that came, modulo 1000, in order."""
+        step = HELLO.gyro_lsb_ndps * 1e-9 * np.pi / 180
+        rows = np.concatenate(self.rows.get(node, [np.empty((0, 3))]))
+        return [round(x / step) for x in rows[:, 0]]
+
+    def kinds(self) -> list[str]:
+        return [event.kind for event in self.events]
+
+    def causes(self) -> list[str]:
+        return [str(event.data["cause"]) for event in self.events if event.kind == "gap"]
+
+
+class Line:
+    """A recorder of one link or more, and the time that passes on it."""
+
+    def __init__(self, *labels: str) -> None:
+        self.sink, self.now = Kept(), T0
+        names = dict.fromkeys(labels or ("usb0",))
+        self.recorder = Recorder(names, self.sink, lambda *_: True, lambda: self.now)
+        for label in names:
+            self.plug(label)
+
+    def plug(self, label: str = "usb0") -> None:
+        self.recorder.handle(LinkUp(label, self.now, f"/dev/{label}", False))
+
+    def unplug(self, label: str = "usb0") -> None:
+        self.recorder.handle(LinkLost(label, self.now, "unplugged"))
+
+    def says(self, data: bytes, label: str = "usb0", seconds: float = BATCH * PERIOD_NS / S) -> None:
+        """Bytes that came, and the time until the next."""
+        if data:
+            self.recorder.handle(Chunk(label, self.now, data, ""))
+        self.now += round(seconds * S)
+        self.recorder.tick(self.now)
+
+    def waits(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.1)):
+            self.says(b"", seconds=0.1)
+
+    def close(self) -> Kept:
+        self.recorder.close()
+        return self.sink
+
+    def link(self, label: str = "usb0") -> Any:
+        return self.recorder.links[label]

@@ -1,0 +1,138 @@
+"""The table of faults: what is done, what is to happen, what says so, which tests prove it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Fault:
+    """tests: `file::test` below tests/, of which all must pass."""
+
+    what: str
+    expected: str
+    told_by: str
+    tests: tuple[str, ...]
+
+
+STREAM, DISK, FLIPPED, BOMBS = (
+    "faults/test_stream_faults.py::", "faults/test_full_disk.py::", "faults/test_flipped_bytes.py::",
+    "faults/test_bombs.py::",
+)  # fmt: skip
+RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/test_node_decoder.py::"
+PORTS, RECOVER, WRITER = (
+    "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::", "host/log/test_writer.py::",
+)  # fmt: skip
+
+FAULTS = (
+    Fault(
+        "unplugged at every byte of a frame", "that frame is lost, the rest comes",
+        "frames cut; gap: link down",
+        (STREAM + "test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause",
+         RECORD + "test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unnamed"),
+    ),
+    Fault(
+        "EIO, ENODEV while reading", "the link is down, then looked for", "disconnected",
+        (STREAM + "test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how",
+         STREAM + "test_a_device_that_is_pulled_ends_the_link"),
+    ),
+    Fault(
+        "ready to read, but no data", "the link is down", "disconnected: read by somebody else",
+        (STREAM + "test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how",),
+    ),
+    Fault(
+        "two readers of a port", "the second is refused", "busy",
+        (STREAM + "test_a_second_reader_of_ours_is_refused", RECORD + "test_a_busy_port_is_refused"),
+    ),
+    Fault(
+        "wrong baud rate", "told with both rates; silence is not taken for it", "foreign, silent",
+        (STREAM + "test_silence_after_frames_is_no_stranger_and_another_baud_rate_is",
+         PORTS + "test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_named"),
+    ),
+    Fault(
+        "a port that babbles at 3 MB/s", "memory and log bounded, other links whole", "bytes not logged",
+        (STREAM + "test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothing",),
+    ),
+    Fault(
+        "the node crashes into its prompt", "told what to do", "foreign: MicroPython prompt",
+        (STREAM + "test_a_node_that_crashes_into_its_prompt_is_told_although_it_says_no_more",),
+    ),
+    Fault(
+        "the node is reset within a frame", "that frame is lost, the new start begins at 0", "damage, reset",
+        (STREAM + "test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew",
+         DECODER + "test_a_restart_whose_hello_was_lost_is_suspected_and_settled_by_the_next_hello"),
+    ),
+    Fault(
+        "two nodes with one id on two ports", "both recorded, the second renamed", "notice",
+        (RECORD + "test_two_nodes_with_one_name_are_both_kept",),
+    ),
+    Fault(
+        "two nodes with one id on one line", "kept raw, not mixed", "conflict; frames unread",
+        (STREAM + "test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed",
+         STREAM + "test_a_board_that_was_exchanged_while_unplugged_is_no_conflict"),
+    ),
+    Fault(
+        "numbers and microseconds turn over", "nothing is lost", "no gap",
+        (STREAM + "test_numbers_and_microseconds_that_turn_over_are_no_loss",
+         DECODER + "test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters"),
+    ),
+    Fault(
+        "the node's clock goes backwards", "its samples wait for a Hello", "no gap, no reset",
+        (STREAM + "test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing",),
+    ),
+    Fault(
+        "a node of an older protocol", "refused by name, raw frames kept", "mismatch; frames unread",
+        (RECORD + "test_a_node_of_another_version_is_refused_by_name_and_its_raw_frames_kept",
+         RECORD + "test_a_node_of_another_version_beside_a_good_one_does_not_end_the_recording"),
+    ),
+    Fault(
+        "the port is back under another name", "found by its serial number", "connected at ...",
+        (PORTS + "test_a_device_is_found_again_under_another_name_by_the_serial_number_seen_first",),
+    ),
+    Fault(
+        "killed at any moment", "all until a second before is recovered",
+        "recover: messages kept, bytes lost",
+        ("faults/test_kill.py::test_after_sigkill_all_that_came_until_one_second_before_is_there",
+         RECORD + "test_killed_without_warning_all_but_the_last_second_is_recovered",
+         RECOVER + "test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing"),
+    ),
+    Fault(
+        "disk full at any stage of a verb", "code 1, nothing half, what was there stays", "the file's name",
+        (DISK + "test_a_disk_that_fills_at_any_stage_leaves_nothing_half",
+         DISK + "test_a_file_system_that_is_truly_full",
+         DISK + "test_a_calibration_that_cannot_be_written_stays_as_it_was"),
+    ),
+    Fault(
+        "disk full while recording", "what was pending is lost, the log is valid", "the recorder's word",
+        (WRITER + "test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log",),
+    ),
+    Fault(
+        "a folder that may only be read", "code 1, nothing left", "the file's name",
+        (DISK + "test_a_folder_that_may_only_be_read",),
+    ),
+    Fault(
+        "the folder of a result is removed", "code 1 or 2, nothing left", "the file's name",
+        (DISK + "test_a_folder_that_is_gone_when_the_result_is_there",),
+    ),
+    Fault(
+        "a byte of a log turned over", "noticed, whichever it is; a damaged attachment is not used",
+        "info: damaged places",
+        (FLIPPED + "test_each_turned_byte_is_noticed",
+         FLIPPED + "test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs"),
+    ),
+    Fault(
+        "a small file that claims to be huge", "not believed, memory bounded", "warning, or refused",
+        (BOMBS + "test_a_log_of_some_kilobytes_takes_no_gigabytes",
+         BOMBS + "test_a_chunk_cut_off_at_the_end_is_not_believed_either",
+         BOMBS + "test_an_array_that_claims_more_than_its_file_holds_is_refused"),
+    ),
+    Fault(
+        "a wild time stamp", "refused where a grid would be laid up to it", "the pause and its ends",
+        (BOMBS + "test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes",
+         BOMBS + "test_no_verb_lays_a_grid_up_to_a_wild_time_stamp"),
+    ),
+    Fault(
+        "memory that is not there", "code 1", "one line",
+        (BOMBS + "test_memory_that_is_not_there_is_a_failure_in_one_line",),
+    ),
+)  # fmt: skip

@@ -1,0 +1,192 @@
+"""Small files that claim to be huge: refused or left out within a bounded memory, never believed."""
+
+import resource
+import struct
+import subprocess
+import sys
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+
+from hubodo.log.container import McapFile
+from hubodo.log.mcap import open_log
+from in_process import hubodo
+
+CLAIMED = 1 << 30
+
+
+def chunk(compression: str, data: bytes, size: int) -> bytes:
+    """A chunk record as another writer might make it; without a checksum."""
+    name = compression.encode()
+    body = struct.pack("<QQQII", 1, 2, size, 0, len(name)) + name + struct.pack("<Q", len(data)) + data
+    return struct.pack("<BQ", 6, len(body)) + body
+
+
+def zeros(compression: str, size: int) -> bytes:
+    """So many zeros, compressed: a message record's opcode does not occur in them."""
+    if compression == "zstd":
+        made = zstandard.ZstdCompressor(level=19).compressobj()
+        return b"".join(made.compress(bytes(1 << 20)) for _ in range(size >> 20)) + made.flush()
+    with lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB) as made:
+        parts = [made.begin()] + [made.compress(bytes(1 << 20)) for _ in range(size >> 20)]
+        return b"".join([*parts, made.flush()])
+
+
+def bomb(path: Path, *chunks: bytes) -> Path:
+    file = McapFile(path)
+    for record in chunks:
+        file.put(record)
+    file.finish()
+    return path
+
+
+def peak_megabytes(*words: object) -> float:
+    """Of the command in a process of its own."""
+    program = textwrap.dedent("""
+        import re, sys
+        from hubodo.cli import main
+        code = main(sys.argv[1:])
+        # Not ru_maxrss: that begins with what the parent had when it forked.
+        print(int(re.search(r"VmHWM:\\s+(\\d+)", open("/proc/self/status").read())[1]) / 1024, code)
+    """)
+    done = subprocess.run(
+        [sys.executable, "-c", program, *map(str, words)], capture_output=True, text=True, check=True
+    )
+    used, code = done.stdout.splitlines()[-1].split()
+    assert code in ("0", "2"), done.stderr
+    return float(used)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_log_of_some_kilobytes_takes_no_gigabytes(compression: str, tmp_path: Path) -> None:
+    some = 1 << 25 if compression == "zstd" else 1 << 23
+    packed = zeros(compression, some)
+    liars = [chunk(compression, packed, some)] * 40 + [chunk(compression, packed, CLAIMED)]
+    path = bomb(tmp_path / "bomb.mcap", *liars)
+    assert path.stat().st_size < 2_000_000
+    used = peak_megabytes("info", path)
+    print(f"{compression}: {path.stat().st_size / 1e3:.0f} kB take {used:.0f} MB")
+    assert used < 600
+    with open_log(path) as log:
+        assert list(log.messages()) == []
+        list(log.chunks())
+        assert any("more than such a file can hold" in line for line in log.warnings())
+
+
+def test_a_chunk_cut_off_at_the_end_is_not_believed_either(tmp_path: Path) -> None:
+    packed = zeros("zstd", 1 << 28)
+    whole = bomb(tmp_path / "whole.mcap", chunk("zstd", packed + bytes(1000), 1 << 28)).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: whole.index(packed) + len(packed)])
+    assert peak_megabytes("recover", cut, "-o", tmp_path / "out.mcap") < 500
+
+
+def test_a_chunk_of_a_million_channels_keeps_each_once(tmp_path: Path) -> None:
+    record = struct.pack("<BQHHI", 4, 24, 1, 0, 2) + b"/a" + struct.pack("<I", 4) + b"json" + bytes(4)
+    path = bomb(tmp_path / "channels.mcap", chunk("", record * 300_000, len(record) * 300_000))
+    with open_log(path) as log:
+        (messages,) = log.chunks()
+        assert len(messages.definitions) == 1
+        assert [stream.topic for stream in log.streams.values()] == ["/a"]
+
+
+def noise(path: Path, stamps: np.ndarray) -> Path:
+    values = np.random.default_rng(3).normal(0, 1e-3, len(stamps))
+    rows = [
+        f"{t!r},{g!r},{g!r},{g!r},0,0,9.81" for t, g in zip(stamps.tolist(), values.tolist(), strict=True)
+    ]
+    path.mkdir()
+    (path / "left.csv").write_text("t,gx,gy,gz,ax,ay,az\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes(tmp_path: Path) -> None:
+    t = np.arange(3000) * 0.01
+    t[-1] = 2e9
+    done = hubodo("allan", noise(tmp_path / "log", t), "--node", "left", "--channel", "gz", "--trust-still")
+    assert done.code == 2
+    assert "2e+09 s" in done.err and "--end" in done.err
+
+
+DRIVE = """
+[vehicle]
+wheel_radius = 0.31
+track_width = 0.92
+[imu]
+gyro_noise = 0.004
+accel_noise = 0.05
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+[inputs]
+speed = "reference.speed"
+yaw_rate = "reference.yaw_rate"
+"""
+
+
+def test_no_verb_lays_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
+    model, vehicle, drive = tmp_path / "m.toml", tmp_path / "v.toml", tmp_path / "drive"
+    model.write_text(DRIVE)
+    head, _, rest = DRIVE.partition("[imu]")
+    vehicle.write_text(head + rest[rest.index("[nodes") : rest.index("[inputs")])
+    assert hubodo("simulate", model, "--duration", 25, "--rate", 50, "-o", drive).code == 0
+    for file in drive.iterdir():
+        head, _, last = file.read_text().strip().rpartition("\n")
+        file.write_text(f"{head}\n2000000000,{last.partition(',')[2]}\n")
+    (drive / "wheels.csv").write_text("t,left,right\n0,1,1\n0.1,1,1\n2000000000,1,1\n")
+    with limited_memory(500):
+        for code, words in (
+            (0, ["info", drive]),
+            (2, ["fuse", drive, "--vehicle", vehicle, "-o", tmp_path / "2", "--method", "differential"]),
+            (2, ["fuse", drive, "--vehicle", vehicle, "-o", tmp_path / "1"]),
+            (2, ["gap", model, drive, "-o", tmp_path / "3"]),
+            (2, ["simulate", model, "--drive", "reference", "--from", drive, "-o", tmp_path / "s.mcap"]),
+            (0, ["calibrate", "wheels", drive, "--vehicle", vehicle, "-o", tmp_path / "c.toml"]),
+        ):
+            done = hubodo(*words)
+            assert done.code == code, done.err
+            assert code == 0 or "wild time stamp" in done.err
+
+
+@contextmanager
+def limited_memory(megabytes: int) -> Iterator[None]:
+    """No more than this beyond what is used now."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + megabytes * 10**6, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("gyro", (1 << 36,), "f8", chunks=(1 << 20,), fillvalue=0.0)
+    done = hubodo("allan", tmp_path / "a.h5", "--rate", 100, "--unit", "rad/s")
+    assert done.code == 2 and "claims" in done.err
+    head = np.lib.format.magic(1, 0)
+    text = b"{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999,), }".ljust(117) + b"\n"
+    (tmp_path / "a.npy").write_bytes(head + struct.pack("<H", len(text)) + text + bytes(800))
+    done = hubodo("allan", tmp_path / "a.npy", "--rate", 100, "--unit", "rad/s")
+    assert done.code == 2
+
+
+def test_memory_that_is_not_there_is_a_failure_in_one_line(tmp_path: Path) -> None:
+    path = noise(tmp_path / "log", np.arange(100_000) * 0.01)
+    words = ["allan", path, "--node", "left", "--channel", "gz"]
+    assert hubodo(*words).code == 0
+    with limited_memory(2):
+        done = hubodo(*words)
+    assert done.code == 1
+    assert "not enough memory" in done.err and done.err.count("\n") == 1

@@ -1,0 +1,84 @@
+"""Every byte of a small log turned over once: it is noticed, or nothing that is read differs."""
+
+import json
+import random
+import struct
+from pathlib import Path
+
+import pytest
+
+from hubodo.errors import LogError
+from hubodo.log.mcap import open_log
+from hubodo.log.recover import recover
+from hubodo.log.writer import McapLog
+from hubodo.recording import Event
+from in_process import hubodo
+
+VEHICLE = b"[vehicle]\nwheel_radius = 0.165\ntrack_width = 0.55\n"
+
+
+def write_log(path: Path, compression: str) -> None:
+    """Two links, an event, metadata, an attachment: every kind of record that a recording has."""
+    with McapLog(
+        path,
+        t_zero_ns=1_700_000_000 * 10**9,
+        compression=compression,  # type: ignore[arg-type]
+        chunk_bytes=150,
+        clock=None,
+        metadata={"fingerprint": "abc"},
+    ) as log:
+        log.attach("vehicle.toml", "application/toml", VEHICLE)
+        speed = log.add_channel("/speed", "std_msgs/msg/Float64", "ros2msg", b"float64 data", "cdr")
+        for i in range(6):
+            log.raw("usb1", log.t_zero_ns + i * 1000 + 1, bytes([i] * 9))
+            log.write(speed, log.t_zero_ns + i, log.t_zero_ns + i, bytes(4) + struct.pack("<d", i))
+        log.event(Event(log.t_zero_ns + 99, "gap", "left", "lost", {"samples_lost": 1}))
+
+
+def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
+    """All that a log says by any way of reading, its attachments first, and what is wrong with it."""
+    with open_log(path) as log:
+        by_time = list(log.messages())
+        in_file = [chunk.data.tobytes() for chunk in log.chunks()]
+        said = (log.attachments, by_time, in_file, log.streams, log.records, log.t_zero_ns)
+        return (*said, log.found.library, log.found.profile), log.warnings()
+
+
+@pytest.mark.parametrize(("compression", "step"), [("zstd", 1), ("none", 5)])
+def test_each_turned_byte_is_noticed(compression: str, step: int, tmp_path: Path) -> None:
+    seed, path, bad = 5, tmp_path / "log.mcap", tmp_path / "bad.mcap"
+    rng = random.Random(seed)
+    write_log(path, compression)
+    truth, warnings = everything(path)
+    assert not warnings
+    data = path.read_bytes()
+    harmless = 0
+    for at in range(0, len(data), step):
+        turned = bytearray(data)
+        turned[at] ^= 1 << rng.randrange(8)
+        bad.write_bytes(turned)
+        try:
+            found, warnings = everything(bad)
+        except LogError:
+            assert at < 8, f"byte {at}, seed {seed}: only the magic makes it no log"
+            continue
+        assert warnings, f"byte {at} of {len(data)} is not noticed, seed {seed}"
+        assert found[0] in ({}, truth[0]), f"byte {at}: a damaged attachment is given out, seed {seed}"
+        harmless += found == truth
+    print(f"{len(data[::step])} of {len(data)} bytes: all noticed; {harmless} change nothing read")
+
+
+def test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    write_log(path, "zstd")
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b"0.165", b"0.265"))
+    told = hubodo("info", path, "--json")
+    assert "vehicle.toml fails its checksum" in told.out
+    assert json.loads(told.out)["damaged"] == 1 and json.loads(told.out)["attachments"] == {}
+    assert "1 damaged places" in hubodo("info", path).out
+    done = recover(path, tmp_path / "whole.mcap")
+    assert not done.was_whole and "vehicle.toml" in done.losses[0]
+    path.write_bytes(data.replace(b"1700000000000000000", b"1700000100000000000"))
+    assert "t = 0" in hubodo("info", path).out
+    assert "t = 0" in hubodo("recover", path, "-o", tmp_path / "again.mcap").out

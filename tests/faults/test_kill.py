@@ -1,0 +1,98 @@
+"""A recorder killed at any moment: all that came until a second before is recovered, and nothing else.
+
+Each is forked off this process, so that two hundred of them cost little more than their waiting:
+`make faults` says --kills 200.
+"""
+
+import os
+import random
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hubodo.log.mcap import open_log
+from hubodo.log.recover import recover
+from hubodo.log.writer import McapLog
+
+AT_ONCE = 10
+STEP_S = 0.01
+
+
+def record_for_ever(path: Path, told: int, silent_after: float) -> None:
+    """Rows with the time of receipt, told on a pipe as they are handed over; then only ticks."""
+    log, i, n, start = McapLog(path), 0, 8, time.monotonic()
+    while True:
+        if time.monotonic() - start < silent_after:
+            rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
+            now = time.time_ns()
+            log.imu("left", now + np.arange(n), now, rows, rows)
+            i += n
+            os.write(told, f"{now} {i}\n".encode())
+        log.tick()
+        time.sleep(STEP_S)
+
+
+def start(path: Path, silent_after: float) -> tuple[int, int]:
+    """The process of a recorder, and where it tells."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            os.close(reader)
+            record_for_ever(path, writer, silent_after)
+        finally:
+            os._exit(1)
+    os.close(writer)
+    return child, reader
+
+
+def heard(reader: int) -> list[tuple[int, int]]:
+    with os.fdopen(reader) as stream:
+        rows = [line.split() for line in stream.read().splitlines()]
+    return [(int(row[0]), int(row[1])) for row in rows if len(row) == 2]
+
+
+@pytest.fixture
+def kills(request: pytest.FixtureRequest) -> int:
+    return int(request.config.getoption("--kills"))
+
+
+def test_after_sigkill_all_that_came_until_one_second_before_is_there(kills: int, tmp_path: Path) -> None:
+    seed = 7
+    rng = random.Random(seed)
+    lost_most = 0.0
+    for first in range(0, kills, AT_ONCE):
+        running, began = [], time.monotonic()
+        for number in range(first, min(first + AT_ONCE, kills)):
+            silent = rng.choice((99.0, 0.4))
+            child, reader = start(tmp_path / f"{number}.mcap", silent)
+            running.append((began + rng.uniform(0.0, 1.8), number, child, reader, silent))
+        for moment, number, child, reader, silent in sorted(running):
+            time.sleep(max(0.0, moment - time.monotonic()))
+            killed_ns = time.time_ns()
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            received = heard(reader)
+            due = max([i for now, i in received if now <= killed_ns - 1_000_000_000], default=0)
+            values = recovered(tmp_path / f"{number}.mcap", tmp_path / f"{number}-out.mcap")
+            where = f"seed {seed}, kill {number}, {moment - began:.3f} s, silent after {silent}"
+            assert values == list(range(len(values))), where
+            assert len(values) >= due, f"{len(values)} of {due} due, {where}"
+            behind = [killed_ns - now for now, i in received if i > len(values)]
+            lost_most = max(lost_most, max(behind, default=0) / 1e9)
+    print(f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
+
+
+def recovered(path: Path, out: Path) -> list[float]:
+    """The numbers of the samples that come back; none where not even the head of the file was there."""
+    if not path.exists() or path.stat().st_size < 8:
+        return []
+    recover(path, out)
+    with open_log(out) as log:
+        return [
+            float(np.frombuffer(m.data, "<f8", 1, len(m.data) - 24 - 72)[0])
+            for m in log.messages(["/left/imu"])
+        ]

@@ -1,0 +1,230 @@
+"""Faults of a serial line, done to its bytes: what is lost is that alone, and a counter says so."""
+
+import errno
+import os
+import random
+import tracemalloc
+from dataclasses import replace
+
+import pytest
+
+from faults.line import BATCH, HELLO, Line, Node, S
+from hubodo.ingest.link.down import LinkDown
+from hubodo.ingest.link.link import Chunk
+from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.serial_port import SerialTransport
+from hubodo.ingest.link.transport import open_transport
+from hubodo.ingest.node.gaps import LINK_DOWN
+
+
+def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause():
+    whole = Node()
+    whole.says_hello()
+    length = len(whole.batch())
+    for at in range(length + 1):
+        node, line = Node(), Line()
+        line.says(node.says_hello())
+        for _ in range(3):
+            line.says(node.batch())
+        torn = node.batch()
+        line.says(torn[:at])
+        line.unplug()
+        line.waits(0.3)
+        line.plug()
+        line.says(torn[at:])  # the rest of what the node was sending comes first
+        for _ in range(3):
+            line.says(node.batch())
+        kept = line.close()
+        lost = 0 if at in (0, length) else BATCH
+        halves = 2 if at < length - 1 else 1  # the closing delimiter alone is none
+        assert line.link().cut == (halves if lost else 0), f"byte {at}"
+        assert sum(line.link().damage.values()) == 0, f"byte {at}"
+        expected = [k for k in range(7 * BATCH) if not (lost and 3 * BATCH <= k < 4 * BATCH)]
+        assert kept.numbers() == expected, f"byte {at}"
+        assert kept.causes() == [LINK_DOWN] * bool(lost), f"byte {at}"
+        assert line.link().downs == 1
+
+
+def test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew():
+    node, line = Node(), Line()
+    line.says(node.says_hello())
+    line.says(node.batch())
+    line.says(node.batch()[:20])
+    node.restarts(78)
+    line.says(b"\0" + node.says_hello())  # the firmware begins with a delimiter
+    line.says(node.batch())
+    kept = line.close()
+    assert sum(line.link().damage.values()) == 1
+    assert kept.numbers() == [*range(BATCH), *range(BATCH)]
+    assert kept.kinds().count("reset") == 1
+
+
+def test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed():
+    one, other = Node(), Node(replace(HELLO, serial=b"serial02", boot_id=12), clock_us=5_000_000)
+    line = Line()
+    line.says(one.says_hello())
+    for _ in range(4):
+        line.says(one.batch())
+    line.says(other.says_hello())
+    for k in range(60):
+        line.says((one, other)[k % 2].batch())
+        if k % 20 == 0:
+            line.says(one.says_hello() + other.says_hello())
+    node = next(iter(line.recorder.nodes.values()))
+    assert node.decoder.counts.frames_unread == 60
+    assert sum("serial" in notice.text for notice in line.recorder.notices) == 1
+    for _ in range(5):
+        line.says(one.says_hello(), seconds=5.0)  # the other was taken away
+    line.says(one.batch())
+    line.says(one.says_hello())
+    kept = line.close()
+    assert kept.kinds().count("conflict") == 1
+    assert kept.numbers() == [*range(4 * BATCH), *range(one.index - BATCH, one.index)]
+    frames = [raw for label, raw in kept.raws if label == "usb0"]
+    assert len(frames) == line.link().frames, "each frame is in the raw log"
+
+
+def test_a_board_that_was_exchanged_while_unplugged_is_no_conflict():
+    one, other, line = Node(), Node(replace(HELLO, serial=b"serial02", boot_id=12)), Line()
+    line.says(one.says_hello())
+    line.says(one.batch())
+    line.unplug()
+    line.plug()
+    line.says(other.says_hello())
+    line.says(other.batch())
+    kept = line.close()
+    assert "conflict" not in kept.kinds()
+    assert kept.numbers() == [*range(BATCH), *range(BATCH)]
+
+
+def test_silence_after_frames_is_no_stranger_and_another_baud_rate_is():
+    node, line = Node(), Line()
+    line.says(node.says_hello())
+    for _ in range(10):
+        line.says(node.batch() + b"\x05\x01")  # the next frame has begun
+    line.waits(4.0)
+    assert line.link().foreign is None and line.recorder.verdict() is None
+    assert line.recorder.notices == []
+    line.waits(2.0)
+    assert ["nothing has come for 5 s" in notice.text for notice in line.recorder.notices] == [True]
+    rng = random.Random(3)
+    for _ in range(40):
+        line.says(bytes(rng.choice((0x80, 0xF8, 0x00, 0xE6, 0x98)) for _ in range(80)), seconds=0.1)
+    assert "baud rate" in line.link().foreign
+    assert line.close().kinds().count("foreign") == 1
+
+
+def test_a_node_that_crashes_into_its_prompt_is_told_although_it_says_no_more():
+    node, line = Node(), Line()
+    line.says(node.says_hello() + node.batch())
+    line.says(b'Traceback (most recent call last):\r\n  File "main.py", line 3\r\nMemoryError\r\n>>> ')
+    line.waits(4.0)
+    assert "MicroPython prompt" in line.link().foreign
+
+
+def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothing():
+    """Five seconds of it: memory and log stay bounded, what was not logged is counted, the node is whole."""
+    rng = random.Random(4)
+    noise = [rng.randbytes(30_000) for _ in range(20)]
+    line, node = Line("usb0", "usb1"), Node()
+    line.says(node.says_hello(), "usb0")
+    tracemalloc.start()
+    for k in range(500):
+        line.recorder.handle(Chunk("usb1", line.now, noise[k % 20], ""))
+        if k % 4 == 0:
+            line.says(node.batch(), "usb0", 0.0)
+        line.now += S // 100
+        line.recorder.tick(line.now)
+        if k == 20:
+            tracemalloc.reset_peak()
+            before = tracemalloc.get_traced_memory()[0]
+    grown = tracemalloc.get_traced_memory()[1] - before
+    tracemalloc.stop()
+    babble = line.link("usb1")
+    logged = sum(len(raw) for label, raw in line.sink.raws if label == "usb1/damaged")
+    assert babble.bytes == 15_000_000
+    assert 500_000 < logged < 6 * 200_000 and babble.unlogged > 500_000
+    assert grown < 6_000_000
+    assert "no frame" in babble.foreign
+    kept = line.close()
+    assert any("too many to log" in event.text for event in kept.events if event.kind == "damage")
+    assert kept.numbers() == [k % 1000 for k in range(125 * BATCH)]
+
+
+def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
+    node, line = Node(clock_us=60_000_000), Line()
+    line.says(node.says_hello())
+    for _ in range(5):
+        line.says(node.batch())
+    node.clock_us -= 30_000_000
+    for _ in range(5):
+        line.says(node.batch())
+    line.says(node.says_hello())
+    for _ in range(5):
+        line.says(node.batch())
+    line.says(node.says_hello())
+    kept = line.close()
+    assert kept.numbers() == list(range(15 * BATCH))
+    assert "gap" not in kept.kinds() and "reset" not in kept.kinds()
+
+
+@pytest.mark.parametrize("start", [65_530, 2**16 - BATCH])
+def test_numbers_and_microseconds_that_turn_over_are_no_loss(start):
+    node = Node(index=start, clock_us=(1 << 30) - 100_000)
+    node.seqs = {2: 65_533, 1: 65_535}
+    line = Line()
+    line.says(node.says_hello())
+    for _ in range(20):
+        line.says(node.batch())
+    kept = line.close()
+    assert kept.numbers() == [k % 1000 for k in range(start, start + 20 * BATCH)]
+    assert "gap" not in kept.kinds()
+
+
+@pytest.fixture
+def port():
+    master, slave = os.openpty()
+    transport = open_transport(parse_port(os.ttyname(slave)), Finder(parse_port(os.ttyname(slave))), 115200)
+    os.close(slave)
+    yield master, transport
+    transport.close()
+
+
+def test_a_device_that_is_pulled_ends_the_link(port):
+    master, transport = port
+    os.write(master, b"abc")
+    assert transport.read(1.0) == (b"abc", "")
+    os.close(master)
+    with pytest.raises(LinkDown):
+        transport.read(1.0)
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (OSError(errno.EIO, "Input/output error"), "Input/output error"),
+        (OSError(errno.ENODEV, "No such device"), "No such device"),
+        (b"", "read by somebody else"),
+    ],
+)
+def test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how(port, answer, says, monkeypatch):
+    master, transport = port
+    os.write(master, b"abc")
+
+    def read(fd, count):
+        if isinstance(answer, bytes):
+            return answer
+        raise answer
+
+    with monkeypatch.context() as patch:
+        patch.setattr("hubodo.ingest.link.serial_port.os.read", read)
+        with pytest.raises(LinkDown, match=says):
+            transport.read(1.0)
+    os.close(master)
+
+
+def test_a_second_reader_of_ours_is_refused(port):
+    master, transport = port
+    with pytest.raises(Exception, match="busy"):
+        SerialTransport(transport.where, 115200)
+    os.close(master)

@@ -1,0 +1,1 @@
+"""Inputs made from chance, and what must hold whatever they are."""
