@@ -59,6 +59,7 @@ DEFAULTS = {
     "password": "",
     "host": "",
     "port": 47110,
+    "key": "",  # of UDP, 64 hexadecimal digits
     "pins": {},
 }
 
