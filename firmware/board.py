@@ -84,6 +84,10 @@ class Hardware:
         if kind == "uart":
             return self._open_uart()
         if kind == "udp":
+            if self.settings["key"]:
+                import sealed
+
+                return sealed.SealedUdpLink(self.settings)
             import wifi
 
             return wifi.UdpLink(self.settings)

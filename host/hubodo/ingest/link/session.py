@@ -20,6 +20,7 @@ _SILENT_NS = 5 * S
 _DAMAGE_EVERY_NS = 10 * S
 _SAMPLE_BYTES = 512
 _MAX_SENDERS = 64
+_MOST_PLACES = 16
 _CAUSES = ("crc", "cobs", "short", "oversize")
 
 
@@ -43,6 +44,7 @@ class LinkSession:
         self.damage = dict.fromkeys(_CAUSES, 0)
         self._sink = sink
         self._decoders: dict[str, FrameDecoder] = {}
+        self._senders: dict[str, int] = {}
         self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
         self._strange = bytearray()
         self._strange_count = 0
@@ -82,17 +84,18 @@ class LinkSession:
         self._heard_ns = chunk.t_ns
         self.bytes += len(chunk.data)
         decoder = self._decoder(chunk.sender)
+        place = self._place(chunk.sender)
         for stuffed in decoder.split(chunk.data):
             frame = decoder.decode(stuffed)
             fresh = chunk.sender in self._fresh
             self._fresh.discard(chunk.sender)
             if frame is None:
-                self._sink.raw(self.label + DAMAGED, chunk.t_ns, stuffed + b"\0")
+                self._sink.raw(place + DAMAGED, chunk.t_ns, stuffed + b"\0")
                 if fresh:
                     self.cut += 1
                     decoder.damage = Damage()
             else:
-                self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
+                self._sink.raw(place, chunk.t_ns, stuffed + b"\0")
                 self.frames += 1
                 self._strange.clear()
                 self._strange_count = 0
@@ -146,6 +149,13 @@ class LinkSession:
             self._end(sender, now_ns)
         self._report(now_ns)
 
+    def _place(self, sender: str) -> str:
+        """Where in the log the pieces of a sender go: those of the second one beside those of the first."""
+        if not self.datagrams:
+            return self.label
+        number = self._senders.setdefault(sender, min(len(self._senders) + 1, _MOST_PLACES))
+        return self.label if number == 1 else f"{self.label}/{number}"
+
     def _decoder(self, sender: str) -> FrameDecoder:
         decoder = self._decoders.get(sender)
         if decoder is None:
@@ -166,7 +176,7 @@ class LinkSession:
         decoder = self._decoders.pop(sender)
         for rest in decoder.split(b"\0"):
             self.cut += 1
-            self._sink.raw(self.label + DAMAGED, t_ns, rest)
+            self._sink.raw(self._place(sender) + DAMAGED, t_ns, rest)
         self._fresh.discard(sender)
 
     def _report(self, now_ns: int) -> None:
