@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 _BUS_HZ = const(400000)
 _WATCHDOG_MS = const(8000)
 _UART_BUFFER = const(512)
+_SPI_HZ = const(8000000)
+_UNKNOWN = const(255)
 
 
 class Hardware:
@@ -32,6 +34,9 @@ class Hardware:
         if self.pins["battery_enable"] >= 0 and self.pins["battery"] >= 0:
             machine.Pin(self.pins["battery_enable"], machine.Pin.OUT, value=1)
         if self.pins["battery"] >= 0:
+            from battery import percent
+
+            self._charge = percent
             self._battery = machine.ADC(machine.Pin(self.pins["battery"]))
         self._knows_volts = hasattr(self._battery, "read_uv")
         if self._knows_volts:
@@ -46,6 +51,10 @@ class Hardware:
         if self._knows_volts:
             return self._battery.read_uv() * factor // 1000
         return self._battery.read_u16() * (3300 * factor) >> 16
+
+    def charge(self, mv):
+        """What of the battery is left at so many mV, in %; 255 when that is not known."""
+        return self._charge(mv) if mv else _UNKNOWN
 
     def start_watchdog(self):
         """From here on `feed` must come at least every eight seconds; there is no way back but a reset."""
@@ -83,6 +92,10 @@ class Hardware:
         kind = self.settings["link"]
         if kind == "uart":
             return self._open_uart()
+        if kind == "nrf24":
+            from radio_link import RadioLink
+
+            return RadioLink(self.open_radio(), self.settings)
         if kind == "udp":
             if self.settings["key"]:
                 import sealed
@@ -96,6 +109,22 @@ class Hardware:
 
             return uart.ConsoleLink()
         return link.UsbLink()
+
+    def open_radio(self):
+        """The nRF24L01+ on the pins of the radio. Raises OSError when it is not there."""
+        from drivers.nrf24 import Nrf24
+
+        pins, settings = self.pins, self.settings
+        spi = machine.SPI(
+            pins["spi"],
+            baudrate=_SPI_HZ,
+            sck=machine.Pin(pins["sck"]),
+            mosi=machine.Pin(pins["mosi"]),
+            miso=machine.Pin(pins["miso"]),
+        )
+        csn = machine.Pin(pins["csn"], machine.Pin.OUT, value=1)
+        ce = machine.Pin(pins["ce"], machine.Pin.OUT, value=0)
+        return Nrf24(spi, csn, ce, settings["radio_channel"], settings["radio_kbps"])
 
     def _open_uart(self):
         import uart

@@ -282,7 +282,12 @@ def main():
 
 
 def _run(board, link):
-    node = Node(board, link)
+    if board.settings.get("receiver"):
+        import receiver
+
+        node: Any = receiver.Receiver(board, link)
+    else:
+        node = Node(board, link)
     board.start_watchdog()
     while node.leave is None:
         node.turn()

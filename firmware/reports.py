@@ -115,6 +115,7 @@ def health(node):
         node.board.reset_cause,
         node.free_heap,
         node.sampler.clock.bound_us(),
+        node.board.charge(battery_mv),
     )
     node.outbox.post(HEALTH, HEALTH_SIZE)
     node.worst_us = 0

@@ -106,6 +106,7 @@ class BatchFlag(IntEnum):
     GAP_BEFORE = 1
     SATURATED = 2
     FIFO_OVERRUN = 4
+    RATE_CHANGED = 8
 
 
 class Fault(IntEnum):
@@ -268,6 +269,9 @@ class Health(Message):
     stamp_bound_us: int = wire(
         "H", "times of samples are known to +- this by the node's clock; 65535 = not yet", unit="us"
     )
+    battery_percent: int = wire(
+        "B", "charge left of a lithium cell by its voltage, 255 = not known or fed from outside", unit="%"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +302,22 @@ class TimeReply(Message):
     token: bytes = wire("8s", "as it came in the request")
     received_us: int = wire("I", _DEVICE_TIME + ", when the request was read", unit="us")
     sent_us: int = wire("I", _DEVICE_TIME + ", when the reply was queued", unit="us")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal(Message):
+    """What a receiver has heard of one node by radio, since the receiver's start; counters wrap."""
+
+    type_id: ClassVar[int] = 0x09
+    t_us: int = wire("I", "device time of the receiver, modulo 2^30", unit="us")
+    of_node: int = wire("B", "id of the node")
+    frames: int = wire("I", "frames that came whole and were passed on")
+    frames_lost: int = wire("I", "frames that did not come whole, by their numbers")
+    pieces: int = wire("I", "packets heard")
+    pieces_twice: int = wire("I", "packets that had come before")
+    pieces_strong: int = wire("I", "packets heard above -64 dBm")
+    rssi_dbm: int = wire("b", "strength of the newest packet, 0 = not measured", unit="dBm")
+    requests_dropped: int = wire("H", "requests to the node that it did not fetch in time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +381,7 @@ class GetHello(Message):
     type_id: ClassVar[int] = 0x48
 
 
-NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply
+NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal
 HostMessage = TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello
 AnyMessage = NodeMessage | HostMessage
 """What `decode` may give: a `match` over it that forgets one is found by the type checker."""
@@ -384,7 +404,7 @@ ENUMS: tuple[type[IntEnum], ...] = (
 )
 # As the node id of a request: whoever hears it. No node has it.
 ANY_NODE = 0
-NODE_NAMES = {1: "left", 2: "right", 3: "frame"}
+NODE_NAMES = {1: "left", 2: "right", 3: "frame", 200: "receiver"}
 NODE_IDS = {name: number for number, name in NODE_NAMES.items()}
 
 

@@ -93,14 +93,15 @@ def settings_of(words: Iterable[str]) -> dict[str, object]:
 
 
 def _known() -> dict[str, type]:
-    """The settings of firmware/settings.py with the type of their defaults."""
-    path = firmware_folder() / "settings.py"
-    for line in ast.parse(path.read_text()).body:
-        if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "DEFAULTS":
-            assert isinstance(line.value, ast.Dict)
-            pairs = zip(line.value.keys, line.value.values, strict=True)
-            return {ast.literal_eval(key): _type(value) for key, value in pairs if key is not None}
-    raise InputError(f"{path}: holds no DEFAULTS; take the firmware of this version")
+    """The settings of a node with the type of their defaults."""
+    known: dict[str, type] = {}
+    for name in ("settings.py", "settings_more.py"):
+        for line in ast.parse((firmware_folder() / name).read_text()).body:
+            if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "DEFAULTS":
+                assert isinstance(line.value, ast.Dict)
+                pairs = zip(line.value.keys, line.value.values, strict=True)
+                known |= {ast.literal_eval(key): _type(value) for key, value in pairs if key is not None}
+    return known
 
 
 def _type(value: ast.expr) -> type:

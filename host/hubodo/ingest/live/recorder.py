@@ -203,6 +203,15 @@ class Recorder:
         node = self._node(link, key)
         for kept, t_ns, counts in routed[1]:
             self._fuse(node.frame(kept, t_ns, counts), news.t_ns)
+        self._pass_on(link, node, news.t_ns)
+
+    def _pass_on(self, link: LinkSession, receiver: NodeSession, t_ns: int) -> None:
+        """What a receiver says of the nodes behind it, to these."""
+        heard, receiver.heard = receiver.heard, []
+        for signal in heard:
+            for node in self._on(link.label):
+                if node.node_id == signal.of_node:
+                    self._fuse(node.radio(signal), t_ns)
 
     def _node(self, link: LinkSession, key: tuple[str, int, int]) -> NodeSession:
         node = self.nodes.get(key)

@@ -20,6 +20,7 @@ from hubodo.ingest.node.samples import (
     MagSample,
     Refused,
     Sample,
+    SignalSeen,
     TimeReplySeen,
 )
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
@@ -41,6 +42,7 @@ from hubowire.messages import (
     Reboot,
     ResetCause,
     SetConfig,
+    Signal,
     Start,
     Stop,
     TimeReply,
@@ -52,7 +54,9 @@ _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
 _CLOCK_JUMP_US = 3_000_000
 _OVERRUN_FLAGS = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
-_NAMES = {message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply)}
+_NAMES = {
+    message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal)
+}
 
 Output = Sample | Event
 
@@ -92,6 +96,10 @@ class NodeDecoder:
             self._keep(frame, t_ns, link)
         else:
             yield from self._known(frame, t_ns, link)
+
+    def radio(self, frames_lost: int) -> Iterator[Output]:
+        """A receiver's counter of this node's frames that did not come whole."""
+        yield from self._gaps.radio(frames_lost)
 
     def tick(self, now_ns: int) -> Iterator[Output]:
         """Settles what waited for a report that did not come."""
@@ -269,6 +277,8 @@ class NodeDecoder:
                 if step:  # without an IMU there is nothing to filter
                     device_ns = boot.ticks.unwrap(message.t_us, t_ns) * 1000
                     yield filter_seen(message, device_ns, step, t_ns)
+            case Signal():
+                yield SignalSeen(message, boot.ticks.unwrap(message.t_us, t_ns) * 1000, t_ns)
             case Ack() | Nack():
                 return  # answers to what this host or another has asked; a recording only asks to start
             case Hello() | ImuBatch():
