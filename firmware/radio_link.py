@@ -17,6 +17,7 @@ _POLL_MS = const(20)
 """So long after the last packet an empty one asks the receiver for requests."""
 _AGAIN_MS = const(5)
 _AT_ONCE = const(9)
+_TRIES = const(15)
 
 
 class RadioLink(Link):
@@ -29,7 +30,7 @@ class RadioLink(Link):
         self._sure = tries > 0
         # Two nodes whose packets have met must not meet again.
         pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (settings["node_id"] & 3)
-        radio.send_to(address_of(settings["radio_address"], settings["node_id"]), tries, pause_us)
+        radio.send_to(address_of(settings["radio_address"], settings["node_id"]), tries or _TRIES, pause_us)
         self._in = bytearray(MOST)
         self._number = 0
         self._size = self._at = 0
@@ -42,8 +43,6 @@ class RadioLink(Link):
             if ticks_diff(ms, self._again_ms) < 0:
                 return
             self._again_ms = ticks_add(ms, _AGAIN_MS)
-            if not self._sure:
-                radio.unqueue()
             radio.clear(MAX_RT)
         turns = _AT_ONCE
         while outbox.count and not status & TX_FULL and turns:
@@ -68,7 +67,7 @@ class RadioLink(Link):
         at = START + sent
         for i in range(size):
             out[1 + HEAD + i] = raw[at + i]
-        radio.write(HEAD + size)
+        radio.write(HEAD + size, self._sure)
         if sent + size == whole:
             self._number = self._number + 1 & 0xFF
         outbox.took(size)

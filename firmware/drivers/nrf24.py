@@ -28,6 +28,7 @@ _WIDTH = const(0x60)
 _READ_PAYLOAD = const(0x61)
 _WRITE_PAYLOAD = const(0xA0)
 _WRITE_ANSWER = const(0xA8)
+_WRITE_UNSURE = const(0xB0)
 _FLUSH_TX = const(0xE1)
 _FLUSH_RX = const(0xE2)
 _NOP = const(0xFF)
@@ -36,7 +37,7 @@ _POWERED = const(0x0E)  # CRC of two bytes, powered
 _LISTENS = const(0x01)
 _ALL_PIPES = const(0x3F)
 _WIDTH_5 = const(0x03)
-_DYNAMIC = const(0x06)  # payloads as long as they are, also in acknowledgements
+_DYNAMIC = const(0x07)  # payloads as long as they are, in acknowledgements too; these only where asked for
 RX_DR = const(0x40)
 TX_DS = const(0x20)
 MAX_RT = const(0x10)
@@ -105,9 +106,9 @@ class Nrf24:
         """Flags of the status that have been seen."""
         self._set(_STATUS, flags)
 
-    def write(self, size):
-        """Queues out[1:1 + size] to be sent; the status before."""
-        return self._payload(_WRITE_PAYLOAD, size)
+    def write(self, size, sure=True):
+        """Queues out[1:1 + size] to be sent; sure: until it is acknowledged."""
+        self._payload(_WRITE_PAYLOAD if sure else _WRITE_UNSURE, size)
 
     def answer(self, pipe, size):
         """Queues out[1:1 + size] for the next acknowledgement to the sender of a pipe."""
@@ -143,7 +144,6 @@ class Nrf24:
         self._csn.value(0)
         self._spi.write_readinto(self._outs[1 + size], self._cames[1 + size])
         self._csn.value(1)
-        return self.came[0]
 
     def _command(self, command):
         self._one[0] = command

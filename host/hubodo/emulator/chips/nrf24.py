@@ -60,6 +60,7 @@ class _Packet:
     address: bytes
     pid: int
     payload: bytes
+    asks: bool
     begin: float
     end: float
     spoilt: bool = False
@@ -83,7 +84,7 @@ class Nrf24:
             self.values[register] = value
         self._addresses = {RX_ADDR_P0: b"\xe7" * 5, RX_ADDR_P0 + 1: b"\xc2" * 5, TX_ADDR: b"\xe7" * 5}
         self._low = {RX_ADDR_P0 + pipe: 0xC1 + pipe for pipe in range(2, _PIPES)}
-        self.tx: list[bytes] = []
+        self.tx: list[tuple[bytes, bool]] = []
         self.rx: list[tuple[int, bytes]] = []
         self._pipes = [_Pipe() for _ in range(_PIPES)]
         self._flags = self._pid = self._tries = self._lost = 0
@@ -154,8 +155,8 @@ class Nrf24:
             self._write(t, command - 0x20, data)
         elif command == 0x61:
             self.rx[:1] = []
-        elif command == 0xA0:
-            self._queue(data)
+        elif command in (0xA0, 0xB0):
+            self._queue(data, asks=command == 0xA0 or not self.values[FEATURE] & 1)
         elif 0xA8 <= command < 0xA8 + _PIPES:
             if self._waiting() < _DEPTH:
                 self._pipes[command - 0xA8].queued.append(data[:_MOST])
@@ -169,9 +170,10 @@ class Nrf24:
             raise RadioAccessError(f"nRF24L01+: command 0x{command:02X} is not modelled; correct the driver")
         self._begin(t)
 
-    def _queue(self, data: bytes) -> None:
+    def _queue(self, data: bytes, *, asks: bool) -> None:
+        """asks: for an acknowledgement."""
         if len(self.tx) < _DEPTH and data:
-            self.tx.append(data[:_MOST])
+            self.tx.append((data[:_MOST], asks))
 
     def _write(self, t: float, register: int, data: bytes) -> None:
         if register in self._addresses:
@@ -209,10 +211,9 @@ class Nrf24:
 
     def _send(self, t: float) -> None:
         begin = t + _SETTLE_NS
-        payload = self.tx[0]
-        packet = _Packet(
-            self, self._addresses[TX_ADDR], self._pid, payload, begin, begin + self._airtime(payload)
-        )
+        payload, asks = self.tx[0]
+        end = begin + self._airtime(payload)
+        packet = _Packet(self, self._addresses[TX_ADDR], self._pid, payload, asks, begin, end)
         self._packet = packet
         for other in self._others():
             theirs = other._packet
@@ -229,6 +230,9 @@ class Nrf24:
         for other in self._others():
             if not lost and not self.silent:
                 other._hear(packet, t)
+        if not packet.asks:
+            self._done(t)
+            return
         delay = ((self.values[SETUP_RETR] >> 4) + 1) * 250e3
         self._air.later(t + delay, lambda now: self._unanswered(packet, now))
 
@@ -258,6 +262,8 @@ class Nrf24:
             pipe.answer = pipe.queued.pop(0) if pipe.queued else None
             self._flags |= TX_DS if pipe.answer else 0
             self._take(number, packet.payload, t)
+        if not packet.asks:
+            return
         answer = pipe.answer or b""
         arrives = t + _SETTLE_NS + self._airtime(answer)
         self._air.later(arrives, lambda now: packet.sender._answered(packet, answer, now))
@@ -288,11 +294,15 @@ class Nrf24:
     def _answered(self, packet: _Packet, payload: bytes, t: float) -> None:
         if packet is not self._packet or self.silent or self._air.lost("answers"):
             return
+        if payload:
+            self._store(0, payload)
+        self._done(t)
+
+    def _done(self, t: float) -> None:
+        """The packet is sent: the next one, if it waits."""
         self._packet = None
         self.tx[:1] = []
         self._flags |= TX_DS
-        if payload:
-            self._store(0, payload)
         self._begin(t)
 
     def _pipe_of(self, address: bytes) -> int | None:
