@@ -28,6 +28,8 @@ class Ether:
         self._reached: dict[object, float] = {}
         self._events: list[tuple[float, int, Callable[[float], None]]] = []
         self._made = 0
+        self._wanted: list[float] = []
+        """The times that boards wait for."""
         self.radios: list[Nrf24] = []
 
     def join(self, board: object) -> None:
@@ -44,16 +46,20 @@ class Ether:
     def reached(self, board: object, t: float) -> None:
         """The board does nothing before t, ns."""
         with self._turn:
-            if board in self._reached and t > self._reached[board]:
+            before = self._reached.get(board, t)
+            if t > before:
                 self._reached[board] = t
-                self._turn.notify_all()
+                if any(before < wanted <= t for wanted in self._wanted):
+                    self._turn.notify_all()
 
     def act(self, board: object, t: float, do: Callable[[], bytes]) -> bytes:
         """What a board does at t, ns, in its turn."""
         with self._turn:
             self.reached(board, t)
             while any(other is not board and now < t for other, now in self._reached.items()):
+                self._wanted.append(t)
                 self._turn.wait()
+                self._wanted.remove(t)
             self._happen(t)
             return do()
 
