@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 _BUS_HZ = const(400000)
 _WATCHDOG_MS = const(8000)
 _UART_BUFFER = const(512)
-_SPI_HZ = const(8000000)
 _UNKNOWN = const(255)
 
 
@@ -93,9 +92,9 @@ class Hardware:
         if kind == "uart":
             return self._open_uart()
         if kind == "nrf24":
-            from radio_link import RadioLink
+            import radio_link
 
-            return RadioLink(self.open_radio(), self.settings)
+            return radio_link.open_link(self)
         if kind == "udp":
             if self.settings["key"]:
                 import sealed
@@ -109,22 +108,6 @@ class Hardware:
 
             return uart.ConsoleLink()
         return link.UsbLink()
-
-    def open_radio(self):
-        """The nRF24L01+ on the pins of the radio. Raises OSError when it is not there."""
-        from drivers.nrf24 import Nrf24
-
-        pins, settings = self.pins, self.settings
-        spi = machine.SPI(
-            pins["spi"],
-            baudrate=_SPI_HZ,
-            sck=machine.Pin(pins["sck"]),
-            mosi=machine.Pin(pins["mosi"]),
-            miso=machine.Pin(pins["miso"]),
-        )
-        csn = machine.Pin(pins["csn"], machine.Pin.OUT, value=1)
-        ce = machine.Pin(pins["ce"], machine.Pin.OUT, value=0)
-        return Nrf24(spi, csn, ce, settings["radio_channel"], settings["radio_kbps"])
 
     def _open_uart(self):
         import uart

@@ -6,7 +6,7 @@ acknowledged is tried again: frames wait, the oldest is given up when there are 
 
 from time import ticks_add, ticks_diff, ticks_ms
 
-from drivers.nrf24 import MAX_RT, MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of
+from drivers.nrf24 import MAX_RT, MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
 from framing import START
 from link import Link
 from micropython import const
@@ -96,3 +96,8 @@ class RadioLink(Link):
             self._poll_ms = ticks_add(ms, _POLL_MS)
             self._radio.out[1] = 0
             self._radio.write(1)
+
+
+def open_link(board):
+    """The link of a board's radio."""
+    return RadioLink(open_radio(board), board.settings)

@@ -5,7 +5,7 @@ from time import ticks_add, ticks_diff, ticks_ms, ticks_us
 
 import reports
 from commands import Commands
-from drivers.nrf24 import MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of
+from drivers.nrf24 import MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
 from framing import BODY, PAYLOAD, START, FrameReader, seal
 from micropython import const
 from outbox import Outbox, Slot
@@ -44,7 +44,7 @@ class Receiver:
         self.leave = None
         self.free_heap = self.worst_us = 0
         self.estimator = self.init = None
-        self._radio = board.open_radio()
+        self._radio = open_radio(board)
         self._ids = tuple(self.settings["radio_nodes"][:5])
         net = self.settings["radio_address"]
         self._radio.listen_to([address_of(net, node_id) for node_id in self._ids])

@@ -114,9 +114,6 @@ def load(path=PATH):
         for name in stored:
             if name in values and type(stored[name]) is type(values[name]):
                 values[name] = stored[name]
-        if stored.get("key") and not _is_key(stored["key"]):
-            # Not without one, where one was meant.
-            values["link"] = "usb"
     for _, name, least, most in bounds:
         if not least <= values[name] <= most:
             values[name] = least if name not in DEFAULTS else DEFAULTS[name]
@@ -125,10 +122,6 @@ def load(path=PATH):
         if row and (len(row) != count or not all(type(x) is int and -most <= x <= most for x in row)):
             values[name] = []
     return values
-
-
-def _is_key(text):
-    return isinstance(text, str) and len(text) == 64 and not text.strip("0123456789abcdef")
 
 
 def store(values, path=PATH):

@@ -8,8 +8,10 @@ radio.write(4)
 
 from time import sleep_ms
 
+from machine import SPI, Pin
 from micropython import const
 
+_SPI_HZ = const(8000000)
 _CONFIG = const(0x00)
 _EN_AA = const(0x01)
 _EN_RXADDR = const(0x02)
@@ -169,6 +171,20 @@ class Nrf24:
         self._spi.write_readinto(self._outs[2], self._cames[2])
         self._csn.value(1)
         return self.came[1]
+
+
+def open_radio(board):
+    """The radio on the pins of a board. Raises as `Nrf24`."""
+    pins, settings = board.pins, board.settings
+    spi = SPI(
+        pins["spi"],
+        baudrate=_SPI_HZ,
+        sck=Pin(pins["sck"]),
+        mosi=Pin(pins["mosi"]),
+        miso=Pin(pins["miso"]),
+    )
+    csn, ce = Pin(pins["csn"], Pin.OUT, value=1), Pin(pins["ce"], Pin.OUT, value=0)
+    return Nrf24(spi, csn, ce, settings["radio_channel"], settings["radio_kbps"])
 
 
 def address_of(net, node_id):

@@ -129,19 +129,18 @@ def test_a_receiver_that_stands_still_makes_its_nodes_wait_and_only_they_give_up
         holes = np.flatnonzero(np.diff(found[:, 0]) != 1)
         assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2]))
         t = heard.truths[k].t[found[:, 0].astype(int)]
-        assert all(0.9 < t[hole] and t[hole + 1] < 2.6 for hole in holes)
+        assert all(t[hole] > 0.9 and t[hole + 1] < 2.6 for hole in holes)
         assert heard.dropped[k] == all_lost(sent) > 0
         assert heard.signal(k).frames_lost == 0, "what was sent has come"
 
 
-def test_a_host_that_does_not_read_costs_frames_at_the_receiver_alone():
-    """And what the port of its USB drops by itself, after half a second without a reader."""
+def test_a_host_that_does_not_read_costs_frames_that_receiver_and_nodes_count():
+    """But for what USB's port drops by itself, after half a second in which it holds the receiver up."""
     heard = ride(Weather(), deaf=((0.8, 2.2),), seconds=3.6, cut=1)
     dropped = of(heard.of_receiver, m.Health)[-1].frames_dropped
     assert dropped > 0
     lost = sum(all_lost(sent) for sent in heard.sent.values()) + all_lost(heard.of_receiver)
-    assert 1 <= lost - dropped <= 3
-    assert all(count == 0 for count in heard.dropped.values())
+    assert 0 <= lost - dropped - sum(heard.dropped.values()) <= 3
     assert all(heard.signal(k).frames_lost == 0 for k in heard.sent)
 
 

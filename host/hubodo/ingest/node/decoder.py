@@ -243,6 +243,10 @@ class NodeDecoder:
                 between = (tail.next_device_ns - tail.period_ns, first_ns)
                 gap = WireGap("ImuBatch", stream.t_ns, t_ns, frames_lost, missing, between)
                 yield from self._gaps.add(gap, stream.link, link, overrun=overrun)
+        if batch.flags & BatchFlag.RATE_CHANGED:
+            rate = 1e9 / period
+            text = f"{self.name}: samples at {rate:.0f} Hz from here on"
+            yield Event(t_ns, "rate", self.name, text, {"node": self.name, "rate_hz": round(rate, 2)})
         boot.tail = BatchTail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
         self.counts.samples += count
         self.counts.saturated_batches += bool(batch.flags & BatchFlag.SATURATED)
