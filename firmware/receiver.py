@@ -21,12 +21,18 @@ _UNFETCHED_MS = const(2000)
 """A request that no node has fetched for so long stands in the way of others."""
 
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+
 class _Nothing:
     """The sensors of a board that has none, as `reports` and `commands` ask for them."""
 
     chip = mag = None
     faults = i2c_errors = recoveries = failures = overruns = missed = batch = 0
     found = ()
+    clock: Any = None
 
     def bound_us(self):
         return _UNKNOWN_US

@@ -30,6 +30,11 @@ _LAST = const(1 << 29)
 _SILENT_MS = const(2500)
 
 
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+
 class Hmac:
     """HMAC-SHA256 (RFC 2104) with one key of up to 64 bytes."""
 
@@ -58,7 +63,8 @@ class SealedUdpLink(UdpLink):
             key = _random() * 4
         self._hmac = Hmac(key)
         self._id = sha256(b"hubodo key" + key).digest()[:_ID]
-        self._session = self._nonce = None
+        self._session: Any = None
+        self._nonce: Any = None
         self._out = bytearray(_MOST)
         self._out_view = memoryview(self._out)
         self._count = self._newest = self._seen = 0

@@ -99,7 +99,7 @@ _LISTS = (
 def load(path=PATH):
     """The defaults, overlaid by the file; what cannot be read or is out of bounds there is passed over."""
     values: dict = dict(DEFAULTS)
-    bounds = BOUNDS
+    bounds: tuple = BOUNDS
     try:
         with open(path) as file:
             stored = json.load(file)

@@ -38,7 +38,7 @@ class Weather:
     late: float = 0.0
 
 
-class Air(Protocol):
+class SharedAir(Protocol):
     """See `board.ether.Ether`."""
 
     weather: Weather
@@ -77,7 +77,7 @@ class _Pipe:
 class Nrf24:
     """One chip; `select`, `transfer` and `enable` are its pins, times in ns."""
 
-    def __init__(self, air: Air) -> None:
+    def __init__(self, air: SharedAir) -> None:
         self._air = air
         self.values = bytearray(0x20)
         for register, value in _RESET.items():
