@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 _BUS_HZ = const(400000)
 _WATCHDOG_MS = const(8000)
 _UART_BUFFER = const(512)
-_UNKNOWN = const(255)
 
 
 class Hardware:
@@ -33,9 +32,6 @@ class Hardware:
         if self.pins["battery_enable"] >= 0 and self.pins["battery"] >= 0:
             machine.Pin(self.pins["battery_enable"], machine.Pin.OUT, value=1)
         if self.pins["battery"] >= 0:
-            from battery import percent
-
-            self._charge = percent
             self._battery = machine.ADC(machine.Pin(self.pins["battery"]))
         self._knows_volts = hasattr(self._battery, "read_uv")
         if self._knows_volts:
@@ -50,10 +46,6 @@ class Hardware:
         if self._knows_volts:
             return self._battery.read_uv() * factor // 1000
         return self._battery.read_u16() * (3300 * factor) >> 16
-
-    def charge(self, mv):
-        """What of the battery is left at so many mV, in %; 255 when that is not known."""
-        return self._charge(mv) if mv else _UNKNOWN
 
     def start_watchdog(self):
         """From here on `feed` must come at least every eight seconds; there is no way back but a reset."""

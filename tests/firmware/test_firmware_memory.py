@@ -55,8 +55,6 @@ class FakeBoard:
         self.settings = values
     def battery_mv(self):
         return 3700
-    def charge(self, mv):
-        return 12
     def feed(self):
         pass
 

@@ -22,9 +22,7 @@ def node(**parts):
     }
     return SimpleNamespace(
         parts=SimpleNamespace(**{**known, **parts}),
-        board=SimpleNamespace(
-            serial=bytes(8), boot_id=9, kind=1, reset_cause=1, battery_mv=lambda: 3300, charge=lambda mv: 7
-        ),
+        board=SimpleNamespace(serial=bytes(8), boot_id=9, kind=1, reset_cause=1, battery_mv=lambda: 3300),
         settings={"filter_kind": 0, "low_battery_mv": 3500},
         sampler=SimpleNamespace(clock=SimpleNamespace(bound_us=lambda: 65535), overruns=70000, missed=65535),
         link=SimpleNamespace(reader=SimpleNamespace(damaged=3)),
