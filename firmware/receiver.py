@@ -21,18 +21,15 @@ _UNFETCHED_MS = const(2000)
 """A request that no node has fetched for so long stands in the way of others."""
 
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    from typing import Any
-
-
 class _Nothing:
     """The sensors of a board that has none, as `reports` and `commands` ask for them."""
 
     chip = mag = None
     faults = i2c_errors = recoveries = failures = overruns = missed = batch = 0
     found = ()
-    clock: Any = None
+
+    def __init__(self):
+        self.clock = self
 
     def bound_us(self):
         return _UNKNOWN_US
@@ -45,7 +42,6 @@ class Receiver:
         self.board, self.link, self.settings = board, link, board.settings
         self.outbox = Outbox(self.settings["queue"], self.settings["node_id"])
         self.parts = self.sampler = _Nothing()
-        self.sampler.clock = self.sampler
         self.commands = Commands(self)
         self.leave = None
         self.free_heap = self.worst_us = 0

@@ -14,7 +14,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.ingest.live.status import RecordResult
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.udp_options import add_udp_arguments
+from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -92,8 +92,6 @@ def run(args: argparse.Namespace) -> RecordResult:
         attachments["hubodo.toml"] = args.config.read_bytes()
     output = args.output or (folder / config.output if config.output is not None else None)
     vehicle_path = args.vehicle or (folder / config.vehicle if config.vehicle is not None else None)
-    if config.key_file is not None:
-        config = replace(config, key_file=str(folder / config.key_file))
     given = {
         "ports": tuple(args.ports) or None,
         "gnss": args.gnss,
@@ -101,8 +99,7 @@ def run(args: argparse.Namespace) -> RecordResult:
         "gnss_baud": args.gnss_baud,
         "duration": args.duration,
         "wait": args.wait or None,
-        "insecure_udp": args.insecure_udp or None,
-        "key_file": None if args.key_file is None else str(args.key_file),
+        **udp_settings(args),
         "time_scale": args.time_scale,
         "rotate_after": args.rotate_after,
         "rotate_at_mb": args.rotate_at_mb,

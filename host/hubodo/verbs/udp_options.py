@@ -21,3 +21,9 @@ def add_udp_arguments(parser: argparse.ArgumentParser) -> None:
         help="UDP without keys from other machines too: anybody on the network can then send samples and "
         "give orders to the nodes (this machine's own, 127.0.0.1, needs neither)",
     )
+
+
+def udp_settings(args: argparse.Namespace) -> dict[str, object]:
+    """What of `RecordConfig` they say; None where they do not."""
+    key_file = None if args.key_file is None else str(args.key_file)
+    return {"key_file": key_file, "insecure_udp": args.insecure_udp or None}

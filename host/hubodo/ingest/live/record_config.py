@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -137,5 +137,7 @@ def load_record_config(path: Path) -> RecordConfig:
     table = load_toml(path)
     only_keys(table, TABLES, str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
+    if config.key_file is not None:
+        config = replace(config, key_file=str(path.parent / config.key_file))
     check_record_config(config, lambda key: f"{path}: [record] {key} =")
     return config
