@@ -83,7 +83,15 @@ class Hardware:
         kind = self.settings["link"]
         if kind == "uart":
             return self._open_uart()
+        if kind == "nrf24":
+            import radio_link
+
+            return radio_link.open_link(self)
         if kind == "udp":
+            if self.settings["key"]:
+                import sealed
+
+                return sealed.SealedUdpLink(self.settings)
             import wifi
 
             return wifi.UdpLink(self.settings)

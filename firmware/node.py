@@ -60,6 +60,8 @@ class Node:
         self.parts = Parts(board, self.outbox, self.sampler, self._searched)
         self.commands = Commands(self)
         self.leave = None
+        self.rest: Any = None
+        """What samples slowly at rest, where the settings want that."""
         self.estimator: Any = None
         self.init: Any = None
         """The bias at the start: a `bias_initialiser.BiasInitialiser`."""
@@ -155,6 +157,8 @@ class Node:
                 self.commands.bias_done(init.refused)
         elif init.state == FILTER_STATE_TRACKING and estimator is not None:
             estimator.update(values, first, count)
+        if self.rest is not None:
+            self.rest.use(values, first, count)
 
     def _begin_filter(self):
         if self.estimator is not None:
@@ -189,6 +193,8 @@ class Node:
     def _look_after(self, ms):
         self.board.feed()
         self.parts.look_after(ms, self._running)
+        if self.rest is not None:
+            self.rest.turn(ms)
         if self.parts.mag is not None:
             if ticks_diff(ms, self._mag_ms) >= 0:
                 self._read_mag(ms)
@@ -282,7 +288,16 @@ def main():
 
 
 def _run(board, link):
-    node = Node(board, link)
+    if board.settings.get("receiver"):
+        import receiver
+
+        node: Any = receiver.Receiver(board, link)
+    else:
+        node = Node(board, link)
+        if board.settings.get("rest_after_s"):
+            import rest
+
+            node.rest = rest.Rest(node)
     board.start_watchdog()
     while node.leave is None:
         node.turn()

@@ -72,11 +72,16 @@ class Outbox:
 
     def exchange(self, slot, type_id, payload_size):
         """Queues a filled slot; returns an empty one in its place."""
-        seqs, ring, depth = self._seqs, self._ring, self._depth
+        seqs = self._seqs
         seq = seqs[type_id]
         seqs[type_id] = seq + 1 & 0xFFFF
         struct.pack_into(HEADER_FORMAT, slot.raw, _BODY, type_id, self.node_id, seq)
         slot.end = seal(slot.raw, PAYLOAD + payload_size)
+        return self.queue(slot)
+
+    def queue(self, slot):
+        """Queues a sealed slot; returns an empty one in its place."""
+        ring, depth = self._ring, self._depth
         count = self.count
         if count == depth:
             self._drop_oldest()

@@ -23,16 +23,23 @@ _PICO = {
     "battery": 29,
     "battery_factor": 3,
     "battery_enable": -1,
+    "spi": 0,
+    "sck": 18,
+    "mosi": 19,
+    "miso": 16,
+    "csn": 17,
+    "ce": 20,
 }
 # GPIO25 is the radio's chip select, GPIO29 its clock: VSYS / 3 is on it only while the radio is not selected.
 _PICO_W = dict(_PICO, battery_enable=25)
 _RP2 = dict(_PICO, battery=-1)
 # No divider is on these boards: the battery is where /config.json says.
 _ESP32 = dict(_PICO, sda=21, scl=22, uart=2, tx=17, rx=16, battery=-1, battery_factor=2)
+_ESP32.update(spi=1, sck=14, mosi=13, miso=27, csn=26, ce=25)
 # GPIO22 to 25 do not exist; 26 to 37 belong to flash and PSRAM, 19 and 20 to USB.
-_ESP32_S3 = dict(_ESP32, sda=8, scl=9, uart=1, tx=17, rx=18)
+_ESP32_S3 = dict(_ESP32, sda=8, scl=9, uart=1, tx=17, rx=18, sck=12, mosi=11, miso=13, csn=10, ce=14)
 # GPIO22 and up do not exist; 11 to 17 belong to flash, 18 and 19 to USB, 20 and 21 to the console.
-_ESP32_C3 = dict(_ESP32, sda=6, scl=7, uart=1, tx=4, rx=5)
+_ESP32_C3 = dict(_ESP32, sda=6, scl=7, uart=1, tx=4, rx=5, sck=2, mosi=3, miso=10, csn=1, ce=0)
 
 # (how the text ends; Board; pins): the first that fits.
 _BOARDS = (

@@ -24,6 +24,9 @@ from wire import (
 VERSION = (0, 1, 0)
 
 _U16 = const(0xFFFF)
+_UNKNOWN = const(255)
+_FED_MV = const(4300)
+_HALF_MV = const(3840)
 
 
 def hello(node):
@@ -90,6 +93,15 @@ def filter_state(node):
     node.outbox.post(FILTER, FILTER_SIZE)
 
 
+def _charge(mv):
+    """What a lithium cell has left at so many mV of a light load, in %, within some 8; 255: not known."""
+    if not 0 < mv < _FED_MV:
+        return _UNKNOWN
+    above = mv - _HALF_MV
+    share = 50 + above * 50 // (360 if above > 0 else 240)
+    return max(0, min(share, 100))
+
+
 def health(node):
     """Queues Health; the longest turn is measured anew."""
     parts, battery_mv = node.parts, node.board.battery_mv()
@@ -115,6 +127,7 @@ def health(node):
         node.board.reset_cause,
         node.free_heap,
         node.sampler.clock.bound_us(),
+        _charge(battery_mv),
     )
     node.outbox.post(HEALTH, HEALTH_SIZE)
     node.worst_us = 0

@@ -25,7 +25,7 @@ PATH = "/config.json"
 
 DEFAULTS = {
     "node_id": 1,
-    "link": "usb",  # usb, uart or udp
+    "link": "usb",  # usb, uart, udp or nrf24
     "rate_hz": 416,
     "gyro_range_dps": 2000,
     "accel_range_g": 16,
@@ -59,6 +59,7 @@ DEFAULTS = {
     "password": "",
     "host": "",
     "port": 47110,
+    "key": "",  # of UDP, 64 hexadecimal digits
     "pins": {},
 }
 
@@ -98,18 +99,24 @@ _LISTS = (
 def load(path=PATH):
     """The defaults, overlaid by the file; what cannot be read or is out of bounds there is passed over."""
     values: dict = dict(DEFAULTS)
+    bounds: tuple = BOUNDS
     try:
         with open(path) as file:
             stored = json.load(file)
     except (OSError, ValueError):
         return values
     if isinstance(stored, dict):
+        if stored.get("link") == "nrf24" or stored.get("receiver") or stored.get("rest_after_s"):
+            import settings_more
+
+            values.update(settings_more.DEFAULTS)
+            bounds += settings_more.BOUNDS
         for name in stored:
             if name in values and type(stored[name]) is type(values[name]):
                 values[name] = stored[name]
-    for _, name, least, most in BOUNDS:
+    for _, name, least, most in bounds:
         if not least <= values[name] <= most:
-            values[name] = DEFAULTS[name]
+            values[name] = least if name not in DEFAULTS else DEFAULTS[name]
     for name, count, most in _LISTS:
         row = values[name]
         if row and (len(row) != count or not all(type(x) is int and -most <= x <= most for x in row)):

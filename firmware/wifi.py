@@ -149,12 +149,18 @@ class UdpLink(Link):
             if self._socket is None:
                 return -1
             try:
-                self._end = self._socket.readinto(self._raw) or 0
+                size = self._socket.readinto(self._raw) or 0
             except OSError:
                 return -1
-            if not self._end:
+            if size:
+                self._at, self._end = self._received(size)
+            if self._at == self._end:
                 return -1
             self._known_ms = ticks_ms()
         byte = self._raw[self._at]
         self._at += 1
         return byte
+
+    def _received(self, size):
+        """Which part of the datagram of `size` in `_raw` are frames: (from, to)."""
+        return 0, size

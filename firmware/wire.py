@@ -2,13 +2,11 @@
 
 from micropython import const
 
-FINGERPRINT = const(0x30ACB9BA)
+FINGERPRINT = const(0xE291F6F8)
 
-DELIMITER = const(0)
 HEADER_FORMAT = "<BBH"
 HEADER_SIZE = const(4)
 CRC_SIZE = const(2)
-CRC_POLYNOMIAL = const(0x1021)
 CRC_INITIAL = const(0xFFFF)
 CRC_TABLE = (
     b"\x00\x00\x21\x10\x42\x20\x63\x30\x84\x40\xa5\x50\xc6\x60\xe7\x70"
@@ -75,8 +73,8 @@ FILTER_FORMAT = "<IBHI3i3i3I3I"
 FILTER_SIZE = const(59)
 
 HEALTH = const(0x05)
-HEALTH_FORMAT = "<IHHHHHHHHBIBIH"
-HEALTH_SIZE = const(32)
+HEALTH_FORMAT = "<IHHHHHHHHBIBIHB"
+HEALTH_SIZE = const(33)
 
 ACK = const(0x06)
 ACK_FORMAT = "<BH"
@@ -90,25 +88,23 @@ TIME_REPLY = const(0x08)
 TIME_REPLY_FORMAT = "<8sII"
 TIME_REPLY_SIZE = const(16)
 
+SIGNAL = const(0x09)
+SIGNAL_FORMAT = "<IBIIIIIbH"
+SIGNAL_SIZE = const(28)
+
 TIME_REQUEST = const(0x41)
 TIME_REQUEST_FORMAT = "<8s"
 TIME_REQUEST_SIZE = const(8)
 
 PING = const(0x42)
-PING_FORMAT = "<"
-PING_SIZE = const(0)
 
 SET_CONFIG = const(0x43)
 SET_CONFIG_FORMAT = "<Bi"
 SET_CONFIG_SIZE = const(5)
 
 START = const(0x44)
-START_FORMAT = "<"
-START_SIZE = const(0)
 
 STOP = const(0x45)
-STOP_FORMAT = "<"
-STOP_SIZE = const(0)
 
 BIAS_INIT = const(0x46)
 BIAS_INIT_FORMAT = "<H"
@@ -119,8 +115,6 @@ REBOOT_FORMAT = "<B"
 REBOOT_SIZE = const(1)
 
 GET_HELLO = const(0x48)
-GET_HELLO_FORMAT = "<"
-GET_HELLO_SIZE = const(0)
 
 PART_LSM6DS33 = const(1)
 PART_LIS3MDL = const(2)
@@ -183,6 +177,7 @@ REBOOT_MODE_REPL = const(1)
 BATCH_FLAG_GAP_BEFORE = const(1)
 BATCH_FLAG_SATURATED = const(2)
 BATCH_FLAG_FIFO_OVERRUN = const(4)
+BATCH_FLAG_RATE_CHANGED = const(8)
 
 FAULT_IMU_MISSING = const(1)
 FAULT_WRONG_WHO_AM_I = const(2)

@@ -47,11 +47,9 @@ def wire_module() -> str:
         "",
         f"FINGERPRINT = const(0x{FINGERPRINT:08X})",
         "",
-        f"DELIMITER = const({framing.DELIMITER})",
         f'HEADER_FORMAT = "{framing.HEADER_FORMAT}"',
         f"HEADER_SIZE = const({framing.HEADER_SIZE})",
         f"CRC_SIZE = const({framing.CRC_SIZE})",
-        f"CRC_POLYNOMIAL = const(0x{framing.CRC_POLYNOMIAL:04X})",
         f"CRC_INITIAL = const(0x{framing.CRC_INITIAL:04X})",
         *_crc_table(),
         f"OVERHEAD = const({framing.OVERHEAD})",
@@ -87,6 +85,9 @@ def _crc_table() -> Iterator[str]:
 def _message_constants(message: type[Message]) -> Iterator[str]:
     name, shape = upper_snake(message.__name__), layout(message)
     yield f"{name} = const(0x{message.type_id:02X})"
+    if not wire_fields(message):
+        # Every name costs a node memory.
+        return
     yield f'{name}_FORMAT = "{shape.fixed.format}"'
     yield f"{name}_SIZE = const({shape.fixed.size})"
     if shape.rows is not None:

@@ -41,7 +41,7 @@ class Chip:
         self.i2c = i2c
         self.address = address
         self._byte = bytearray(1)
-        self.who_am_i = self._read(self.WHO_AM_I_REGISTER)
+        self.who_am_i = self.read(self.WHO_AM_I_REGISTER)
         if not self.ANY_WHO_AM_I and self.who_am_i not in self.WHO_AM_I:
             raise OSError("WHO_AM_I 0x{:02x}: another chip".format(self.who_am_i))
 
@@ -52,7 +52,7 @@ class Chip:
             self._write(register, bit)
             for _ in range(20):
                 time.sleep_us(wait_us)
-                if not self._read(register) & bit:
+                if not self.read(register) & bit:
                     break
             else:
                 raise OSError("reset does not end")
@@ -61,14 +61,20 @@ class Chip:
         if self.uses_fifo:
             self.fifo_flush()  # type: ignore[attr-defined]
 
+    def also(self, settings):
+        """Configures the chip anew with more settings that can be read back."""
+        self._settings += settings
+        self._standing += settings
+        self.configure()
+
     def intact(self):
         """Whether id and settings still stand in the chip: a dip of its supply resets them."""
         for register, value in self._standing:
-            if self._read(register) != value:
+            if self.read(register) != value:
                 return False
         return True
 
-    def _read(self, register):
+    def read(self, register):
         self.i2c.readfrom_mem_into(self.address, register, self._byte)
         return self._byte[0]
 

@@ -75,7 +75,7 @@ class LSM6DS33(Chip):
         super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 208
         self.temperature_raw = self.realigned = 0
-        self.was_running = self._read(_CTRL2_G) != 0
+        self.was_running = self.read(_CTRL2_G) != 0
         """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
         self._settings = (
             (_FIFO_CTRL3, _NO_DECIMATION if self.uses_fifo else 0),

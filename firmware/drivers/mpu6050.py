@@ -96,7 +96,7 @@ class MPU6050(Chip):
         )
         user_control = _FIFO_ON if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control)) + self._settings
-        self.was_running = self._read(_INT_ENABLE) != 0
+        self.was_running = self.read(_INT_ENABLE) != 0
         """Whether it was set already: power-on clears this, so the chip has kept its power since."""
         self._burst = bytearray(15)
         self._count = bytearray(2)
@@ -106,7 +106,7 @@ class MPU6050(Chip):
     def ready(self):
         """Whether a new sample is there."""
         # Reading the flag clears it.
-        self._ready |= self._read(_INT_STATUS)
+        self._ready |= self.read(_INT_STATUS)
         return self._ready & _DATA_READY
 
     def read_into(self, words, at):
@@ -131,7 +131,7 @@ class MPU6050(Chip):
         self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
         size = count[0] << 8 | count[1]
         # The flag can stand only while the FIFO is full; another transfer would blur when this one looked.
-        if size > _FIFO_SIZE - _SAMPLE and self._read(_INT_STATUS) & _FIFO_OVERFLOW:
+        if size > _FIFO_SIZE - _SAMPLE and self.read(_INT_STATUS) & _FIFO_OVERFLOW:
             return -1
         return size // _SAMPLE
 
@@ -152,7 +152,7 @@ class MPU6050(Chip):
         self._write(_USER_CTRL, _FIFO_RESET)
         self._write(_USER_CTRL, _FIFO_ON)
         # Reading the flag of an overflow clears it.
-        self._read(_INT_STATUS)
+        self.read(_INT_STATUS)
 
     def read_temperature(self):
         """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""

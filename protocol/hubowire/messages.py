@@ -5,118 +5,17 @@ from dataclasses import MISSING, dataclass, field, fields
 from enum import IntEnum
 from typing import Any, ClassVar, get_args
 
-
-class Part(IntEnum):
-    """Silicon a node can find on its bus."""
-
-    LSM6DS33 = 1
-    LIS3MDL = 2
-    MPU6050 = 3
-    MPU6500 = 4
-
-
-class Board(IntEnum):
-    """What runs the firmware, from ``sys.implementation._machine``; RP2: another board with its processor."""
-
-    OTHER = 0
-    RP2 = 1
-    ESP32 = 2
-    PICO = 3
-    PICO_W = 4
-    PICO_2 = 5
-    PICO_2_W = 6
-    ESP32_S3 = 7
-    ESP32_C3 = 8
-
-
-class ResetCause(IntEnum):
-    """Why the node last started. HARD: reset with the power on; SOFT: by the program itself."""
-
-    UNKNOWN = 0
-    POWER_ON = 1
-    HARD = 2
-    WATCHDOG = 3
-    SOFT = 4
-    BROWN_OUT = 5
-
-
-class FilterKind(IntEnum):
-    """The estimator that runs on the node."""
-
-    OFF = 0
-    KALMAN = 1
-    RLS = 2
-
-
-class BiasKind(IntEnum):
-    """What a bias initialisation knows of the true rate while it runs."""
-
-    MEAN = 0
-    REST = 1
-    TABLE = 2
-    GRAVITY = 3
-
-
-class FilterState(IntEnum):
-    """Where the bias filter stands."""
-
-    WAITING = 0
-    INITIALISING = 1
-    TRACKING = 2
-
-
-class Reason(IntEnum):
-    """Why a request was refused."""
-
-    UNKNOWN_MESSAGE = 1
-    BAD_VALUE = 2
-    WHEEL_TURNS = 3
-    NO_IMU = 4
-    BUSY = 5
-    NOT_STORED = 6
-    WHEEL_RESTS = 7
-
-
-class ConfigKey(IntEnum):
-    """What `SetConfig` can change."""
-
-    NODE_ID = 1
-    RATE_HZ = 2
-    GYRO_RANGE_DPS = 3
-    ACCEL_RANGE_G = 4
-    BATCH = 5
-    FILTER_KIND = 6
-    GAIN_RATE_Q20 = 7
-    GAIN_BIAS_Q30 = 8
-    FORGETTING_Q20 = 9
-    BIAS_KIND = 10
-    TABLE_RATE_UDPS = 11
-
-
-class RebootMode(IntEnum):
-    """What a node does after `Reboot`."""
-
-    RUN = 0
-    REPL = 1
-
-
-class BatchFlag(IntEnum):
-    """Bits of `ImuBatch.flags`."""
-
-    GAP_BEFORE = 1
-    SATURATED = 2
-    FIFO_OVERRUN = 4
-
-
-class Fault(IntEnum):
-    """Bits of `Health.faults`: what is wrong now."""
-
-    IMU_MISSING = 1
-    WRONG_WHO_AM_I = 2
-    BUS_STUCK = 4
-    IMU_SILENT = 8
-    LOW_BATTERY = 16
-    POLLED_TOO_FAST = 32
+from hubowire.codes import BatchFlag as BatchFlag
+from hubowire.codes import BiasKind as BiasKind
+from hubowire.codes import Board as Board
+from hubowire.codes import ConfigKey as ConfigKey
+from hubowire.codes import Fault as Fault
+from hubowire.codes import FilterKind as FilterKind
+from hubowire.codes import FilterState as FilterState
+from hubowire.codes import Part as Part
+from hubowire.codes import Reason as Reason
+from hubowire.codes import RebootMode as RebootMode
+from hubowire.codes import ResetCause as ResetCause
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +167,12 @@ class Health(Message):
     stamp_bound_us: int = wire(
         "H", "times of samples are known to +- this by the node's clock; 65535 = not yet", unit="us"
     )
+    battery_percent: int = wire(
+        "B",
+        "charge left of a lithium cell by its voltage, 255 = not known or fed from outside",
+        unit="%",
+        default=255,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,6 +203,22 @@ class TimeReply(Message):
     token: bytes = wire("8s", "as it came in the request")
     received_us: int = wire("I", _DEVICE_TIME + ", when the request was read", unit="us")
     sent_us: int = wire("I", _DEVICE_TIME + ", when the reply was queued", unit="us")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal(Message):
+    """What a receiver has heard of one node by radio, since the receiver's start; counters wrap."""
+
+    type_id: ClassVar[int] = 0x09
+    t_us: int = wire("I", "device time of the receiver, modulo 2^30", unit="us")
+    of_node: int = wire("B", "id of the node")
+    frames: int = wire("I", "frames that came whole and were passed on")
+    frames_lost: int = wire("I", "frames that did not come whole, by their numbers")
+    pieces: int = wire("I", "packets heard")
+    pieces_twice: int = wire("I", "packets that had come before")
+    pieces_strong: int = wire("I", "packets heard above -64 dBm")
+    rssi_dbm: int = wire("b", "strength of the newest packet, 0 = not measured", unit="dBm")
+    requests_dropped: int = wire("H", "requests to the node that it did not fetch in time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,7 +282,7 @@ class GetHello(Message):
     type_id: ClassVar[int] = 0x48
 
 
-NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply
+NodeMessage = Hello | ImuBatch | Mag | Filter | Health | Ack | Nack | TimeReply | Signal
 HostMessage = TimeRequest | Ping | SetConfig | Start | Stop | BiasInit | Reboot | GetHello
 AnyMessage = NodeMessage | HostMessage
 """What `decode` may give: a `match` over it that forgets one is found by the type checker."""
@@ -384,7 +305,7 @@ ENUMS: tuple[type[IntEnum], ...] = (
 )
 # As the node id of a request: whoever hears it. No node has it.
 ANY_NODE = 0
-NODE_NAMES = {1: "left", 2: "right", 3: "frame"}
+NODE_NAMES = {1: "left", 2: "right", 3: "frame", 200: "receiver"}
 NODE_IDS = {name: number for number, name in NODE_NAMES.items()}
 
 

@@ -19,7 +19,9 @@ class RecorderThread:
     """`record` in a thread, so that the test can do things to the nodes meanwhile."""
 
     def __init__(self, out, *ports, **kwargs):
-        settings = {key: kwargs.pop(key) for key in list(kwargs) if key in ("wait", "duration", "gnss")}
+        settings = {
+            key: kwargs.pop(key) for key in list(kwargs) if key in ("wait", "duration", "gnss", "key_file")
+        }
         config = RecordConfig(ports=ports, **settings)
         self.stop = threading.Event()
         self.result = self.error = None

@@ -28,6 +28,17 @@ PAYLOADS = {
         ("temperature_raw", 2, True, 1),
         ("flags", 1, False, 1),
     ),
+    "Signal": (
+        ("t_us", 4, False, 1),
+        ("of_node", 1, False, 1),
+        ("frames", 4, False, 1),
+        ("frames_lost", 4, False, 1),
+        ("pieces", 4, False, 1),
+        ("pieces_twice", 4, False, 1),
+        ("pieces_strong", 4, False, 1),
+        ("rssi_dbm", 1, True, 1),
+        ("requests_dropped", 2, False, 1),
+    ),
     "Mag": (("t_us", 4, False, 1), ("field_raw", 2, True, 3)),
     "Filter": (
         ("t_us", 4, False, 1),
@@ -54,6 +65,7 @@ PAYLOADS = {
         ("reset_cause", 1, False, 1),
         ("free_heap", 4, False, 1),
         ("stamp_bound_us", 2, False, 1),
+        ("battery_percent", 1, False, 1),
     ),
     "Ack": (("request", 1, False, 1), ("request_seq", 2, False, 1)),
     "Nack": (

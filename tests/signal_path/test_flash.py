@@ -12,6 +12,7 @@ from hubodo.emulator.board.settings import Flash
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.manifest import MANIFEST
 from hubodo.flash.slots import main_for
 
 
@@ -37,7 +38,7 @@ def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
     code, found, err = flash(capfd, board.port, "--node", "right", "--rate-hz", 416)
     assert code == 0, err
     assert found["node"] == 2
-    assert set(found["copied"]) == {*image, "config.json"}
+    assert set(found["copied"]) == {*image, MANIFEST, "config.json"}
     for name in set(image) - {"main.py"}:
         assert (board.flash / "fw_a" / name).read_bytes() == image[name]
     assert (board.flash / "main.py").read_bytes() == main_for(image["main.py"], "/fw_a")
@@ -99,7 +100,7 @@ def test_a_node_with_its_firmware_at_the_root_is_taken_over(image, tmp_path, cap
     with VirtualNode(StillMotion(), Flash(folder=tmp_path), seed=2) as node:
         code, found, err = flash(capfd, node.port)
     assert code == 0, err
-    assert found["copied"] == ["main.py", "wire.mpy"]
+    assert found["copied"] == [MANIFEST, "main.py", "wire.mpy"]
     for name in set(image) - {"main.py"}:
         assert (tmp_path / "fw_a" / name).read_bytes() == image[name]
     assert {path.name for path in tmp_path.iterdir()} == {"fw_a", "main.py", "notes.txt"}

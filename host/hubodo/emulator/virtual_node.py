@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import Any
 
 from hubodo.emulator.board.bus import Read
+from hubodo.emulator.board.ether import Ether
 from hubodo.emulator.board.process import BoardService, NodeSpec
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.faults import ScriptedFault
@@ -83,6 +84,7 @@ class VirtualNode:
         faults: what goes wrong and when, see `chips.faults`.
         seed: of the chips' disturbance and of the line's noise.
         own_process: run the board in a process of its own (two nodes use two cores), else in a thread.
+        ether: the board has an nRF24L01+ on it; boards with the same one hear each other.
 
     Raises:
         InterpreterMissing: node or the npm package is absent.
@@ -102,8 +104,11 @@ class VirtualNode:
         faults: Sequence[ScriptedFault] = (),
         seed: int = 0,
         own_process: bool = True,
+        ether: Ether | None = None,
     ) -> None:
         _check(board, clock, host)
+        if ether is not None and (own_process or clock.kind == "real"):
+            raise ValueError("boards on one ether share its time: want own_process=False, a virtual clock")
         self._scratch = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
         self._flash = flash.folder if flash.folder is not None else self._scratch / "flash"
         fill_flash(flash, self._flash)
@@ -120,6 +125,7 @@ class VirtualNode:
             faults=tuple(faults),
             seed=seed,
             scratch=self._scratch,
+            ether=ether,
         )
         self._own_process = own_process
         self._connection: Connection | None = None

@@ -14,10 +14,12 @@ from types import TracebackType
 
 import serial
 
+from hubodo.errors import WireMismatch
 from hubodo.flash.image import ARCHITECTURES, digests
-from hubodo.flash.prompt import WANTED, FlashError, RawPrompt
-from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, plan, slot_named
-from hubowire import Frame, FrameDecoder, decode, encode, encode_frame
+from hubodo.flash.manifest import MANIFEST, Manifest, read_manifest, stands
+from hubodo.flash.prompt import WANTED, BoardGone, FlashError, RawPrompt
+from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, other, plan, slot_named, slots_line
+from hubowire import FINGERPRINT, Frame, FrameDecoder, decode, encode, encode_frame, hello_identity
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
 _HASH_CHARACTERS = 64
@@ -113,6 +115,13 @@ def take(n,z):
             f.write(bytes.fromhex(sys.stdin.read(2*k)))
             z-=k
 """
+_ROLL_BACK = """
+import os
+t=open('/main.py').read()
+with open('/main.py{new}','w') as f:
+    f.write(t.replace({now!r},{then!r}))
+os.rename('/main.py{new}','/main.py')
+"""
 # The pause is for the host to close the port.
 _RESET = "import machine,time;time.sleep_ms(100);machine.reset()"
 
@@ -205,7 +214,7 @@ class FlashBoard:
         try:
             return self._prompt.run(code, pieces)
         except _LINK_GONE as error:
-            raise FlashError(f"{self.port}: went away ({error}); look at plug and cable, try again") from None
+            raise BoardGone(f"{self.port}: went away ({error}); look at plug and cable, try again") from None
 
     def unique_id(self) -> str:
         """The board's own number, as its `Hello` tells it, in hex."""
@@ -259,6 +268,25 @@ class FlashBoard:
             progress(f"{number} of {len(files)} files: {path}")
             self.run(f"take({path!r},{len(content)})", _pieces(content))
 
+    def roll_back(self) -> Manifest:
+        """Has the node run its other slot from the next start, if every file there is as it was flashed.
+
+        Returns what that slot holds. Raises FlashError when there is nothing whole to go back to.
+        """
+        _, running = self.survey(())
+        if running is None:
+            raise FlashError(f"{self.port}: its firmware is not in slots; `hubodo flash` puts it there")
+        slot = other(running)
+        path = f"{slot}/{MANIFEST}"
+        text = self.run(f"try:\n    print(open({path!r}).read())\nexcept OSError:\n    print('')")
+        manifest = read_manifest(text)
+        if manifest is None or not stands(manifest, slot, self.survey(manifest.files)[0]):
+            raise FlashError(
+                f"{self.port}: no whole firmware beside the one that runs: nothing to roll back to; flash it"
+            )
+        self.run(_ROLL_BACK.format(new=NEW, now=slots_line(running), then=slots_line(slot)))
+        return manifest
+
     def reset(self) -> None:
         """Restarts the board; the link may vanish and come back."""
         assert self._prompt is not None, "interrupted before"
@@ -267,10 +295,25 @@ class FlashBoard:
         self._close()
 
     def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
-        """Node id and `Hello` of the firmware that runs now.
+        """Node id and `Hello` of the firmware that runs now; WireMismatch when it is of another version."""
+        frame = self._hello_frame(timeout)
+        fingerprint, _ = hello_identity(frame.payload)
+        if fingerprint != FINGERPRINT:
+            raise WireMismatch(
+                f"{self.port}: node speaks {fingerprint:08x}, host speaks {FINGERPRINT:08x}: "
+                "the firmware that runs is not the one that was copied; remove other files from the board"
+            )
+        hello = decode(frame.type_id, frame.payload)
+        assert isinstance(hello, Hello)
+        return frame.node, hello
 
-        The first may have gone by before the port was open: a node that is heard is asked for another.
-        """
+    def wait_identity(self, timeout: float = 15.0) -> tuple[int, int, tuple[int, ...]]:
+        """Node id, fingerprint and version of the firmware that runs now, whichever that is."""
+        frame = self._hello_frame(timeout)
+        return (frame.node, *hello_identity(frame.payload))
+
+    def _hello_frame(self, timeout: float) -> Frame:
+        """The first may have gone by before the port was open: a node that is heard is asked for another."""
         request = encode_frame(Frame(GetHello.type_id, 0, 0, encode(GetHello())))
         decoder = FrameDecoder()
         end = time.monotonic() + timeout
@@ -281,9 +324,7 @@ class FlashBoard:
                     while time.monotonic() < end:
                         for frame in decoder.feed(link.read(link.in_waiting or 1)):
                             if frame.type_id == Hello.type_id:
-                                hello = decode(frame.type_id, frame.payload)
-                                assert isinstance(hello, Hello)
-                                return frame.node, hello
+                                return frame
                             if not asked:
                                 asked = True
                                 link.write(b"\0" + request)

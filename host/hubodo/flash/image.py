@@ -30,7 +30,7 @@ NATIVE = frozenset(
         *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
         *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
         *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
-        *("bias_initialiser.py", "mean_sums.py"),
+        *("bias_initialiser.py", "mean_sums.py", "rest.py", "pieces.py", "radio_link.py", "receiver.py"),
     }
 )
 """Files of the loop, which become machine code as all drivers do.

@@ -25,6 +25,10 @@ class FlashError(HubodoError):
     """The board did not answer, or does not hold what was sent."""
 
 
+class BoardGone(FlashError):
+    """The port went away while something was done on the board."""
+
+
 class RawPrompt:
     """A board that runs what it is told; `link`, whose time-out is short, is given back by `close`.
 

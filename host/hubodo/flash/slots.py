@@ -33,7 +33,12 @@ def main_for(source: bytes, slot: str) -> bytes:
         raise ImageError(
             f"{MAIN}: the line {_AS_SOURCE} is not there once; take the firmware of this version"
         )
-    return text.replace(_AS_SOURCE, f'SLOTS = ("{slot}", "{other(slot)}")').encode()
+    return text.replace(_AS_SOURCE, slots_line(slot)).encode()
+
+
+def slots_line(slot: str) -> str:
+    """The line of main.py that starts the firmware of `slot`, or else of the other."""
+    return f'SLOTS = ("{slot}", "{other(slot)}")'
 
 
 def other(slot: str | None) -> str:

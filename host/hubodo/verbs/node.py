@@ -12,12 +12,13 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.ingest.link.ports import parse_port
+from hubodo.ingest.link.ports import parse_port, trusted
 from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
 from hubodo.verbs.numbers import baud, whole
+from hubodo.verbs.udp_options import add_udp_arguments
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
 from hubowire.messages import (
@@ -135,6 +136,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=_LEAST_SAMPLES,
         help=f"with bias: how many to use, from {_LEAST_SAMPLES} on (default {_LEAST_SAMPLES})",
     )
+    add_udp_arguments(parser)
     parser.add_argument("--repl", action="store_true", help="with reboot: into the MicroPython prompt")
 
 
@@ -145,7 +147,8 @@ def run(args: argparse.Namespace) -> NodeResult:
     no, LinkError where it does not answer.
     """
     wanted = _settings(args)
-    with Conversation(parse_port(args.port), args.baud, args.node_id) as node:
+    port = trusted(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
+    with Conversation(port, args.baud, args.node_id) as node:
         with Console(stderr=True).status(f"{args.port}: waiting for the node") as status:
             met = node.meet()
             if args.action == "set":

@@ -13,6 +13,7 @@ from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.numbers import baud, positive
+from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.web_options import add_web_arguments, watched
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
@@ -61,6 +62,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="for emulated nodes: a second of the log takes N seconds",
     )
     add_web_arguments(parser)
+    add_udp_arguments(parser)
+    _add_log_arguments(parser)
+
+
+def _add_log_arguments(parser: argparse.ArgumentParser) -> None:
+    """How the logs follow each other, and what is told meanwhile."""
     parser.add_argument(
         "--rotate-after", type=positive, metavar="S", help="begin another log after so many seconds"
     )
@@ -105,6 +112,7 @@ def run(args: argparse.Namespace) -> RecordResult:
         "gnss_baud": args.gnss_baud,
         "duration": args.duration,
         "wait": args.wait or None,
+        **udp_settings(args),
         "time_scale": args.time_scale,
         "rotate_after": args.rotate_after,
         "rotate_at_mb": args.rotate_at_mb,

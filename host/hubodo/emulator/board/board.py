@@ -18,6 +18,7 @@ from hubodo.emulator.board.link import HostLink, LineNoise
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.peripherals import Peripherals
 from hubodo.emulator.board.processor import Processor, Request
+from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.reset_registers import Why
 from hubodo.emulator.board.schedule import Schedule
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Wiring
@@ -57,6 +58,7 @@ class VirtualBoard:
         wiring: Wiring = "good",
         wait_for_host: bool = False,
         faults: Sequence[ScriptedFault] = (),
+        radio: RadioModule | None = None,
     ) -> None:
         self.running = False
         self.counts: Counter[str] = Counter()
@@ -75,7 +77,8 @@ class VirtualBoard:
         waits = self._network.waits
         self.streams = Streams(settings, model, link, noise, self._clock, self._poll, self.counts, waits)
         self.lead = Lead(self._clock, link)
-        self._peripherals = Peripherals(model, self.bus, settings.battery_mv, self._network.radio_on)
+        self._radio = radio
+        self._peripherals = Peripherals(model, self.bus, settings.battery_mv, self._network.radio_on, radio)
         self._handlers = self._own_handlers()
         for part in (self._schedule, self._peripherals, self.streams, self._network):
             self._handlers |= part.handlers()
@@ -141,6 +144,8 @@ class VirtualBoard:
                 self.lead.look(waits=self._waiting is not None)
         finally:
             self.running = False
+            if self._radio is not None:
+                self._radio.end()
             self.processor.kill()
             self.streams.forget_terminal()
             self.processor.mirror_flash()
@@ -251,6 +256,8 @@ class VirtualBoard:
         if count:
             self.counts["stalls"] += count
         quiet = min(self._schedule.quiet, self.streams.quiet) if self._clock.stepped else 0.0
+        if self._radio is not None:
+            self._radio.reached(t)
         self.processor.answer(answer.status, self.streams.flags(), answer.payload, t, quiet)
 
     def _settle(self, waiting: _Waiting) -> None:

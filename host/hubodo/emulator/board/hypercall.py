@@ -96,6 +96,8 @@ class Op(IntEnum):
     """[bus] status = the byte that the chip shows."""
     METER = 30
     """[; JSON] What the processor did so far."""
+    SPI = 31
+    """[unit; bytes] answers as many bytes: what came in while these went out."""
 
 
 def op_codes() -> dict[str, int]:

@@ -1,9 +1,10 @@
-"""What the processor's peripherals do at a call: I2C, pins, ADC."""
+"""What the processor's peripherals do at a call: I2C, SPI, pins, ADC."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from typing import Protocol
 
 from hubodo.emulator.board.bus import I2cBus, Pins
 from hubodo.emulator.board.clock import NS
@@ -12,17 +13,33 @@ from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
 
 RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
 FLOATING_V = 0.4
+SPI_BYTE_NS = 1000.0
+"""At 8 MHz."""
 _CORE_V = 0.706 - 0.001721 * (25.0 - 27.0)
 # The radio's chip select also switches the divider: MicroPython's issue 10406 has the 608 counts.
 _DIVIDER_OFF_V = 0.0306
+
+
+class SpiModule(Protocol):
+    """What hangs on SPI and some pins; `t` in ns."""
+
+    def pin(self, t: float, number: int, level: int) -> None: ...
+
+    def transfer(self, t: float, data: bytes) -> bytes: ...
 
 
 class Peripherals:
     """Of one board; radio_on: whether its radio has the pins it shares with the battery's divider."""
 
     def __init__(
-        self, model: BoardModel, bus: I2cBus, battery_mv: float, radio_on: Callable[[], bool]
+        self,
+        model: BoardModel,
+        bus: I2cBus,
+        battery_mv: float,
+        radio_on: Callable[[], bool],
+        spi: SpiModule | None = None,
     ) -> None:
+        self._spi = spi
         self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
         self.pins = Pins(bus)
 
@@ -46,6 +63,7 @@ class Peripherals:
             Op.PIN_SET: self._pin_set,
             Op.PIN_GET: self._pin_get,
             Op.ADC_READ: self._adc,
+            Op.SPI: self._transfer,
         }
 
     def _i2c_init(self, a: int, payload: bytes, t: float) -> Reply:
@@ -84,7 +102,13 @@ class Peripherals:
 
     def _pin_set(self, a: int, payload: bytes, t: float) -> Reply:
         self.pins.set(t * 1e-9, a, payload[0])
+        if self._spi is not None:
+            self._spi.pin(t, a, payload[0])
         return Reply(t)
+
+    def _transfer(self, a: int, payload: bytes, t: float) -> Reply:
+        came = bytes(len(payload)) if self._spi is None else self._spi.transfer(t, payload)
+        return Reply(t + len(payload) * SPI_BYTE_NS, len(came), came)
 
     def _pin_get(self, a: int, payload: bytes, t: float) -> Reply:
         return Reply(t, self.pins.get(t * 1e-9, a))

@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.emulator.board.board import VirtualBoard
+from hubodo.emulator.board.ether import Ether
 from hubodo.emulator.board.hypercall import Op
 from hubodo.emulator.board.link import HostLink, LineNoise, MemoryLink, PtyLink
+from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.imu import Imu, Specimen
@@ -47,6 +49,7 @@ class NodeSpec:
     faults: tuple[ScriptedFault, ...]
     seed: int
     scratch: Path
+    ether: Ether | None = None
 
 
 def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
@@ -67,6 +70,7 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         wiring=sensors.wiring,
         wait_for_host=host.wait,
         faults=spec.faults,
+        radio=None if spec.ether is None else RadioModule(spec.ether),
     )
     if host.log:
         board.streams.log = []

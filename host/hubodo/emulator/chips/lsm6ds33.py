@@ -16,6 +16,9 @@ FIFO_CTRL1, FIFO_CTRL2, FIFO_CTRL3, FIFO_CTRL4, FIFO_CTRL5 = range(0x06, 0x0B)
 STATUS, OUT_TEMP_L, OUT_G, OUT_XL = 0x1E, 0x20, 0x22, 0x28
 FIFO_STATUS1, FIFO_DATA_L, FIFO_DATA_H, TIMESTAMP0 = 0x3A, 0x3E, 0x3F, 0x40
 
+WAKE_UP_SRC, TAP_CFG, WAKE_UP_THS, WAKE_UP_DUR, MD1_CFG = 0x1B, 0x58, 0x5B, 0x5C, 0x5E
+_LATCHED, _INT1_WU = 0x01, 0x20
+
 FIFO_WORDS = 4096
 ODR_HZ = (0.0, 12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1660.0, 3330.0, 6660.0)
 GYRO_DPS_PER_LSB = {0: 8.75e-3, 1: 17.5e-3, 2: 35e-3, 3: 70e-3}
@@ -65,8 +68,9 @@ _TIMESTAMP_TICK = 6.4e-3
 class Lsm6ds33(Imu):
     """One LSM6DS33 on a wheel that moves as `motion` says.
 
-    Register map, codes and FIFO layout: ST DocID026899 and AN4650. Interrupt pins, embedded functions,
-    filters, self-test, axis enables and the third and fourth FIFO data set are not modelled; asking the
+    Register map, codes and FIFO layout: ST DocID026899 and AN4650. The wake-up event shows in WAKE_UP_SRC
+    alone. Interrupt pins, other embedded functions, filters, self-test, axis enables and the third and fourth
+    FIFO data set are not modelled; asking the
     FIFO for those sets is an oddity like any other, raised when strict.
     """
 
@@ -80,6 +84,7 @@ class Lsm6ds33(Imu):
         self._over = False
         self._tick = 0
         self._holds = (1, 1)
+        self._felt = 0
         super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, specimen.who_am_i or 0x69))
 
     def temperature_word(self, degrees: Array) -> Raw:
@@ -173,7 +178,10 @@ class Lsm6ds33(Imu):
             made = clock.step(t)
             if made is None:
                 return
+            before = self._sample
             _, self._sample, self._temperature = made
+            if self.values[MD1_CFG] & _INT1_WU:
+                self._feel(before)
             gyro_hold, accel_hold = self._holds
             k = self._count
             self._count = k + 1
@@ -184,6 +192,23 @@ class Lsm6ds33(Imu):
             mode = self.values[FIFO_CTRL5] & 7
             if mode != _BYPASS:
                 self._store(mode, k)
+
+    def _feel(self, before: bytes) -> None:
+        """Wake-up: half the step of each axis from sample to sample, beyond the threshold (AN4650, 5.4)."""
+        slope = (
+            np.abs(
+                np.diff([np.frombuffer(b, "<i2")[3:].astype(int) for b in (before, self._sample)], axis=0)[0]
+            )
+            / 2
+        )
+        over = slope > (self.values[WAKE_UP_THS] & 0x3F) * 32768 / 64
+        if not any(before):
+            return
+        self._felt = self._felt + 1 if over.any() else 0
+        if self._felt > (self.values[WAKE_UP_DUR] >> 5 & 3):
+            self.values[WAKE_UP_SRC] |= 0x08 | int(over[0]) << 2 | int(over[1]) << 1 | int(over[2])
+        elif not self.values[TAP_CFG] & _LATCHED:
+            self.values[WAKE_UP_SRC] = 0
 
     def _store(self, mode: int, k: int) -> None:
         code = self.values[FIFO_CTRL5] >> 3 & 0xF
@@ -265,6 +290,11 @@ class Lsm6ds33(Imu):
             return block[register - OUT_TEMP_L]
         if FIFO_STATUS1 <= register <= FIFO_STATUS1 + 3:
             return self._fifo_status(register - FIFO_STATUS1)
+        if register == WAKE_UP_SRC:
+            felt = self.values[WAKE_UP_SRC]
+            if self.values[TAP_CFG] & _LATCHED:
+                self.values[WAKE_UP_SRC] = 0
+            return felt
         if register == FIFO_DATA_L:
             return self._fifo[0] if self._fifo else 0
         if register == FIFO_DATA_H:

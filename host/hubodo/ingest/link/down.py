@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -25,6 +26,8 @@ class Transport(Protocol):
 
     where: str
     datagrams: bool
+    refused: Counter[str]
+    """Datagrams that were not let in, by cause."""
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         """Bytes and who sent them ("" on a line with one sender); no bytes after `timeout` s of silence."""

@@ -14,6 +14,7 @@ from hubodo.ingest.link.transport import open_transport
 from hubowire.budget import UART_BAUD
 
 READ_S = 0.1
+_TELL_NS = 10_000_000_000
 _BACKOFF_S = (0.05, 0.05, 0.1, 0.1, 0.2, 0.5, 1.0)
 
 
@@ -46,7 +47,16 @@ class Chunk:
     sender: str
 
 
-LinkNews = LinkUp | LinkLost | Chunk
+@dataclass(frozen=True, slots=True)
+class Intruders:
+    """Datagrams came that were not let in: how many by cause, since this was last told."""
+
+    link: str
+    t_ns: int
+    refused: dict[str, int]
+
+
+LinkNews = LinkUp | LinkLost | Chunk | Intruders
 
 
 class Inbox(Protocol):
@@ -129,7 +139,7 @@ class PortLink:
                 transport.close()
 
     def _run(self) -> None:
-        failures = 0
+        failures = told_ns = 0
         while not self._stopping.is_set():
             transport = self._transport
             if transport is None:
@@ -152,5 +162,17 @@ class PortLink:
                 failures = 1
                 self._stopping.wait(_BACKOFF_S[0])
                 continue
+            if self._now_ns() >= told_ns and self._tell_refused(transport):
+                told_ns = self._now_ns() + _TELL_NS
             if data:
                 self._news.put(Chunk(self.label, self._now_ns(), data, sender))
+        if self._transport is not None:
+            self._tell_refused(self._transport)
+
+    def _tell_refused(self, transport: Transport) -> bool:
+        """Whether there was something to tell."""
+        if not transport.refused:
+            return False
+        self._news.put(Intruders(self.label, self._now_ns(), dict(transport.refused)))
+        transport.refused.clear()
+        return True

@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -13,6 +14,7 @@ from urllib.parse import urlsplit
 from serial.tools import list_ports
 
 from hubodo.errors import InputError, LinkError
+from hubodo.ingest.link.keys import KeyRing
 
 _BY_ID = Path("/dev/serial/by-id")
 _NAMED = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
@@ -40,13 +42,15 @@ class PortName:
     """A port as the user wrote it: ``[NAME=]`` then a device, USB serial number, socket:// or udp:// address.
 
     name: what the node behind it is to be called, None to take it from the node id.
-    kind: "device", "serial number", "tcp" or "udp"; where: path, number, or "host:port".
+    kind: "device", "serial number", "tcp" or "udp"; where: path, number, or "host:port". keys: of nodes on
+    UDP, whose datagrams then have to prove them.
     """
 
     text: str
     name: str | None
     kind: str
     where: str
+    keys: KeyRing | None = None
 
     @property
     def label(self) -> str:
@@ -92,6 +96,31 @@ def parse_port(text: str) -> PortName:
     raise InputError(
         f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket:// or udp://"
     )
+
+
+def trusted(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:
+    """The port with the keys of its nodes, where it is one for UDP.
+
+    Raises InputError for UDP from other machines without keys, unless that is wanted (insecure): anybody on
+    the network could send samples there.
+    """
+    if port.kind != "udp":
+        return port
+    if key_file is not None:
+        return replace(port, keys=KeyRing(key_file))
+    if not insecure and not _loopback(port.address[0]):
+        raise InputError(
+            f"port {port.text!r}: anybody on the network could send samples there; give the --key-file of "
+            "`hubodo flash`, or --insecure-udp to take them from anybody"
+        )
+    return port
+
+
+def _loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
 
 
 class Finder:

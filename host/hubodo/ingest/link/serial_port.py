@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import select
+from collections import Counter
 
 import serial
 
@@ -38,6 +39,7 @@ class SerialTransport:
     """
 
     datagrams = False
+    refused: Counter[str] = Counter()
 
     def __init__(self, path: str, baud: int) -> None:
         """Raises LinkError when the device is missing, busy or not allowed."""
@@ -80,6 +82,7 @@ class PortableSerial:
     """The same by pyserial's own reading, which blocks until a byte has come: for systems without termios."""
 
     datagrams = False
+    refused: Counter[str] = Counter()
 
     def __init__(self, url: str, baud: int) -> None:
         """Raises LinkError when the device is missing, busy or not allowed."""

@@ -21,6 +21,7 @@ _DAMAGE_EVERY_NS = 10 * S
 _SAMPLE_BYTES = 512
 _DAMAGED_BYTES_S = 200_000
 _MAX_SENDERS = 64
+_MOST_PLACES = 16
 _CAUSES = ("crc", "cobs", "short", "oversize")
 
 
@@ -47,6 +48,7 @@ class LinkSession:
         self.damage = dict.fromkeys(_CAUSES, 0)
         self._sink = sink
         self._decoders: dict[str, FrameDecoder] = {}
+        self._senders: dict[str, int] = {}
         self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
         self._strange = bytearray()
         self._strange_count = 0
@@ -88,17 +90,18 @@ class LinkSession:
         self._heard_ns = chunk.t_ns
         self.bytes += len(chunk.data)
         decoder, met = self._decoder(chunk.sender), False
+        place = self._place(chunk.sender)
         for stuffed in decoder.split(chunk.data):
             frame = decoder.decode(stuffed)
             fresh = chunk.sender in self._fresh
             self._fresh.discard(chunk.sender)
             if frame is None:
-                self._keep_damaged(chunk.t_ns, stuffed + b"\0")
+                self._keep_damaged(place, chunk.t_ns, stuffed + b"\0")
                 if fresh:
                     self.cut += 1
                     decoder.damage = Damage()
             else:
-                self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
+                self._sink.raw(place, chunk.t_ns, stuffed + b"\0")
                 self.frames += 1
                 met = self._met = True
                 self._strange.clear()
@@ -152,20 +155,27 @@ class LinkSession:
         known = not self._met or recognised(bytes(self._strange))
         return (now_ns if known else self._heard_ns) - self._strange_since > _FOREIGN_NS
 
-    def _keep_damaged(self, t_ns: int, piece: bytes) -> None:
+    def _keep_damaged(self, place: str, t_ns: int, piece: bytes) -> None:
         if t_ns - self._room_since >= S:
             self._room, self._room_since = _DAMAGED_BYTES_S, t_ns
         if len(piece) > self._room:
             self.unlogged += len(piece)
             return
         self._room -= len(piece)
-        self._sink.raw(self.label + DAMAGED, t_ns, piece)
+        self._sink.raw(place + DAMAGED, t_ns, piece)
 
     def close(self, now_ns: int) -> None:
         """Accounts for what is left."""
         for sender in list(self._decoders):
             self._end(sender, now_ns)
         self._report(now_ns)
+
+    def _place(self, sender: str) -> str:
+        """Where in the log the pieces of a sender go: those of the second one beside those of the first."""
+        if not self.datagrams:
+            return self.label
+        number = self._senders.setdefault(sender, min(len(self._senders) + 1, _MOST_PLACES))
+        return self.label if number == 1 else f"{self.label}/{number}"
 
     def _decoder(self, sender: str) -> FrameDecoder:
         decoder = self._decoders.get(sender)
@@ -187,7 +197,7 @@ class LinkSession:
         decoder = self._decoders.pop(sender)
         for rest in decoder.split(b"\0"):
             self.cut += 1
-            self._sink.raw(self.label + DAMAGED, t_ns, rest)
+            self._sink.raw(self._place(sender) + DAMAGED, t_ns, rest)
         self._fresh.discard(sender)
 
     def _report(self, now_ns: int) -> None:

@@ -6,10 +6,13 @@ import contextlib
 import errno
 import select
 import socket
+from collections import Counter
 
 from hubodo.errors import LinkError
 from hubodo.ingest.link.down import Transport, down
+from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.ports import Finder, PortName
+from hubodo.ingest.link.sealed import Sealer
 from hubodo.ingest.link.serial_port import open_serial
 
 _READ_BYTES = 65536
@@ -21,6 +24,7 @@ class TcpTransport:
     """A byte stream from a socket server, such as a serial-to-network bridge."""
 
     datagrams = False
+    refused: Counter[str] = Counter()
 
     def __init__(self, host: str, port: int) -> None:
         """Raises LinkError when nobody answers there."""
@@ -56,6 +60,7 @@ class UdpTransport:
     """Datagrams from any number of nodes to one port of this machine; each sender is its own stream."""
 
     datagrams = True
+    refused: Counter[str] = Counter()
 
     def __init__(self, host: str, port: int) -> None:
         """Raises LinkError when the address is taken or not ours."""
@@ -91,6 +96,33 @@ class UdpTransport:
         self._socket.close()
 
 
+class SealedTransport:
+    """UDP of which only proven datagrams come through; a sender is the serial of its board."""
+
+    datagrams = True
+
+    def __init__(self, plain: UdpTransport, keys: KeyRing) -> None:
+        self._plain, self._sealer = plain, Sealer(keys)
+        self.where, self.refused = plain.where, self._sealer.refused
+
+    def read(self, timeout: float) -> tuple[bytes, str]:
+        data, address = self._plain.read(timeout)
+        if not address:
+            return b"", ""
+        opened = self._sealer.open(data, address)
+        if opened.answer:
+            self._plain.write(opened.answer, address)
+        return opened.frames, opened.serial
+
+    def write(self, data: bytes, to: str) -> None:
+        sealed = self._sealer.seal(data, to)
+        if sealed is not None:
+            self._plain.write(*sealed)
+
+    def close(self) -> None:
+        self._plain.close()
+
+
 def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:
     """Opens what a port name stands for.
 
@@ -99,5 +131,6 @@ def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:
     if port.kind == "tcp":
         return TcpTransport(*port.address)
     if port.kind == "udp":
-        return UdpTransport(*port.address)
+        plain = UdpTransport(*port.address)
+        return plain if port.keys is None else SealedTransport(plain, port.keys)
     return open_serial(finder.device(), baud)

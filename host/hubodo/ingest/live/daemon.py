@@ -12,7 +12,7 @@ from rich.console import Console
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError
-from hubodo.ingest.link.ports import Lister, list_devices, parse_port
+from hubodo.ingest.link.ports import Lister, list_devices, parse_port, trusted
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.loop import Loop
@@ -165,7 +165,7 @@ def _links(
     wanted += [(config.gnss, config.gnss_baud, True)] if config.gnss is not None else []
     seen: set[tuple[str, str]] = set()
     for text, baud, is_gnss in wanted:
-        port = parse_port(text)
+        port = trusted(parse_port(text), config.key_path, insecure=config.insecure_udp)
         if (port.kind, port.where) in seen:
             raise InputError(f"port {text!r}: named twice; name each port once")
         seen.add((port.kind, port.where))

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.errors import HubodoError, InputError, LinkError
 from hubodo.ingest.link.link import LinkNews
-from hubodo.ingest.link.ports import list_devices, parse_port
+from hubodo.ingest.link.ports import list_devices, parse_port, trusted
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.writer import McapLog
@@ -89,7 +89,7 @@ class NodeStream:
         self._say = say
         self._computer = computer or ThisComputer()
         self._zero_ns = self._computer.now_ns() // S * S
-        name = parse_port(port)
+        name = trusted(parse_port(port), None, insecure=False)
         self._label = name.label
         self._link = self._computer.link(name, name.label, baud, list_devices)
         try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -37,6 +37,16 @@ class RecordConfig:
     )
     calibration: str | None = setting(
         None, "Applied to what the odometry gets; the log keeps the raw samples.", example="calibration.toml"
+    )
+    key_file: str | None = setting(
+        None,
+        "Keys of nodes on UDP, as `hubodo flash --key-file` wrote it: nobody else is heard.",
+        example="keys.toml",
+    )
+    insecure_udp: bool = setting(
+        False,
+        "UDP without keys from other machines too: anybody on the network can send samples.",
+        example=True,
     )
     gnss: str | None = setting(None, "Port of a GNSS receiver that speaks NMEA.", example="/dev/ttyUSB0")
     gnss_baud: int = setting(9600, "Of the receiver's serial port.", above=0)
@@ -85,6 +95,10 @@ class RecordConfig:
         "text", 'Of what is told meanwhile on stderr: "text", or "json", an object a line, for services.'
     )
 
+    @property
+    def key_path(self) -> Path | None:
+        return None if self.key_file is None else Path(self.key_file)
+
     def rules(self) -> SeriesRules:
         """When the next log begins, and what the logs leave on the disk."""
 
@@ -117,11 +131,13 @@ def check_record_config(config: RecordConfig, where: Callable[[str], str]) -> No
 def load_record_config(path: Path) -> RecordConfig:
     """Reads hubodo.toml.
 
-    Paths in it (output, vehicle, calibration) are relative to the file. Raises ConfigError at the first key
-    that is unknown, of the wrong type or out of bounds.
+    Paths in it (output, vehicle, calibration, key_file) are relative to the file. Raises ConfigError at the
+    first key that is unknown, of the wrong type or out of bounds.
     """
     table = load_toml(path)
     only_keys(table, TABLES, str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
+    if config.key_file is not None:
+        config = replace(config, key_file=str(path.parent / config.key_file))
     check_record_config(config, lambda key: f"{path}: [record] {key} =")
     return config

@@ -9,7 +9,7 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
-from hubodo.ingest.link.link import Chunk, LinkLost, LinkNews, LinkUp
+from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkNews, LinkUp
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.localizer import FixSample, Located
@@ -18,13 +18,17 @@ from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
+from hubodo.ingest.node.questions import Questions
+from hubodo.ingest.node.senders import Senders
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
 from hubowire import Frame, Message, node_name
+from hubowire.messages import GetHello
 
 Send = Callable[[str, bytes, str], bool]
+_ASK_WHO_NS = 500_000_000
 
 
 class Recorder:
@@ -55,7 +59,8 @@ class Recorder:
         self.links = {label: LinkSession(label, sink) for label in links}
         self._order = ArrivalOrder()
         self.gnss = {label: GnssSession(label, sink, self._order) for label in gnss}
-        self.nodes: dict[tuple[str, int], NodeSession] = {}
+        self.nodes: dict[tuple[str, int, int], NodeSession] = {}
+        """By link, node id, and which board of that id: on a line there is one."""
         self.odometer: Odometer | None = None
         if vehicle is not None:
             self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
@@ -77,7 +82,9 @@ class Recorder:
         self._send = send
         self._now_ns = now_ns
         self._clock_period = clock_period
-        self._senders: dict[tuple[str, int], str] = {}
+        self._senders: dict[tuple[str, int, int], str] = {}
+        self._boards: dict[tuple[str, int], Senders] = {}
+        self._ask_who: dict[str, int] = {}
         self._origin: Event | None = None
         self._unread = 0
 
@@ -102,11 +109,15 @@ class Recorder:
                 text = f"{news.link}: {news.text} (waiting for it)"
                 self._tell(news.t_ns, "disconnected", news.link, text)
                 link.lost(news)
+            case Intruders():
+                named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
+                text = f"{news.link}: datagrams refused: {named}"
+                refused = Event(news.t_ns, "refused", news.link, text, {"link": news.link, **news.refused})
+                self.notices.append(refused)
+                self._sink.event(refused)
             case Chunk():
                 for frame in link.chunk(news):
-                    self._senders[news.link, frame.node] = news.sender
-                    node = self._node(link, frame)
-                    self._fuse(node.frame(frame, news.t_ns, link.counts), news.t_ns)
+                    self._frame(link, frame, news)
 
     def tick(self, now_ns: int) -> None:
         """Call every 0.1 s or so."""
@@ -188,10 +199,34 @@ class Recorder:
         self.notices.append(Event(t_ns, kind, source, text))
 
     def _on(self, label: str) -> list[NodeSession]:
-        return [node for (link, _), node in self.nodes.items() if link == label]
+        return [node for (link, _, _), node in self.nodes.items() if link == label]
 
-    def _node(self, link: LinkSession, frame: Frame) -> NodeSession:
-        key = (link.label, frame.node)
+    def _frame(self, link: LinkSession, frame: Frame, news: Chunk) -> None:
+        """A frame goes to its node; one of which it is not known whose it is waits for a Hello."""
+        held = (frame, news.t_ns, link.counts)
+        senders = self._boards.setdefault((link.label, frame.node), Senders())
+        routed = senders.route(held, news.sender) if link.datagrams else (0, [held])
+        if routed is None:
+            if news.t_ns >= self._ask_who.get(news.sender, 0):
+                self._ask_who[news.sender] = news.t_ns + _ASK_WHO_NS
+                self._send(link.label, Questions(frame.node).wire(GetHello())[1], news.sender)
+            return
+        key = (link.label, frame.node, routed[0])
+        self._senders[key] = news.sender
+        node = self._node(link, key)
+        for kept, t_ns, counts in routed[1]:
+            self._fuse(node.frame(kept, t_ns, counts), news.t_ns)
+        self._pass_on(link, node, news.t_ns)
+
+    def _pass_on(self, link: LinkSession, receiver: NodeSession, t_ns: int) -> None:
+        """What a receiver says of the nodes behind it, to these."""
+        heard, receiver.heard = receiver.heard, []
+        for signal in heard:
+            for node in self._on(link.label):
+                if node.node_id == signal.of_node:
+                    self._fuse(node.radio(signal), t_ns)
+
+    def _node(self, link: LinkSession, key: tuple[str, int, int]) -> NodeSession:
         node = self.nodes.get(key)
         if node is None:
 
@@ -199,9 +234,9 @@ class Recorder:
                 return self._send(link.label, question, self._senders.get(key, ""))
 
             node = self.nodes[key] = NodeSession(
-                self._name(link.label, frame.node),
+                self._name(link.label, key[1]),
                 link.label,
-                frame.node,
+                key[1],
                 send,
                 self._sink,
                 self._now_ns,

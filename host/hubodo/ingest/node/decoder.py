@@ -21,6 +21,7 @@ from hubodo.ingest.node.samples import (
     MagSample,
     Refused,
     Sample,
+    SignalSeen,
     TimeReplySeen,
 )
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
@@ -42,6 +43,7 @@ from hubowire.messages import (
     Reboot,
     ResetCause,
     SetConfig,
+    Signal,
     Start,
     Stop,
     TimeReply,
@@ -54,7 +56,9 @@ _REORDER = 64  # frames a datagram may come late
 _CLOCK_JUMP_US = 3_000_000
 _GONE_NS = 15_000_000_000  # three of the periods in which a node says Hello by itself
 _OVERRUN_FLAGS = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
-_NAMES = {message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply)}
+_NAMES = {
+    message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal)
+}
 
 Output = Sample | Event
 
@@ -97,6 +101,10 @@ class NodeDecoder:
             self._keep(frame, t_ns, link)
         else:
             yield from self._known(frame, t_ns, link)
+
+    def radio(self, frames_lost: int) -> Iterator[Output]:
+        """A receiver's counter of this node's frames that did not come whole."""
+        yield from self._gaps.radio(frames_lost)
 
     def tick(self, now_ns: int) -> Iterator[Output]:
         """Settles what waited for a report that did not come."""
@@ -261,6 +269,10 @@ class NodeDecoder:
                 between = (tail.next_device_ns - tail.period_ns, first_ns)
                 gap = WireGap("ImuBatch", stream.t_ns, t_ns, frames_lost, missing, between)
                 yield from self._gaps.add(gap, stream.link, link, overrun=overrun)
+        if batch.flags & BatchFlag.RATE_CHANGED:
+            rate = 1e9 / period
+            text = f"{self.name}: samples at {rate:.0f} Hz from here on"
+            yield Event(t_ns, "rate", self.name, text, {"node": self.name, "rate_hz": round(rate, 2)})
         boot.tail = BatchTail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
         self.counts.samples += count
         self.counts.saturated_batches += bool(batch.flags & BatchFlag.SATURATED)
@@ -295,6 +307,8 @@ class NodeDecoder:
                 if step:  # without an IMU there is nothing to filter
                     device_ns = boot.ticks.unwrap(message.t_us, t_ns) * 1000
                     yield filter_seen(message, device_ns, step, t_ns)
+            case Signal():
+                yield SignalSeen(message, boot.ticks.unwrap(message.t_us, t_ns) * 1000, t_ns)
             case Ack() | Nack():
                 reason = message.reason if isinstance(message, Nack) else None
                 yield AnswerSeen(message.request, message.request_seq, reason, t_ns)

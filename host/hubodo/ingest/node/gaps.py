@@ -14,6 +14,7 @@ OVERRUN = "chip overrun"
 DAMAGE = "damaged bytes"
 DROPPED = "node dropped frames"
 ON_THE_WAY = "lost on the way"
+ON_THE_AIR = "lost on the air"
 
 _HEALTHS_TO_WAIT = 2
 _WAIT_NS = 6_000_000_000
@@ -61,6 +62,7 @@ class GapLedger:
         self._node = node
         self._waiting: deque[_Waiting] = deque()
         self._dropped: int | None = None
+        self._on_air: int | None = None
 
     def add(
         self,
@@ -94,6 +96,14 @@ class GapLedger:
                 yield self._settle(waiting, DROPPED)
             elif waiting.healths >= _HEALTHS_TO_WAIT:
                 yield self._settle(waiting, ON_THE_WAY)
+
+    def radio(self, frames_lost: int) -> Iterator[Event]:
+        """The counter of a receiver, of frames that did not come whole by radio."""
+        grew = frames_lost > (self._on_air or 0)
+        self._on_air = frames_lost
+        if grew:
+            for waiting in list(self._waiting):
+                yield self._settle(waiting, ON_THE_AIR)
 
     def restarted(self) -> None:
         """The node's counters have started anew."""

@@ -32,7 +32,7 @@ _ROW = 12
 STEP_US = 1_000_000
 """By how much the node's clock and ours may differ from one batch to the next."""
 _PAUSE = 30_000  # samples: a pause from which on numbers modulo 2^16 would no longer tell what is lost
-_OVERRUN = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
+_OVERRUN = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN | BatchFlag.RATE_CHANGED
 
 
 @dataclass(frozen=True, slots=True, eq=False)

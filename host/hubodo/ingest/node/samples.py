@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from hubowire.messages import Health, Hello
+from hubowire.messages import Health, Hello, Signal
 
 Vector = tuple[float, float, float]
 
@@ -116,6 +116,15 @@ class HealthSeen:
 
 
 @dataclass(frozen=True, slots=True)
+class SignalSeen:
+    """What a receiver has heard of one node."""
+
+    signal: Signal
+    device_ns: int
+    received_ns: int
+
+
+@dataclass(frozen=True, slots=True)
 class FilterSeen:
     """What the node's own filter makes of its gyro: angular rate and bias, rad/s, node axes.
 
@@ -154,5 +163,14 @@ class Refused:
 
 
 Sample = (
-    ImuBlock | ImuRun | MagSample | TimeReplySeen | HealthSeen | FilterSeen | HelloSeen | AnswerSeen | Refused
+    ImuBlock
+    | ImuRun
+    | MagSample
+    | TimeReplySeen
+    | HealthSeen
+    | FilterSeen
+    | SignalSeen
+    | HelloSeen
+    | AnswerSeen
+    | Refused
 )

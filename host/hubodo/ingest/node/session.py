@@ -28,13 +28,23 @@ from hubodo.ingest.node.samples import (
     ImuRun,
     MagSample,
     Refused,
+    SignalSeen,
     TimeReplySeen,
 )
 from hubodo.ingest.node.steady_times import SteadyTimes
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
-from hubowire import FINGERPRINT, Frame, Message
-from hubowire.messages import GetHello, Health, Hello, ResetCause, Start, TimeRequest
+from hubowire import FINGERPRINT, Frame, Message, node_name
+from hubowire.messages import (
+    GetHello,
+    Health,
+    Hello,
+    ResetCause,
+    Signal,
+    Start,
+    TimeRequest,
+    wire_fields,
+)
 
 S = 1_000_000_000
 _CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answers of the clock
@@ -73,6 +83,10 @@ class NodeSession:
         self.decoder = RunDecoder(name, datagrams=datagrams)
         self.clock = ClockSync()
         self.health: Health | None = None
+        self.signal: Signal | None = None
+        """Of a node behind a receiver: how that hears it."""
+        self.heard: list[Signal] = []
+        """Of a receiver: what it has said of nodes since somebody took it from here."""
         self.filter: FilterSeen | None = None
         self.newest: ImuBlock | None = None
         self.gaps: dict[str, int] = {}  # cause -> how many
@@ -233,6 +247,8 @@ class NodeSession:
                     words = self._requests.pop((output.request, output.request_seq), None)
                     if words is not None:
                         self._tell("answer", f"{words}: {_answer_words(output.reason)}")
+                case SignalSeen():
+                    self._signal(output)
                 case Refused():
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
@@ -258,6 +274,18 @@ class NodeSession:
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         for block, begin in zip(run.blocks(), run.first.tolist(), strict=True):
             yield Published(self.name, t_ns[begin : begin + len(block.raw)], block, self.power_on_ns)
+
+    def radio(self, signal: Signal) -> Iterator[Published]:
+        """What a receiver on the same link says of this node."""
+        self.signal = signal
+        yield from self._take(self.decoder.radio(signal.frames_lost))
+
+    def _signal(self, seen: SignalSeen) -> None:
+        """This is a receiver: what it has heard of a node goes into the log, and to `heard`."""
+        signal, t_ns = seen.signal, seen.received_ns
+        counters = {item.name: [float(getattr(signal, item.name))] for item in wire_fields(Signal)[2:]}
+        self._sink.columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters)
+        self.heard.append(signal)
 
     def _gap(self, event: Event) -> Event:
         """Counts a gap, and puts its start on the time of measurement, where the samples stand."""

@@ -93,6 +93,7 @@ class _Again:
         self.links: dict[str, _Link] = {}
         self._log, self._target, self._ports = log, target, ports
         self._names: set[str] = set()
+        self._known: dict[tuple[str, int, bytes], NodeSession] = {}
         self._copied: dict[int, int] = {}
 
     def take(self, messages: Messages) -> None:
@@ -107,9 +108,10 @@ class _Again:
             if topic.startswith(topics.RAW):
                 self._raw(topic.removeprefix(topics.RAW), t_ns, messages.payload(row))
             elif topic.startswith(topics.ASKED):
-                token = messages.payload(row)
-                self._target.asked(topic.removeprefix(topics.ASKED), t_ns, token)
-                self._link(topic.removeprefix(topics.ASKED)).asked(token, t_ns)
+                token, label = messages.payload(row), topic.removeprefix(topics.ASKED)
+                self._target.asked(label, t_ns, token)
+                for link in self._beside(label) or [self._link(label)]:
+                    link.asked(token, t_ns)
             elif topic == topics.EVENTS:
                 for event in events_of([messages.payload(row)])[0]:
                     self._event(event)
@@ -124,7 +126,9 @@ class _Again:
     def finish(self) -> dict[str, dict[str, Any]]:
         """Decodes what waits; the counts of each node."""
         for link in self.links.values():
-            link.close()
+            link.decode()
+        for session in self.sessions():
+            _ = list(session.close(max(link.last_ns for link in self.links.values())))
         return {
             session.name: {
                 "link": session.link,
@@ -141,24 +145,32 @@ class _Again:
         }
 
     def sessions(self) -> Iterator[NodeSession]:
-        """All nodes."""
-        for link in self.links.values():
-            yield from link.sessions.values()
+        """All nodes, each once: one that was restarted may have come from two senders."""
+        found = {id(node): node for link in self.links.values() for node in link.sessions.values()}
+        yield from found.values()
 
-    def _link(self, label: str) -> _Link:
-        if label not in self.links:
-            self.links[label] = _Link(label, self._ports.get(label), self._target, self._names)
-        return self.links[label]
+    def _beside(self, label: str) -> list[_Link]:
+        """A link, and what its other senders have sent."""
+        return [link for place, link in self.links.items() if place.partition("/")[0] == label]
+
+    def _link(self, place: str) -> _Link:
+        if place not in self.links:
+            label = place.partition("/")[0]
+            for link in self._beside(label):
+                link.decode()
+            self.links[place] = _Link(label, self._ports.get(label), self._target, self._names, self._known)
+        return self.links[place]
 
     def _raw(self, name: str, t_ns: int, piece: bytes) -> None:
         self._target.raw(name, t_ns, piece)
         self._link(name.removesuffix(DAMAGED)).piece(piece, t_ns, damaged=name.endswith(DAMAGED))
 
     def _event(self, event: Event) -> None:
-        if event.kind == "connected" and event.source in self.links:
-            self.links[event.source].open = True
-        if event.kind == "disconnected" and event.source in self.links:
-            self.links[event.source].lost()
+        for link in self._beside(event.source):
+            if event.kind == "connected":
+                link.open = True
+            elif event.kind == "disconnected":
+                link.lost()
         of_node = event.kind in _MADE_AGAIN or (event.kind == "clock" and "node" in event.data)
         if not of_node and event.source not in ("odometry", "map"):
             self._target.event(event)
@@ -182,10 +194,19 @@ class _Link:
     questions wait for their answers as a node's session keeps.
     """
 
-    def __init__(self, label: str, port: PortName | None, target: McapLog, names: set[str]) -> None:
+    def __init__(
+        self,
+        label: str,
+        port: PortName | None,
+        target: McapLog,
+        names: set[str],
+        known: dict[tuple[str, int, bytes], NodeSession],
+    ) -> None:
+        """known: sessions by link, node id and serial, of all senders."""
         self.open = True
         self.sessions: dict[int, NodeSession] = {}
-        self._label, self._target, self._names = label, target, names
+        self._label, self._target, self._names, self._known = label, target, names, known
+        self._serials: dict[int, bytes] = {}
         self._wanted = port.name if port is not None else None
         self._datagrams = port is not None and port.kind == "udp"
         self._decoder = BulkDecoder()
@@ -195,36 +216,30 @@ class _Link:
         self._times: list[int] = []
         self._marks: list[bool] = []
         self._asked: list[tuple[bytes, int]] = []
-        self._damaged = self._downs = self._last_ns = 0
+        self._damaged = self._downs = self.last_ns = 0
 
     def piece(self, piece: bytes, t_ns: int, *, damaged: bool) -> None:
         """Bytes up to a delimiter."""
         starts = not damaged and len(piece) > 2 and piece[1] == Hello.type_id and self._new_start(piece)
         if starts:
-            self._decode()
+            self.decode()
         self._pieces.append(piece if piece.endswith(b"\0") else piece + b"\0")
         self._times.append(t_ns)
         self._marks.append(damaged)
         if starts or len(self._pieces) >= _PIECES:
-            self._decode()
+            self.decode()
 
     def asked(self, token: bytes, t_ns: int) -> None:
         """A question about a clock."""
         self._asked.append((token, t_ns))
         if len(self._asked) >= _QUESTIONS:
-            self._decode()
+            self.decode()
 
     def lost(self) -> None:
         """The link has gone, if it was there."""
-        self._decode()
+        self.decode()
         self._downs += self.open
         self.open = False
-
-    def close(self) -> None:
-        """The end of the log."""
-        self._decode()
-        for session in self.sessions.values():
-            _ = list(session.close(self._last_ns))
 
     def _new_start(self, piece: bytes) -> bool:
         frame = self._heads.decode(piece.removesuffix(b"\0"))
@@ -236,9 +251,11 @@ class _Link:
             return False
         before = self._boots.get(frame.node)
         self._boots[frame.node] = hello.boot_id
+        self._serials[frame.node] = hello.serial
         return before != hello.boot_id
 
-    def _decode(self) -> None:
+    def decode(self) -> None:
+        """What waits."""
         if not self._pieces:
             return
         ends = np.cumsum([len(piece) for piece in self._pieces]) + self._decoder.bytes_in
@@ -255,14 +272,22 @@ class _Link:
         for token, t_ns in self._asked:
             for session in self.sessions.values():
                 session.asked(token, t_ns)
-        self._last_ns, self._damaged = int(times[-1]), int(damaged[-1])
+        self.last_ns, self._damaged = int(times[-1]), int(damaged[-1])
         for node_id, some in found.items():
             _ = list(self.sessions[node_id].many(some, self._downs))
         for session in self.sessions.values():
-            _ = list(session.settle(self._last_ns))
+            _ = list(session.settle(self.last_ns))
         self._pieces, self._times, self._marks, self._asked = [], [], [], []
 
     def _session(self, node_id: int) -> NodeSession:
+        key = (self._label, node_id, self._serials.get(node_id, b""))
+        if not self._datagrams or not key[2]:
+            return self._made(node_id)
+        if key not in self._known:
+            self._known[key] = self._made(node_id)
+        return self._known[key]
+
+    def _made(self, node_id: int) -> NodeSession:
         name, _ = free_name(self._wanted, node_id, self._names)
         self._names.add(name)
         return NodeSession(
@@ -271,7 +296,7 @@ class _Link:
             node_id,
             lambda question: False,
             self._target,
-            lambda: self._last_ns,
+            lambda: self.last_ns,
             datagrams=self._datagrams,
             clock_period=1.0,
             order=ArrivalOrder(),

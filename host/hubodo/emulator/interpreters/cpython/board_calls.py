@@ -35,6 +35,7 @@ class BoardCalls:
         self.aim = (0, 0, 0, 1)
         self.port, self.timeout = 0, 0
         self.socket, self.peer = 0, bytes(6)
+        self.spi_unit, self.spi_came = 0, b""
 
     def now(self):
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
@@ -155,6 +156,9 @@ class BoardCalls:
 
     def count(self, port):
         return self.ask("COUNT", port)[0]
+
+    def spi_to(self, unit):
+        self.spi_unit = unit
 
     def uart_init(self, port, baud, to_send, to_read):
         return self.ask("UART_INIT", port, struct.pack("<IHH", baud, to_send, to_read))[0]

@@ -46,6 +46,19 @@ class SerialDevice:
         return board.ask("WRITE", board.port, _part(buf, part))[0]
 
 
+class SpiDevice:
+    """/dev/spi of runner.mjs: what is written goes out, what came in meanwhile is read."""
+
+    def write(self, buf, *part):
+        _, board.spi_came = board.ask("SPI", board.spi_unit, _part(buf, part))
+        return len(board.spi_came)
+
+    def readinto(self, buf):
+        data = board.spi_came[: len(buf)]
+        memoryview(buf).cast("B")[: len(data)] = data
+        return len(data)
+
+
 class UdpDevice:
     """/dev/udp of runner.mjs."""
 

@@ -21,7 +21,7 @@ for _name in ("array", "binascii", "collections", "errno", "hashlib", "math", "r
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 from board_calls import CONFIG, TICKS_PERIOD, board  # noqa: E402
-from board_devices import I2cDevice, Poll, SerialDevice, Text, UdpDevice  # noqa: E402
+from board_devices import I2cDevice, Poll, SerialDevice, SpiDevice, Text, UdpDevice  # noqa: E402
 
 sys.path.remove(str(HERE))
 
@@ -71,7 +71,12 @@ def _install():
     gc.mem_alloc = lambda: 0
     gc.mem_free = lambda: CONFIG["heap_bytes"]
     io.IOBase = object
-    devices = {"/dev/i2c": I2cDevice, "/dev/serial": SerialDevice, "/dev/udp": UdpDevice}
+    devices = {
+        "/dev/i2c": I2cDevice,
+        "/dev/serial": SerialDevice,
+        "/dev/udp": UdpDevice,
+        "/dev/spi": SpiDevice,
+    }
     for name in ("time", "machine", "network", "socket"):
         source = HERE.parent / "modules" / f"_{name}.py"
         module = types.ModuleType(name)
@@ -89,6 +94,7 @@ def _install():
     os.rename = lambda a, b: really_rename(_on_flash(a), _on_flash(b))
     sys.path[:0] = [FLASH, FLASH + "/lib"]
     sys.dont_write_bytecode = True
+    sys.print_exception = lambda error: sys.stdout.write("".join(traceback.format_exception(error)))
     sys.implementation._machine = CONFIG["machine"]
     sys.stdin = sys.stdout = Text()
     sys.platform = CONFIG["platform"] or sys.platform

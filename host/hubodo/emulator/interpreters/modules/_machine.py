@@ -16,6 +16,9 @@ _out = _bus.write
 _serial_to = _board.serial_to
 _serial_into = _serial.readinto
 _serial_out = _serial.write
+_spi = open("/dev/spi", "r+b")
+_spi_out = _spi.write
+_spi_into = _spi.readinto
 _count = _board.count
 _pin_set = _board.pin_set
 _pin_get = _board.pin_get
@@ -200,6 +203,30 @@ class I2C:
 
     def scan(self):
         return [ord(c) for c in _board.i2c_scan(self._id)]
+
+
+class SPI:
+    """One transfer a call; the chip is selected by a pin of the caller's."""
+
+    MSB = 0
+
+    def __init__(self, id, baudrate=1000000, *, polarity=0, phase=0, sck=None, mosi=None, miso=None):
+        if _RP2:
+            # ports/rp2/machine_spi.c: four functions in turn on the pins, the two units in eights.
+            for what, rest, pin in (("SCK", 2, sck), ("MOSI", 3, mosi), ("MISO", 0, miso)):
+                if pin is not None:
+                    number = _number(pin, 0)
+                    _wanted(number & 3 == rest and (number & 8) >> 3 == id, what)
+        self._id = id
+
+    def write_readinto(self, out, into):
+        _board.spi_to(self._id)
+        _spi_out(out)
+        _spi_into(into)
+
+    def write(self, out):
+        _board.spi_to(self._id)
+        _spi_out(out)
 
 
 class SoftI2C(I2C):

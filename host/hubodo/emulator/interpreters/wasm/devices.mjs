@@ -33,13 +33,13 @@ export class Devices {
     this.i2c = new I2c(board);
     this.result = 0;
     this.port = this.readTimeout = 0;
-    this.socket = 0;
+    this.socket = this.spiUnit = 0;
     this.armed = false;
     this.peer = Buffer.alloc(6);
   }
 
   register(FS) {
-    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()]].forEach(([name, device], k) => {
+    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()], ["spi", this._spi()]].forEach(([name, device], k) => {
       FS.registerDevice(FS.makedev(64, k), { ...file, ...device });
       FS.mkdev(`/dev/${name}`, FS.makedev(64, k));
     });
@@ -81,6 +81,26 @@ export class Devices {
     };
   }
 
+  // What is written goes out at once; what came in meanwhile is read once.
+  _spi() {
+    const { board } = this;
+    let came = Buffer.alloc(0);
+    return {
+      read: (_stream, buffer, offset, length) => {
+        const taken = came.subarray(0, length);
+        buffer.set(taken, offset);
+        came = came.subarray(taken.length);
+        return taken.length;
+      },
+      write: (_stream, buffer, offset, length) => {
+        board.request.set(buffer.subarray(offset, offset + length), HEADER);
+        board.ask(board.op.SPI, this.spiUnit, length);
+        came = Buffer.from(board.payload);
+        return length;
+      },
+    };
+  }
+
   _udp() {
     const { board, peer } = this, { op } = board;
     return {
@@ -118,6 +138,9 @@ export class Devices {
       serial_to: (port, timeoutMs) => {
         this.port = port;
         this.readTimeout = timeoutMs;
+      },
+      spi_to: (unit) => {
+        this.spiUnit = unit;
       },
       udp_to: (handle, high, low, remote) => {
         this.socket = handle;

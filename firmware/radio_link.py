@@ -1,0 +1,103 @@
+"""By nRF24L01+ to a receiver: frames in pieces of a packet, requests in the acknowledgements.
+
+A piece has the number of its frame, its place and how many there are, and 30 bytes. One that is not
+acknowledged is tried again: frames wait, the oldest is given up when there are too many, as on every link.
+"""
+
+from time import ticks_add, ticks_diff, ticks_ms
+
+from drivers.nrf24 import MAX_RT, MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
+from framing import START
+from link import Link
+from micropython import const
+
+PIECE = const(30)
+HEAD = const(2)
+_POLL_MS = const(20)
+"""So long after the last packet an empty one asks the receiver for requests."""
+_AGAIN_MS = const(5)
+_AT_ONCE = const(9)
+_TRIES = const(15)
+
+
+class RadioLink(Link):
+    """Frames to the receiver of the net; without acknowledgements (radio_tries 0) what is lost is lost."""
+
+    def __init__(self, radio, settings):
+        super().__init__()
+        self._radio = radio
+        tries = settings["radio_tries"]
+        self._sure = tries > 0
+        # Two nodes whose packets have met must not meet again.
+        pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (settings["node_id"] & 3)
+        radio.send_to(address_of(settings["radio_address"], settings["node_id"]), tries or _TRIES, pause_us)
+        self._in = bytearray(MOST)
+        self._number = 0
+        self._size = self._at = 0
+        self._again_ms = self._poll_ms = ticks_ms()
+
+    def send(self, outbox):
+        radio, ms = self._radio, ticks_ms()
+        status = radio.status()
+        if status & MAX_RT:
+            if ticks_diff(ms, self._again_ms) < 0:
+                return
+            self._again_ms = ticks_add(ms, _AGAIN_MS)
+            radio.clear(MAX_RT)
+        turns = _AT_ONCE
+        while outbox.count and not status & TX_FULL and turns:
+            turns -= 1
+            status = self._send_piece(outbox)
+            self._poll_ms = ticks_add(ms, _POLL_MS)
+
+    def _send_piece(self, outbox):
+        """Queues the next piece of the oldest frame; the status after it."""
+        radio, slot = self._radio, outbox.oldest()
+        sent = outbox.sent if outbox.sent > 0 else 0
+        if outbox.sent < 0:
+            # The zero before the first frame is for streams.
+            outbox.took(-outbox.sent)
+        whole = slot.end - START
+        size = whole - sent
+        if size > PIECE:
+            size = PIECE
+        out, raw = radio.out, slot.raw
+        out[1] = self._number
+        out[2] = (sent // PIECE) << 4 | (whole - 1) // PIECE
+        at = START + sent
+        for i in range(size):
+            out[1 + HEAD + i] = raw[at + i]
+        radio.write(HEAD + size, self._sure)
+        if sent + size == whole:
+            self._number = self._number + 1 & 0xFF
+        outbox.took(size)
+        return radio.status()
+
+    def _byte(self):
+        if self._at == self._size:
+            self._at = self._size = 0
+            radio = self._radio
+            status = radio.status()
+            if status >> 1 & 7 == NONE:
+                self._poll(status)
+                return -1
+            self._size = radio.read()
+            radio.clear(RX_DR | TX_DS)
+            if not self._size:
+                return -1
+            for i in range(self._size):
+                self._in[i] = radio.came[1 + i]
+        self._at += 1
+        return self._in[self._at - 1]
+
+    def _poll(self, status):
+        ms = ticks_ms()
+        if ticks_diff(ms, self._poll_ms) >= 0 and not status & (TX_FULL | MAX_RT):
+            self._poll_ms = ticks_add(ms, _POLL_MS)
+            self._radio.out[1] = 0
+            self._radio.write(1)
+
+
+def open_link(board):
+    """The link of a board's radio."""
+    return RadioLink(open_radio(board), board.settings)

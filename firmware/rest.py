@@ -1,0 +1,129 @@
+"""A node at rest samples slowly, and at full rate again within two of those samples of a motion.
+
+Rest is when nothing differs from one sample for long enough: a wheel that rolls evenly turns gravity about.
+The chip's own wake-up event, where it has one, tells a jolt between two samples.
+"""
+
+from time import ticks_add, ticks_diff, ticks_ms
+
+import reports
+from drivers.chip import nearest
+from micropython import const
+from outbox import FIRST_ROW, ROW
+from wire import BATCH_FLAG_RATE_CHANGED, PART_LSM6DS33
+
+_GYRO = const(3)
+_WAKE_UP_SRC = const(0x1B)
+_WU_IA = const(0x08)
+_TAP_CFG, _LATCHED = const(0x58), const(0x01)
+_WAKE_UP_THS, _FULL_SCALE = const(0x5B), const(64)
+_WAKE_UP_DUR = const(0x5C)
+_MD1_CFG, _INT1_WU = const(0x5E), const(0x20)
+_LATER_MS = const(1000)
+
+
+class Rest:
+    """use: what is in a batch; turn: every 20 ms. resting: whether samples come slowly."""
+
+    def __init__(self, node):
+        self._node = node
+        self.resting = False
+        self._after_ms = 1000 * node.settings["rest_after_s"]
+        self._seen = [0] * ROW
+        self._rested_ms = 0
+        self._left_ms = ticks_ms()
+        self._checked = 0
+        self._moved = False
+
+    def use(self, values, first, count):
+        """A batch is full: how it ends tells whether anything moves; at rest each sample does."""
+        if self.resting:
+            at = first + ROW * self._checked
+            while at < first + ROW * count:
+                self._look(values, at)
+                at += ROW
+            self._checked = 0
+            return
+        self._look(values, first + ROW * (count - 1))
+        self._look(values, first + ROW * (count >> 1))
+
+    def turn(self, ms):
+        """Changes the rate when that is due."""
+        node = self._node
+        chip = node.parts.chip
+        if chip is None or node.parts.paused:
+            return
+        if self.resting:
+            sampler = node.sampler
+            while self._checked < sampler.count:
+                self._look(sampler.slot.values, FIRST_ROW + ROW * self._checked)
+                self._checked += 1
+            if self._moved or self._woken(chip):
+                self._change(chip, False)
+        elif self._moved:
+            self._moved = False
+            self._left_ms = ms
+        elif self._rested(ms):
+            self._change(chip, True)
+
+    def _rested(self, ms):
+        """Ticks turn over: so long rests are counted in seconds."""
+        passed = ticks_diff(ms, self._left_ms)
+        if passed >= _LATER_MS:
+            self._left_ms = ticks_add(self._left_ms, _LATER_MS)
+            self._rested_ms += _LATER_MS
+        return self._rested_ms + ticks_diff(ms, self._left_ms) >= self._after_ms
+
+    def _look(self, values, at):
+        """Whether a sample is another than the one that began the rest; it begins the next, then."""
+        seen, chip, s = self._seen, self._node.parts.chip, self._node.settings
+        # Within small integers: larger ones would take memory.
+        gyro = s["rest_dps"] * 1000000 // (chip.gyro_lsb_ndps // 1000)
+        accel = s["rest_mg"] * 1000000 // chip.accel_lsb_ng
+        for i in range(ROW):
+            if abs(values[at + i] - seen[i]) > (gyro if i < _GYRO else accel):
+                self._moved = True
+                self._rested_ms = 0
+                for k in range(ROW):
+                    seen[k] = values[at + k]
+                return
+
+    def _woken(self, chip):
+        """Whether the chip has felt a jolt since the last look."""
+        if chip.PART != PART_LSM6DS33:
+            return False
+        try:
+            return bool(chip.read(_WAKE_UP_SRC) & _WU_IA)
+        except OSError:
+            return False
+
+    def _change(self, chip, resting):
+        """The chip at the other rate; Hello tells it, the next batch begins with a flag."""
+        node = self._node
+        parts, s = node.parts, node.settings
+        node.sampler.end()
+        parts.chip = type(chip)(
+            chip.i2c,
+            chip.address,
+            odr_hz=nearest(chip.RATES_HZ, s["rest_rate_hz"] if resting else s["rate_hz"])[0],
+            range_dps=chip.range_dps,
+            range_g=chip.range_g,
+            fifo=not resting and s["fifo"],
+        )
+        if resting and chip.PART == PART_LSM6DS33:
+            steps = s["rest_mg"] * _FULL_SCALE // (1000 * chip.range_g)
+            parts.chip.also(
+                (
+                    (_TAP_CFG, _LATCHED),
+                    (_WAKE_UP_DUR, 0),
+                    (_WAKE_UP_THS, steps if steps else 1),
+                    (_MD1_CFG, _INT1_WU),
+                )
+            )
+        parts.begin(False)
+        node.sampler.flags = BATCH_FLAG_RATE_CHANGED
+        self.resting = resting
+        self._moved = False
+        self._checked = self._rested_ms = 0
+        self._left_ms = ticks_ms()
+        reports.hello(node)

@@ -1,0 +1,67 @@
+"""The keys of nodes on UDP: a file that `hubodo flash` adds to and `hubodo record` reads."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import tomllib
+from pathlib import Path
+
+from hubodo.errors import ConfigError, InputError
+
+KEY_BYTES = 32
+_SERIAL = re.compile(r"[0-9a-f]{16}")
+_KEY = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
+
+
+class KeyRing:
+    """Keys by the serial of a board, as its Hello tells it in hex; `path` holds ``[keys]`` serial = "hex"."""
+
+    def __init__(self, path: Path, *, create: bool = False) -> None:
+        """create: whether a file that is not there is one without keys.
+
+        Raises InputError when it is not there, ConfigError for what is no key.
+        """
+        self.path = path
+        self.keys: dict[str, bytes] = {}
+        try:
+            table = tomllib.loads(path.read_text())
+        except FileNotFoundError:
+            if create:
+                return
+            raise InputError(
+                f"{path}: no such file; `hubodo flash PORT --key-file {path}` makes it"
+            ) from None
+        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise ConfigError(f"{path}: not TOML: {error}") from None
+        rows = table.get("keys", {})
+        if set(table) - {"keys"} or not isinstance(rows, dict):
+            raise ConfigError(f'{path}: wants one table [keys] with SERIAL = "KEY" and nothing else')
+        for serial, key in rows.items():
+            if not _SERIAL.fullmatch(serial) or not isinstance(key, str) or not _KEY.fullmatch(key):
+                raise ConfigError(
+                    f"{path}: [keys] {serial}: wants the serial of a board, 16 hexadecimal digits, and a key "
+                    f"of {2 * KEY_BYTES}"
+                )
+            self.keys[serial] = bytes.fromhex(key)
+
+    def key_of(self, serial: str) -> bytes:
+        """The key of a board; one that has none gets a fresh one, and the file has it before it is used."""
+        if serial not in self.keys:
+            self.keys[serial] = secrets.token_bytes(KEY_BYTES)
+            self._write()
+        return self.keys[serial]
+
+    def _write(self) -> None:
+        """Whole or not at all, and for its owner alone."""
+        rows = "".join(f'{serial} = "{key.hex()}"\n' for serial, key in sorted(self.keys.items()))
+        text = f"# Keys of nodes on UDP, by the serial of the board: as secret as a password.\n[keys]\n{rows}"
+        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(descriptor, "w") as file:
+                file.write(text)
+            temporary.replace(self.path)
+        finally:
+            temporary.unlink(missing_ok=True)

@@ -1,0 +1,116 @@
+"""In real MicroPython: HMAC-SHA256 of the node, and its half of a session, against CPython's."""
+
+import hashlib
+import hmac
+import json
+import struct
+
+import pytest
+import real_micropython
+from test_firmware_link_memory import FAKES
+
+from hubodo.ingest.link.keys import KeyRing
+from hubodo.ingest.link.sealed import Sealer
+
+# RFC 4231, section 4: (key, data, HMAC-SHA-256); keys of up to 64 bytes.
+RFC_4231 = [
+    (b"\x0b" * 20, b"Hi There", "b0344c61d8db38535ca8afceaf0bf12b881dc200c9833da726e9376c2e32cff7"),
+    (
+        b"Jefe",
+        b"what do ya want for nothing?",
+        "5bdcc146bf60754e6a042426089575c75a003f089d2739839dec58b964ec3843",
+    ),
+    (b"\xaa" * 20, b"\xdd" * 50, "773ea91e36800e46854db8ebd09181a72959098b3ef8c122d9635514ced565fe"),
+    (
+        bytes(range(1, 26)),
+        b"\xcd" * 50,
+        "82558a389a443c0ea4cc819899f2083a85f0faa3e578f8077a2e3ff46729665b",
+    ),
+]
+KEY = bytes(range(32))
+
+VECTORS = """
+from sealed import Hmac
+import binascii
+found = [binascii.hexlify(Hmac(key).digest(data[:3], data[3:])).decode() for key, data in {rows}]
+"""
+
+SESSION = """
+import sealed, binascii
+class Pipe(Sink):
+    sent, coming = [], []
+    def write(self, raw, at=0, size=0):
+        Pipe.sent.append(binascii.hexlify(bytes(raw[at:at + size])).decode())
+        return size
+    def readinto(self, buffer):
+        if not Pipe.coming:
+            return None
+        data = Pipe.coming.pop(0)
+        buffer[: len(data)] = data
+        return len(data)
+socket.socket = lambda family, kind: Pipe()
+sealed._random = lambda: bytes(range(8))
+settings = {{"ssid": "a", "password": "b", "host": "10.0.0.7", "port": 47110, "key": "{key}"}}
+port = sealed.SealedUdpLink(settings)
+box = outbox.Outbox(4, 1)
+box.post(2, 200)
+port.send(box)
+waits = box.count
+frames = []
+for data in {coming}:
+    Pipe.coming.append(bytes.fromhex(data))
+    while port.receive():
+        frames.append([port.reader.type_id, port.reader.seq])
+port.send(box)
+box.post(6, 3)
+port.send(box)
+found = {{"sent": Pipe.sent, "waits": waits, "frames": frames, "damaged": port.reader.damaged}}
+"""
+
+WRITE = """
+with open("/result", "w") as file:
+    json.dump(found, file)
+"""
+
+
+def test_the_hmac_is_that_of_rfc_4231(tmp_path):
+    rows = [(key, data) for key, data, _ in RFC_4231]
+    found, _ = real_micropython.run(tmp_path, FAKES, VECTORS.format(rows=repr(rows)), WRITE)
+    assert found == [expected for _, _, expected in RFC_4231]
+    assert all(hmac.digest(k, d, "sha256").hex() == e for k, d, e in RFC_4231), "the table is typed well"
+
+
+@pytest.fixture
+def host(tmp_path):
+    ring = KeyRing(tmp_path / "keys.toml", create=True)
+    ring.keys["e661410300000001"] = KEY
+    return Sealer(ring, draw=lambda count: b"\x5a" * count)
+
+
+def test_a_node_sends_nothing_but_a_knock_before_it_is_answered_and_obeys_nobody_else(tmp_path, host):
+    """Orders come sealed, plain, changed, sent again and of another session: the first alone is one."""
+    ident = hashlib.sha256(b"hubodo key" + KEY).digest()[:4]
+    knock = b"\xfe" + ident + bytes(range(8))
+    welcome = host.open(knock, "node 1").answer
+    session = host._peers[0].offered[-1]
+    import hubowire
+    from hubowire import messages as m
+
+    ping = b"\0" + hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, 1, 77, b""))
+    order = session.seal(ident, ping)
+    changed = bytearray(session.seal(ident, ping))
+    changed[-1] ^= 1
+    false_welcome = welcome[:-1] + bytes([welcome[-1] ^ 1])
+    coming = [ping, false_welcome, welcome, order, ping, bytes(changed), order, welcome]
+    text = SESSION.format(key=KEY.hex(), coming=repr([data.hex() for data in coming]))
+    found, _ = real_micropython.run(tmp_path, FAKES, text, WRITE)
+    assert found["waits"] == 1, "the frame waits for the session"
+    assert found["frames"] == [[m.Ping.type_id, 77]]
+    assert found["damaged"] == 6, "every other datagram is counted"
+    sent = [bytes.fromhex(data) for data in found["sent"]]
+    assert sent[0] == knock and len(sent) == 3
+    assert [struct.unpack_from("<I", data, 5)[0] for data in sent[1:]] == [0, 1]
+    opened = [host.open(data, "node 1") for data in sent[1:]]
+    types = [f.type_id for o in opened for f in hubowire.FrameDecoder().feed(o.frames)]
+    assert types == [2, 6] and not host.refused
+    print(json.dumps({"bytes more than the frame": len(sent[1]) - len(opened[0].frames)}))

@@ -1,0 +1,121 @@
+"""`hubodo flash` for many boards, through a pulled cable, and back: on virtual boards and real terminals."""
+
+import json
+import threading
+
+import pytest
+
+import hubodo.flash.board
+import hubodo.flash.fleet
+from hubodo.cli import main
+from hubodo.emulator.board.settings import BoardSettings
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.flash.slots import slot_named
+
+SERIALS = ("e661410300000001", "e661410300000002", "e661410300000003")
+
+
+class FakePort:
+    """The part of pyserial's ListPortInfo that counts."""
+
+    def __init__(self, device, vid):
+        self.device, self.vid, self.serial_number = str(device), vid, None
+
+
+@pytest.fixture(scope="module")
+def boards():
+    """Three boards with nothing but MicroPython on them."""
+    nodes = [VirtualNode(StillMotion(), board=BoardSettings(unique_id=serial)) for serial in SERIALS]
+    try:
+        yield [node.start() for node in nodes]
+    finally:
+        for node in nodes:
+            node.stop()
+
+
+def flash(capfd, *words):
+    code = main(["flash", *map(str, words), "--json"])
+    out, err = capfd.readouterr()
+    return code, json.loads(out) if out else None, err
+
+
+def runs_from(node):
+    return slot_named((node.flash / "main.py").read_text())
+
+
+def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other(
+    boards, tmp_path, monkeypatch, capfd
+):
+    ports = [FakePort(boards[0].port, 0x2E8A), FakePort(tmp_path / "gone", 0x2E8A)]
+    ports += [FakePort(board.port, 0x2E8A) for board in boards[1:]] + [FakePort("/dev/ttyGNSS", 0x1546)]
+    monkeypatch.setattr(hubodo.flash.fleet.found_ports, "__defaults__", (lambda: ports,))
+    fleet = tmp_path / "fleet.toml"
+    fleet.write_text(f'[nodes]\n{SERIALS[0]} = "left"\n{SERIALS[1].upper()} = "right"\n')
+    code, found, err = flash(capfd, "--all", "--fleet", fleet)
+    assert code == 1 and (found["done"], found["failed"]) == (2, 1), err
+    by_port = {row["port"]: row for row in found["boards"]}
+    assert [by_port[str(board.port)].get("node") for board in boards] == [1, 2, None]
+    assert "gone" in by_port[str(tmp_path / "gone")]["error"]
+    stranger = by_port[str(boards[2].port)]
+    assert stranger["left_alone"] and SERIALS[2] in stranger["error"]
+    assert not list(boards[2].flash.iterdir()), "what is in no table is left as it is"
+    assert main(["flash", "--all", "--fleet", str(fleet)]) == 1
+    shown, _ = capfd.readouterr()
+    assert "left" in shown and "right" in shown and "FAILED" in shown
+
+
+def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch, capfd):
+    board, sent, pieces = boards[2], [], hubodo.flash.board._pieces
+
+    def pulled(content):
+        sent.append(content)
+        if len(sent) == 12:
+            board.unplug()
+            threading.Timer(0.5, board.replug).start()
+        yield from pieces(content)
+
+    monkeypatch.setattr(hubodo.flash.board, "_pieces", pulled)
+    code, found, err = flash(capfd, board.port, "--node", "frame")
+    assert code == 0, err
+    assert found["went_away"] == 1 and found["node"] == 3
+    assert len(sent) == found["files"] + 2, "sent twice: the file in which it was pulled, and the settings"
+
+
+def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tmp_path, monkeypatch, capfd):
+    board = boards[0]
+    first = runs_from(board)
+    code, _, err = flash(capfd, board.port, "--roll-back")
+    assert code == 1 and "nothing to roll back to" in err, "there is one slot as yet"
+    import shutil
+
+    import hubodo.verbs.flash as verb
+    from hubodo.flash.image import firmware_folder
+
+    newer = tmp_path / "firmware"
+    shutil.copytree(firmware_folder(), newer)
+    (newer / "reports.py").write_text((newer / "reports.py").read_text().replace("(0, 1, 0)", "(9, 9, 9)"))
+    monkeypatch.setattr(verb, "firmware_folder", lambda: newer)
+    code, found, err = flash(capfd, board.port)
+    assert code == 0 and found["firmware"] == "9.9.9", err
+    assert runs_from(board) != first
+    code, found, err = flash(capfd, board.port, "--roll-back")
+    assert code == 0 and found["firmware"] == "0.1.0" and runs_from(board) == first, err
+    code, found, err = flash(capfd, board.port, "--roll-back")
+    assert code == 0 and found["firmware"] == "9.9.9", err
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((), "name ports"),
+        (("/dev/a", "/dev/b", "--node", "left"), "--fleet"),
+        (("/dev/a", "--roll-back", "--node", "left"), "changes no settings"),
+        (("/dev/a", "--set", "lnk=udp"), "is it link?"),
+        (("/dev/a", "--set", "rate_hz=fast"), "wants int"),
+        (("/dev/a", "--fleet", "/nowhere.toml"), "no such file"),
+    ],
+)
+def test_wrong_use_is_one_line_that_says_what_to_do(words, says, capfd):
+    code, _, err = flash(capfd, *words)
+    assert code == 2 and says in err and err.count("\n") == 1

@@ -1,0 +1,104 @@
+"""Two nodes of one id on one UDP port, with keys, beside somebody without: each recorded whole, none else."""
+
+import socket
+import threading
+
+import numpy as np
+import pytest
+
+from fakes.recorder_thread import RecorderThread
+from hubodo.cli import main
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
+from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.ingest.link.keys import KeyRing
+from hubodo.log.mcap import open_log, read_recording
+from virtual_runs import FIRMWARE, unique_motion
+from waiting import until
+
+pytestmark = pytest.mark.real_time
+
+SERIALS = ("e661410300000001", "e661410300000002")
+SECONDS = 5
+
+
+class Eavesdropper:
+    """Between nodes and host: passes datagrams on, and sends old ones and plain ones of its own."""
+
+    def __init__(self, to):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.port = self.socket.getsockname()[1]
+        self._to, self._ways, self._kept, self.ended = to, {}, [], False
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self.ended:
+            data, node = self.socket.recvfrom(2048)
+            if node not in self._ways:
+                self._ways[node] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+                threading.Thread(target=self._back, args=(node,), daemon=True).start()
+            way = self._ways[node]
+            way.sendto(data, self._to)
+            if data[:1] == b"\xff":
+                self._kept.append(data)
+                if len(self._kept) % 20 == 0:
+                    way.sendto(self._kept[0], self._to)
+                    way.sendto(data[9:-8], self._to)
+
+    def _back(self, node):
+        while not self.ended:
+            self.socket.sendto(self._ways[node].recv(2048), node)
+
+
+def test_two_nodes_of_one_id_are_recorded_apart_and_what_is_sent_again_or_without_a_key_is_not(tmp_path):
+    ring = KeyRing(tmp_path / "keys.toml", create=True)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        number = free.getsockname()[1]
+    between = Eavesdropper(("127.0.0.1", number))
+    log = tmp_path / "udp.mcap"
+    config = {"link": "udp", "rate_hz": 208, "ssid": "net", "host": "127.0.0.1", "port": between.port}
+    nodes = [
+        VirtualNode(
+            unique_motion(30),
+            Flash(FIRMWARE, config | {"key": ring.key_of(serial).hex()}),
+            board=BoardSettings(unique_id=serial, interpreter="cpython"),
+            clock=Clock("paced", ticks_start_us=serial_number * 1_000_000),
+            host=Host("udp"),
+        )
+        for serial_number, serial in enumerate(SERIALS)
+    ]
+    with RecorderThread(log, f"udp://127.0.0.1:{number}", key_file=str(tmp_path / "keys.toml")) as recorder:
+        until(log.exists)
+        with nodes[0], nodes[1]:
+            until(lambda: min(node.stats["t"] for node in nodes) > SECONDS)
+            recorder.stop.set()
+            recorder.thread.join(30)
+            truths = [node.chip.truth() for node in nodes]
+    between.ended = True
+    judge(log, truths)
+    again = tmp_path / "again.mcap"
+    assert main(["import", str(log), "-o", str(again)]) == 0
+    judge(again, truths, first=read_recording(log))
+
+
+def judge(log, truths, first=None):
+    """Both boards are in it by their serials, each with samples of its own chip without a hole."""
+    found = read_recording(log)
+    assert set(found.nodes) == {"left", "left_2"}
+    with open_log(log) as records:
+        told = {name: records.records[f"node.{name}"]["serial"] for name in found.nodes}
+        events = [r.data for r in records.messages() if r.topic == "/hubodo/events"]
+    assert sorted(told.values()) == sorted(SERIALS)
+    assert not [event for event in events if b"gap" in event]
+    for name, table in found.nodes.items():
+        gyro = np.column_stack([table.columns[axis] for axis in ("gx", "gy", "gz")])
+        truth = truths[SERIALS.index(told[name])]
+        made = truth.raw[:, :3] * truth.lsb[:, :3]
+        start = int(np.argmin(np.abs(made - gyro[0]).sum(axis=1)))
+        assert len(gyro) > (SECONDS - 2) * 208
+        assert np.allclose(gyro, made[start : start + len(gyro)]), "its own chip's samples, one by one"
+        assert first is None or len(gyro) == len(first.nodes[name].t)
+    for why in (b"sent again", b"without a key"):
+        assert any(why in event for event in events)
