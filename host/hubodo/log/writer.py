@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunks import BatchStream, ChunkLog
+from hubodo.log.own_messages import bytes_message, string_message
 from hubodo.recording import Event
 
 
@@ -147,7 +148,7 @@ class McapLog(ChunkLog):
         if stream is None:
             metadata = {"columns": json.dumps(list(table))}
             channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
-            stream = self._streams[topic] = BatchStream(channel, ros2.columns(len(table)), "")
+            stream = self._streams[topic] = BatchStream(channel, ros2.columns(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 
@@ -155,16 +156,16 @@ class McapLog(ChunkLog):
         """One frame as it came off a link, before anything looked inside."""
         channel = self._channels.get(topics.RAW + link)
         if channel is None:
-            channel = self.add_channel(topics.RAW + link, topics.RAW_SCHEMA, "", b"", topics.RAW_ENCODING)
-        self.write(channel, t_log_ns, t_log_ns, frame)
+            channel = self.add_ros2_channel(topics.RAW + link, ros2.BYTES)
+        self.write(channel, t_log_ns, t_log_ns, bytes_message(frame))
 
     def asked(self, link: str, t_ns: int, token: bytes) -> None:
         """The token of a question about a node's clock, at the time at which it was sent."""
         topic = topics.ASKED + link
         channel = self._channels.get(topic)
         if channel is None:
-            channel = self.add_channel(topic, "", "", b"", topics.RAW_ENCODING)
-        self.write(channel, t_ns, t_ns, token)
+            channel = self.add_ros2_channel(topic, ros2.BYTES)
+        self.write(channel, t_ns, t_ns, bytes_message(token))
 
     def event(self, event: Event, t_log_ns: int | None = None) -> None:
         """An event; written at once, not kept pending, because it is rare and explains what follows.
@@ -173,9 +174,8 @@ class McapLog(ChunkLog):
         """
         channel = self._channels.get(topics.EVENTS)
         if channel is None:
-            # Without a schema: some readers give up a whole file at a schema encoding other than ROS.
-            channel = self.add_channel(
-                topics.EVENTS, "", "", b"", "json", {"json_schema": topics.EVENT_JSON_SCHEMA}
+            channel = self.add_ros2_channel(
+                topics.EVENTS, ros2.STRING, {"json_schema": topics.EVENT_JSON_SCHEMA}
             )
         body = {
             "t_ns": event.t_ns,
@@ -185,7 +185,7 @@ class McapLog(ChunkLog):
             "data": dict(event.data),
         }
         t_log_ns = event.t_ns if t_log_ns is None else t_log_ns
-        self.write(channel, t_log_ns, t_log_ns, json.dumps(body, allow_nan=False).encode())
+        self.write(channel, t_log_ns, t_log_ns, string_message(json.dumps(body, allow_nan=False)))
         self.flush()
 
     def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:

@@ -24,6 +24,7 @@ from hubodo.log.chunk_body import Messages
 from hubodo.log.decode import message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.own_messages import own_bytes, own_text
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.whole_files import whole_new_file
@@ -105,13 +106,15 @@ class _Again:
                 continue
             topic = stream.topic
             if topic.startswith(topics.RAW):
-                self._raw(topic.removeprefix(topics.RAW), t_ns, messages.payload(row))
+                self._raw(
+                    topic.removeprefix(topics.RAW), t_ns, own_bytes(stream.encoding, messages.payload(row))
+                )
             elif topic.startswith(topics.ASKED):
-                token = messages.payload(row)
+                token = own_bytes(stream.encoding, messages.payload(row))
                 self._target.asked(topic.removeprefix(topics.ASKED), t_ns, token)
                 self._link(topic.removeprefix(topics.ASKED)).asked(token, t_ns)
             elif topic == topics.EVENTS:
-                for event in events_of([messages.payload(row)])[0]:
+                for event in events_of([own_text(stream.encoding, messages.payload(row))])[0]:
                     self._event(event)
             elif (
                 topic not in _ODOMETRY

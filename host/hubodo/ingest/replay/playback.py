@@ -23,6 +23,7 @@ from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelRows, Decoder, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.own_messages import own_text
 from hubodo.log.writer import McapLog
 from hubodo.toml_file import parse_toml
 from hubodo.vehicle import Vehicle, vehicle_of
@@ -176,7 +177,7 @@ class _Blocks:
                 chosen = np.flatnonzero(channels == number)
                 kind = message_type(stream.schema)
                 if stream.topic == topics.EVENTS:
-                    payloads += [messages.payload(i) for i in chosen.tolist()]
+                    payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
                 elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE, ros2.NAV_SAT_FIX):
                     decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
             if progress is not None:
