@@ -20,6 +20,7 @@ from hubodo.log.source import Facts, Stream
 
 _HEADER = "std_msgs/msg/Header"
 METADATA_FILE = "metadata.yaml"
+_UNDERSTOOD = ros2.STAMPED | {ros2.COLUMNS, ros2.STRING, ros2.BYTES}
 _PORTION = 4 << 20
 Row = tuple[int, int, bytes]
 """Channel, time in ns, message."""
@@ -191,7 +192,7 @@ def _rosbag(path: Path) -> Bag:
     except _damage() as error:
         raise _unreadable(path, error) from None
     streams = {
-        (topic, kind): Stream(n, topic, kind, "cdr" if is_2 or kind in ros2.STAMPED else "ros1", {})
+        (topic, kind): Stream(n, topic, kind, "cdr" if is_2 or kind in _UNDERSTOOD else "ros1", {})
         for n, (topic, kind) in enumerate(sorted(kinds), 1)
     }
 

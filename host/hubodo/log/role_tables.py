@@ -15,9 +15,6 @@ from hubodo.log.joints import JointSpeeds
 FloatArray = NDArray[np.float64]
 Columns = dict[str, FloatArray]
 
-UNKNOWN_VARIANCE = 1e6
-"""m² or rad²: what a pose says of a coordinate that nobody measured; zero would say that it is exact."""
-
 
 def position(fix: ChannelRows) -> Columns:
     """Columns of gnss."""
@@ -52,7 +49,7 @@ def truth(rows: ChannelRows) -> Columns:
     """x, y, and the heading unless its variance says that it is not known."""
     place = rows.values["pose.pose.position"]
     made = {"x": place[:, 0], "y": place[:, 1]}
-    if not (rows.values["pose.covariance"][:, 35] >= UNKNOWN_VARIANCE).any():
+    if not (rows.values["pose.covariance"][:, 35] >= ros2.UNKNOWN_VARIANCE).any():
         made["heading"] = yaw(rows.values["pose.pose.orientation"])
     return made
 

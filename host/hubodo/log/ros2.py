@@ -29,6 +29,8 @@ TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 TWIST_WITH_COVARIANCE_STAMPED = "geometry_msgs/msg/TwistWithCovarianceStamped"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
+UNKNOWN_VARIANCE = 1e6
+"""m² or rad²: what a pose says of a coordinate that nobody measured; zero would say that it is exact."""
 ENCAPSULATION = b"\x00\x01\x00\x00"
 
 # Fields as in the .msg files of common_interfaces, geometry2 and rcl_interfaces (ROS 2 Humble).

@@ -13,8 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunks import BatchStream, ChunkLog
+from hubodo.log.frames import GNSS, placed
 from hubodo.log.own_messages import bytes_message, string_message
+from hubodo.log.ros2 import UNKNOWN_VARIANCE
+from hubodo.log.timebase import NS
 from hubodo.recording import Event
+from hubodo.vehicle import Vehicle
 
 
 class McapLog(ChunkLog):
@@ -60,7 +64,8 @@ class McapLog(ChunkLog):
     ) -> None:
         """Planar odometry. position: (n, 2) m; heading: (n,) rad; speed: (n,) m/s; yaw_rate: (n,) rad/s.
 
-        pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate.
+        pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate. Where
+        one is given, what it does not tell has the variance UNKNOWN_VARIANCE; all zeros: nothing is known.
         """
         stream = self._streams.get(topic) or self._open(topic, topic, ros2.ODOMETRY, frame, child_frame)
         half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
@@ -97,6 +102,23 @@ class McapLog(ChunkLog):
         }
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
+    def static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
+        """Where the vehicle's nodes and its antenna sit, on /tf_static: one message for all of them."""
+        frames = placed(vehicle)
+        texts: dict[str, bytes] = {}
+        values: dict[str, ArrayLike] = {}
+        seconds, nanoseconds = divmod(t_ns, NS)
+        for i, frame in enumerate(frames):
+            part = f"transforms[{i}]."
+            texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
+            values |= {part + "header.stamp.sec": seconds, part + "header.stamp.nanosec": nanoseconds}
+            values[part + "transform.translation"] = np.array([frame.position])
+            values[part + "transform.rotation"] = np.array([frame.turn])
+        if frames:
+            layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
+            channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
+            self.write_rows(BatchStream(channel, layout, ""), t_ns, t_ns, values)
+
     def fix(
         self,
         t_pub_ns: ArrayLike,
@@ -107,7 +129,7 @@ class McapLog(ChunkLog):
         *,
         sigma: ArrayLike | None = None,
         status: ArrayLike = 0,
-        frame: str = "gnss",
+        frame: str = GNSS,
     ) -> None:
         """GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None where not known.
 
@@ -212,5 +234,7 @@ def _padded(position: ArrayLike, count: int) -> NDArray[np.float64]:
 def _spread(covariance: ArrayLike | None, count: int, places: tuple[int, ...]) -> NDArray[np.float64]:
     spread = np.zeros((count, 6, 6))
     if covariance is not None:
+        # Zero would say that z, roll and pitch are exact.
+        spread[:, range(6), range(6)] = UNKNOWN_VARIANCE
         spread[:, np.array(places)[:, None], np.array(places)] = covariance
     return spread.reshape(count, 36)

@@ -106,7 +106,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Imported | Decoded:
     """Read the folder or the frames, write the log."""
     free_path(args.output)
-    form = log_form(args, None if args.vehicle is None else load_vehicle(args.vehicle))
+    vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    form = log_form(args, vehicle)
     file = mcap_file(args.source)
     if file is not None and has_our_topics(file):
         if args.repair:
@@ -119,7 +120,7 @@ def run(args: argparse.Namespace) -> Imported | Decoded:
         else:
             recording = read_log(args.source, form=form, progress=show, keep_empty=True)
         _check_whole(args.source, recording)
-        messages = write_recording(recording, args.output, progress=show)
+        messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)
     return Imported(
         log=str(args.output),
         rows={name: len(table) for name, table in recording.files().items()},

@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> Simulated:
         }
         recording = dataclasses.replace(recording, metadata={**recording.metadata, **words})
         if args.output.suffix == ".mcap":
-            write_recording(recording, args.output, progress=show)
+            write_recording(recording, args.output, vehicle=model.vehicle, progress=show)
         else:
             write_folder(recording, args.output, progress=show)
     distance = None

@@ -150,15 +150,15 @@ WHEELS = {"left": True, "right": True}
     [
         (of(__a=FIX, __b=FIX), {}, r"/a \(.*NavSatFix\), /b .* could each be gnss; add --topic gnss=/a"),
         (of(__odom=ODOMETRY, __speed=TWIST), {}, r"could each be reference; add --topic reference=/odom"),
-        (of(__x__imu=IMU, __y=IMU), {"nodes": WHEELS}, r"could each be node left; add --topic left=/x/imu"),
+        (of(__x__imu=IMU, __y=IMU), {"nodes": WHEELS}, r"each be node left; add --topic left=/x/imu"),
         (
             of(__front__left=IMU, __rear__left=IMU, __right=IMU),
             {"nodes": WHEELS},
             "/front/left, /rear/left .* could each be node left",
         ),
-        ({"/j": Candidate(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or wheels"),
+        ({"/j": Candidate(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or"),
     ],
-)  # fmt: skip
+)
 def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(found, choice, words):
     with pytest.raises(InputError, match=words):
         assign(found, TopicChoice(**choice), ours=False, where="bag")

@@ -66,6 +66,8 @@ def record(
         stack.enter_context(log)
         for name, data in (attachments or {}).items():
             log.attach(name, "application/toml", data)
+        if vehicle is not None:
+            log.static_frames(computer.now_ns(), vehicle)
         localizer = None
         if vehicle is not None and gnss:
             localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
