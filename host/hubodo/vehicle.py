@@ -15,7 +15,7 @@ Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
 
 RANGES = ("gyro_range", "accel_range")
-_MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects")
+_MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class Vehicle:
 
     wheel_radius, track_width (between contacts): m. nodes: by name. antenna: m forward and left of midway
     between the wheels, of what tells positions; latitude_deg: where on Earth it drives; None where these are
-    not known.
+    not known. topics: of other programs' logs, by node or file (`[topics]`).
     """
 
     wheel_radius: float
@@ -48,6 +48,7 @@ class Vehicle:
     nodes: Mapping[str, NodeMount] = field(default_factory=dict)
     antenna: tuple[float, float] | None = None
     latitude_deg: float | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
 
     def on(self, side: Side) -> str | None:
         """The name of the first node on that wheel, None where there is none."""
@@ -95,7 +96,11 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
     antenna = _antenna(body, f"{path}: [vehicle] antenna")
     latitude_deg = _latitude_deg(body, f"{path}: [vehicle] latitude_deg")
-    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg)
+    topics = as_table(table.get("topics", {}), f"{path}: [topics]")
+    for name, topic in topics.items():
+        if not isinstance(topic, str) or not topic:
+            raise ConfigError(f'{path}: [topics] {name} = {topic!r}: write a topic, such as "/imu/{name}"')
+    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics))
 
 
 @dataclass(frozen=True, slots=True)

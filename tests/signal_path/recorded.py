@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from hubodo.log.mcap import open_log
+from hubodo.log.own_messages import own_bytes
 from hubowire import FrameDecoder, decode
 from virtual_runs import matched
 
@@ -35,7 +36,7 @@ def logged(log):
     """[(frame, message)] of everything that the daemon kept."""
     decoder = FrameDecoder()
     with open_log(log) as records:
-        raw = [r.data for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+        raw = [own_bytes("cdr", r.data) for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
     return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
 
 

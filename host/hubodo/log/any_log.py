@@ -10,15 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
+from hubodo.log.bag import METADATA_FILE, open_bag
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import Progress, read_folder
-from hubodo.log.foreign import LogForm, in_si, read_number_file, read_rosbag
-from hubodo.log.mcap import read_recording
+from hubodo.log.foreign import LogForm, in_si, read_number_file
+from hubodo.log.logfile import open_log
+from hubodo.log.mcap import recording_of
 from hubodo.log.number_file import kind_of
 from hubodo.log.sound_rows import believable_tables
+from hubodo.log.source import Source, is_ours
 from hubodo.recording import RESERVED, Recording
 
-_ROSBAG2 = "metadata.yaml"
 _AS_IT_IS = LogForm()
 
 
@@ -28,8 +30,7 @@ def read_log(
     """Read a whole log. form: what the user says of it, for what it does not say itself.
 
     keep_empty: all as it stands; else tables without a row and rows that nothing can have measured are left
-    out and told. Raises LogError or InputError as
-    `read_recording`, `read_folder`, `read_number_file` and `read_rosbag` do.
+    out and told. Raises LogError or InputError as `recording_of`, `read_folder`, `read_number_file` and `open_bag` do.
     """
     recording = _read(path, form, progress)
     if keep_empty:
@@ -46,26 +47,48 @@ def read_log(
 
 
 def _read(path: Path, form: LogForm, progress: Progress | None) -> Recording:
+    with open_source(path) as source:
+        if source is not None:
+            return in_si(recording_of(source, form.choice, progress=progress), form)
+    if form.choice.said:
+        raise InputError(f"{path}: has no topics; leave --topic out")
+    if path.is_dir():
+        return in_si(read_folder(path, progress=progress), form)
+    return read_number_file(path, kind_of(path), form)
+
+
+@contextmanager
+def open_source(path: Path) -> Iterator[Source | None]:
+    """The messages of a log; None where it has none: a CSV folder or a file of numbers."""
     file = mcap_file(path)
     if file is not None:
-        return in_si(read_recording(file, progress=progress), form)
-    if path.is_dir() and not is_rosbag2(path):
-        return in_si(read_folder(path, progress=progress), form)
-    kind = "rosbag" if path.is_dir() else kind_of(path)
-    return in_si(read_rosbag(path), form) if kind == "rosbag" else read_number_file(path, kind, form)
+        with open_log(file) as log:
+            yield log
+    elif is_bag(path):
+        yield open_bag(path)
+    else:
+        yield None
 
 
 @contextmanager
 def as_mcap(path: Path, form: LogForm = _AS_IT_IS) -> Iterator[Path]:
-    """The log as an MCAP file; of any other form one that is gone afterwards."""
+    """The log as an MCAP file with hubodo's topics; of any other form one that is gone afterwards."""
     file = mcap_file(path)
-    if file is not None and not form.units:
+    if file is not None and not form.units and not form.choice.said and has_our_topics(file):
         yield file
         return
     with tempfile.TemporaryDirectory(prefix="hubodo-") as folder:
         made = Path(folder) / f"{path.absolute().name}.mcap"
         write_recording(read_log(path, form=form, keep_empty=True), made)
         yield made
+
+
+def has_our_topics(file: Path) -> bool:
+    """Whether hubodo wrote an MCAP file, or nobody can tell."""
+    with open_log(file) as log:
+        if not log.streams:
+            next(log.chunks(), None)  # some writers announce channels inside the chunks only
+        return is_ours(log) or not log.streams
 
 
 def mcap_file(path: Path) -> Path | None:
@@ -75,20 +98,24 @@ def mcap_file(path: Path) -> Path | None:
     """
     if not path.is_dir():
         return path if kind_of(path) in ("mcap", "unknown") else None
-    if not is_rosbag2(path):
+    if not is_bag(path):
         return None
     files = sorted(path.glob("*.mcap"))
     if len(files) == 1:
         return files[0]
-    if files:
-        raise InputError(f"{path}: a rosbag2 folder in {len(files)} parts; name one: {files[0].name}, ...")
-    if not any(path.glob("*.db3")):
+    if not files and not any(path.glob("*.db3*")) and not any(path.glob("*.mcap*")):
         raise InputError(
             f"{path}: a rosbag2 folder without an .mcap or .db3 file; give the file that holds the messages"
         )
     return None
 
 
-def is_rosbag2(folder: Path) -> bool:
-    """Whether a folder is a rosbag2."""
-    return (folder / _ROSBAG2).exists()
+def is_bag(path: Path) -> bool:
+    """Whether a path is a rosbag: a file, or a folder, which a killed recorder leaves without metadata."""
+    if not path.is_dir():
+        return kind_of(path) in ("rosbag", "sqlite")
+    if (path / METADATA_FILE).exists():
+        return True
+    parts = [*path.glob("*.db3"), *path.glob("*.mcap")]
+    of_one = len(parts) == 1 or all(part.name.startswith(f"{path.name}_") for part in parts)
+    return bool(parts) and of_one and not any(path.glob("*.csv*"))

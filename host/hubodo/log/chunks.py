@@ -38,6 +38,12 @@ _RAMP = np.arange(SLAB, dtype=np.uint32)
 _NS = 1_000_000_000
 
 
+def message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> bytes:
+    """A message as a chunk holds it."""
+    head = _HEAD.pack(5, 22 + len(payload), channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns)
+    return head + payload
+
+
 class _Index:
     """Times and places of one channel's messages in the pending chunk."""
 
@@ -198,11 +204,8 @@ class ChunkLog:
         index = self._index[channel]
         index.times.append(t_log_ns)
         index.places.append(self._bytes)
-        size = len(payload)
-        self._parts.append(
-            _HEAD.pack(5, 22 + size, channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns) + payload
-        )
-        self._bytes += 31 + size
+        self._parts.append(message_record(channel, sequence, t_log_ns, t_pub_ns, payload))
+        self._bytes += len(self._parts[-1])
         self._appended()
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:

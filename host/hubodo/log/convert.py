@@ -23,9 +23,11 @@ from hubodo.errors import InputError
 from hubodo.log import topics
 from hubodo.log.container import Compression
 from hubodo.log.csv_table import T_LIMIT
+from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import NS, survives, to_ns
 from hubodo.log.writer import McapLog
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
+from hubodo.vehicle import Vehicle
 from hubodo.whole_files import free_path, whole_new_file
 
 Progress = Callable[[str, float], None]
@@ -50,9 +52,10 @@ def write_recording(
     path: Path,
     *,
     compression: Compression = "zstd",
+    vehicle: Vehicle | None = None,
     progress: Progress | None = None,
 ) -> int:
-    """Write a recording as a log; returns the number of messages.
+    """Write a recording as a log; returns the number of messages. vehicle: whose frames /tf_static tells.
 
     Raises InputError when the path exists or the times span more than a ROS stamp holds (68 years). It is
     written under a temporary name beside it, so a failure or a kill leaves no file of that name.
@@ -77,6 +80,8 @@ def write_recording(
         log.add_metadata(topics.CSV_FILES, files)
         for event in recording.events:
             log.event(event)
+        if vehicle is not None:
+            log.static_frames(min((int(it.t_ns[0]) for it in parts if len(it.t_ns)), default=0), vehicle)
         _write_by_time(log, parts, progress)
     return log.message_count
 
@@ -160,10 +165,21 @@ def _gnss(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: 
 def _truth(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
     del name
     heading: Any = table["heading"][rows] if "heading" in table else np.zeros(len(t_ns))
-    zero = np.zeros(len(t_ns))
+    zero, covariance = np.zeros(len(t_ns)), np.zeros((len(t_ns), 3, 3))
+    if "heading" not in table:
+        covariance[:, 2, 2] = UNKNOWN_VARIANCE
     position = _stack(table, ("x", "y"), rows)
     log.odometry(
-        t_ns, t_ns, position, heading, zero, zero, topic=topics.TRUTH, frame="map", child_frame="truth"
+        t_ns,
+        t_ns,
+        position,
+        heading,
+        zero,
+        zero,
+        pose_covariance=covariance,
+        topic=topics.TRUTH,
+        frame="map",
+        child_frame="truth",
     )
 
 

@@ -34,6 +34,8 @@ WANTED: Mapping[str, tuple[str, ...]] = {
         "twist.twist.linear",
         "twist.twist.angular",
     ),
+    ros2.TWIST_STAMPED: ("twist.linear", "twist.angular"),
+    ros2.TWIST_WITH_COVARIANCE_STAMPED: ("twist.twist.linear", "twist.twist.angular"),
     ros2.COLUMNS: ("data",),
 }
 """The message types that become tables, and the fields taken out of each."""
@@ -44,7 +46,8 @@ class ChannelRows:
     """A channel's messages as arrays of equal length n, in file order.
 
     sequence, log_ns, publish_ns, stamp_ns: (n,) int64; stamp is the header's, else the publish time.
-    values: field -> (n,) or (n, k). undecodable: messages whose bytes do not fit their type.
+    values: field -> (n,) or (n, k). undecodable: messages whose bytes do not fit their type. label: of the
+    first dimension of an array, "" of other types: ours has the names of its columns.
     """
 
     sequence: NDArray[np.int64]
@@ -53,6 +56,7 @@ class ChannelRows:
     stamp_ns: NDArray[np.int64]
     values: Mapping[str, NDArray[np.float64]]
     undecodable: int
+    label: str = ""
 
     def __len__(self) -> int:
         return len(self.sequence)
@@ -66,6 +70,7 @@ class ChannelRows:
             self.stamp_ns[chosen],
             {name: values[chosen] for name, values in self.values.items()},
             self.undecodable,
+            self.label,
         )
 
 
@@ -89,9 +94,16 @@ class Decoder:
     """Collects the messages of one channel chunk by chunk; `rows()` gives them all."""
 
     schema: str
+    more: tuple[str, ...] = ()
+    """Fields besides those of WANTED."""
     undecodable: int = 0
+    label: str = ""
     _form: ros2.Form | None = None
     _parts: list[_Part] = field(default_factory=list)
+
+    @property
+    def _fields(self) -> tuple[str, ...]:
+        return (*WANTED[self.schema], *self.more)
 
     def feed(self, messages: Messages, chosen: NDArray[np.intp]) -> None:
         """Take in the messages with these indices, in this order."""
@@ -103,8 +115,11 @@ class Decoder:
                 self._decode(messages, heads[:count], starts[:count])
                 chosen = chosen[count:]
                 continue
+            first = messages.payload(int(chosen[0]))
             try:
-                self._form = ros2.measure(self.schema, messages.payload(int(chosen[0])))
+                self._form = ros2.measure(self.schema, first)
+                if not self._parts and "layout.dim[0].label" in (self._form.dtype.names or ()):
+                    self.label = self._form.text(first, "layout.dim[0].label")
             except ValueError:
                 self.undecodable += 1
                 chosen = chosen[1:]
@@ -126,7 +141,7 @@ class Decoder:
         form = self._form.dtype
         values = {
             name: _gather(messages.data, starts, form, name).astype(np.float64, copy=False)
-            for name in WANTED[self.schema]
+            for name in self._fields
         }
         stamps = heads["publish_time"].astype(np.int64)
         if "header.stamp.sec" in (form.names or ()):
@@ -150,9 +165,28 @@ class Decoder:
             heads["log_time"].astype(np.int64),
             heads["publish_time"].astype(np.int64),
             np.concatenate([part.stamps for part in parts]),
-            {name: np.concatenate([part.values[name] for part in parts]) for name in WANTED[self.schema]},
+            {name: np.concatenate([part.values[name] for part in parts]) for name in self._fields},
             self.undecodable + odd,
+            self.label,
         )
+
+
+_STAMP = np.dtype({"names": ["sec", "nanosec"], "formats": ["<u4", "<u4"], "offsets": [4, 8], "itemsize": 12})
+
+
+def stamps(messages: Messages, chosen: NDArray[np.intp], otherwise: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Header stamps, (n,) ns, of messages that begin with a header; `otherwise` where one is 0 or cut off."""
+    stated = otherwise.copy()
+    whole = np.flatnonzero(messages.heads["length"][chosen] >= 22 + _STAMP.itemsize)
+    if not len(whole):
+        return stated
+    starts = messages.places[chosen[whole]] + PREFIX.itemsize
+    big = messages.data[starts + 1] == 0
+    parts = [_gather(messages.data, starts, _STAMP, name).view(np.uint32) for name in ("sec", "nanosec")]
+    seconds, nanoseconds = (np.where(big, part.byteswap(), part) for part in parts)
+    ns = seconds.view(np.int32).astype(np.int64) * _NS + nanoseconds
+    stated[whole] = np.where(ns == 0, stated[whole], ns)
+    return stated
 
 
 class _Part(NamedTuple):

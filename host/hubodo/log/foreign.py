@@ -1,18 +1,17 @@
-"""Files of numbers that do not say what they are, and rosbags, to a recording; nothing is guessed."""
+"""Files of numbers that do not say what they are to a recording; nothing is guessed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.log.number_file import Kind, Numbers, read_numbers
-from hubodo.log.timebase import NS
+from hubodo.log.roles import BY_TYPE, TopicChoice
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, Recording, Table
 
@@ -29,7 +28,8 @@ class LogForm:
 
     rate: samples per second, where there is no time. units: in which its numbers are, of gyro and
     accelerometer. columns: what each column is, by the names of the CSV folder; "-" leaves one out.
-    variable: which arrays of a MATLAB or HDF5 file. channel: what a single column is.
+    variable: which arrays of a MATLAB or HDF5 file. channel: what a single column is. choice: which topic is
+    what.
     """
 
     rate: float | None = None
@@ -37,6 +37,7 @@ class LogForm:
     columns: tuple[str, ...] = ()
     variable: str | None = None
     channel: str = "gz"
+    choice: TopicChoice = BY_TYPE
 
     def factors(self) -> dict[str, float]:
         """What makes SI of "gyro" and "accel", as far as units tell. Raises InputError for no unit."""
@@ -150,46 +151,3 @@ def _factors(
                 "what one count stands for, as in --unit '0.00875 deg/s'"
             )
     return made
-
-
-def read_rosbag(path: Path) -> Recording:
-    """The nodes of a rosbag of ROS 1, or of a rosbag2 folder in sqlite: its topics of type Imu.
-
-    Raises InputError where it cannot be read or holds no such topic.
-    """
-    from rosbags.highlevel import AnyReader, AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Damaged1
-    from rosbags.rosbag2 import ReaderError as Damaged2
-
-    rows: dict[str, list[tuple[float, ...]]] = {}
-    other: set[str] = set()
-    try:
-        with AnyReader([path]) as reader:
-            chosen = [it for it in reader.connections if it.msgtype.endswith("/Imu")]
-            other = {it.topic for it in reader.connections if it not in chosen}
-            for connection, received, raw in reader.messages(chosen) if chosen else ():
-                message: Any = reader.deserialize(raw, connection.msgtype)
-                stamp = message.header.stamp.sec * NS + message.header.stamp.nanosec
-                rate, force = message.angular_velocity, message.linear_acceleration
-                rows.setdefault(connection.topic, []).append(
-                    (stamp or received, rate.x, rate.y, rate.z, force.x, force.y, force.z)
-                )
-    except (AnyReaderError, Damaged1, Damaged2, OSError, KeyError, ValueError) as error:
-        raise InputError(
-            f"{path}: cannot be read as a rosbag ({error}); try rosbag reindex, or convert it"
-        ) from None
-    if not rows:
-        raise InputError(f"{path}: holds no topic of type Imu; it has {', '.join(sorted(other)) or 'none'}")
-    zero = min(int(row[0]) for topic in rows.values() for row in topic)
-    nodes, warnings = {}, []
-    for topic, found in rows.items():
-        ns = np.array([int(row[0]) - zero for row in found], np.int64)
-        order = np.unique(ns, return_index=True)[1]
-        if len(order) < len(ns):
-            warnings.append(f"{path}: {len(ns) - len(order)} messages of {topic} repeat a time; left out")
-        values = np.array([row[1:] for row in found], np.float64)[order]
-        columns = {"t": ns[order] / NS, **dict(zip(CHANNELS, values.T, strict=True))}
-        nodes[topic.strip("/").removesuffix("/imu").replace("/", "_") or "imu"] = Table(columns)
-    if other:
-        warnings.append(f"{path}: left out: {', '.join(sorted(other))}")
-    return Recording(nodes, t_zero_ns=zero, warnings=tuple(warnings))

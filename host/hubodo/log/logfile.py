@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import os
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -19,6 +19,7 @@ from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, load, load
 from hubodo.log.chunks import PREFIX
 from hubodo.log.descriptor import open_to_read
 from hubodo.log.scan import DamagedSpan, Scan, scan
+from hubodo.log.source import Facts, Stream
 
 T_ZERO_LIMIT = 4_000_000_000 * 1_000_000_000
 """ns; the year 2096: what is beyond is no time of a recording but a damaged metadata record."""
@@ -33,17 +34,6 @@ class LogMessage(NamedTuple):
     sequence: int
     channel: int
     data: bytes
-
-
-@dataclass(frozen=True)
-class Stream:
-    """A channel: its topic, the type of its messages (`schema`), how they are encoded."""
-
-    id: int
-    topic: str
-    schema: str
-    encoding: str
-    metadata: dict[str, str]
 
 
 class Log:
@@ -62,6 +52,13 @@ class Log:
     def path(self) -> Path:
         """The file."""
         return self.found.path
+
+    @property
+    def facts(self) -> Facts:
+        """Size, writer, profile, whether it was closed, what is damaged."""
+        found = self.found
+        files = {name: len(data) for name, data in self.attachments.items()}
+        return Facts(found.size, found.library, found.profile, found.complete, files, self.damaged)
 
     @property
     def streams(self) -> dict[int, Stream]:

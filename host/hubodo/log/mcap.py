@@ -1,4 +1,4 @@
-"""A log to a recording in memory: ours to the last bit, those of others as far as their types are known."""
+"""Messages to a recording in memory: ours to the last bit, those of others by what they are said to be."""
 
 from __future__ import annotations
 
@@ -12,12 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.log import ros2, topics
+from hubodo.log import role_tables, ros2, topics
 from hubodo.log.convert import carried_columns
 from hubodo.log.decode import WANTED, ChannelRows, Decoder, column_names, message_type
-from hubodo.log.logfile import Log, LogMessage, Stream, open_log
+from hubodo.log.joints import JointSpeeds
+from hubodo.log.logfile import Log, LogMessage, open_log
 from hubodo.log.meeting_rows import places_of, rising_rows, shared_rows
+from hubodo.log.own_messages import own_text
+from hubodo.log.roles import BY_TYPE, RoleTopic, Roles, TopicChoice, assign
 from hubodo.log.sound_rows import sound_tables
+from hubodo.log.source import Source, Stream, is_ours
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event, Recording, Table
 
@@ -27,16 +31,25 @@ Progress = Callable[[str, float], None]
 
 
 def read_recording(path: Path, *, progress: Progress | None = None) -> Recording:
-    """Read a whole log into memory.
+    """Read a whole MCAP file as `recording_of` does.
 
-    Nodes are the topics of type Imu: `/left/imu` is `left`, `/imu/data_raw` is `imu_data_raw`. A node's
-    `temperature` is that of its topic: as recorded where each sample has one, else interpolated linearly.
-    GNSS rows without a fix are left out. Rows are put in order of time; of equal times the first stays.
-    Raises LogError when the file is missing, empty or no MCAP; all lesser damage stands in `warnings`.
+    Raises LogError when it is missing, empty or no MCAP; all lesser damage stands in `warnings`.
     """
     with open_log(path) as log:
-        collected = _Collected(log, progress)
-        return collected.recording()
+        return recording_of(log, progress=progress)
+
+
+def recording_of(
+    source: Source, choice: TopicChoice = BY_TYPE, *, progress: Progress | None = None
+) -> Recording:
+    """Read a whole log into memory, each topic as what `roles.assign` takes it for.
+
+    A node's `temperature` is that of its topic: as recorded where each sample has one, else interpolated
+    linearly. GNSS rows without a fix are left out. Rows are put in order of time; of equal times the first
+    stays. `metadata["topics"]` tells what a foreign log is taken for topic by topic, `warnings` what is not.
+    Raises InputError as `assign` does.
+    """
+    return _Collected(source, choice, progress).recording()
 
 
 def events_of(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, ...]]:
@@ -71,41 +84,62 @@ def _finite(text: str) -> float:
 class _Collected:
     """All channels of a log as rows, and the tables made of them."""
 
-    def __init__(self, log: Log, progress: Progress | None) -> None:
-        self.log = log
+    def __init__(self, log: Source, choice: TopicChoice, progress: Progress | None) -> None:
+        self.log, self.choice = log, choice
         self.notes: list[str] = []
         payloads: list[bytes] = []
-        decoders: dict[int, Decoder] = {}
+        decoders: dict[tuple[str, str], Decoder] = {}
+        self.joints: dict[str, JointSpeeds] = {}
+        self.counts: Counter[int] = Counter()
         strangers: Counter[int] = Counter()
         for messages in log.chunks():
-            channels = messages.heads["channel"]
+            channels, streams = messages.heads["channel"], log.streams
             for id in np.unique(channels).tolist():
-                stream = log.streams.get(id)
+                stream = streams.get(id)
                 if stream is None:
                     strangers[id] += int((channels == id).sum())
                     continue
                 chosen = np.flatnonzero(channels == id)
-                if stream.topic == topics.EVENTS and stream.encoding == "json":
-                    payloads += [messages.payload(i) for i in chosen.tolist()]
-                elif stream.encoding == "cdr" and message_type(stream.schema) in WANTED:
-                    decoder = decoders.setdefault(id, Decoder(message_type(stream.schema)))
-                    decoder.feed(messages, chosen)
+                kind = message_type(stream.schema)
+                self.counts[id] += len(chosen)
+                if stream.topic == topics.EVENTS:
+                    payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
+                elif stream.encoding != "cdr":
+                    continue
+                elif kind == ros2.JOINT_STATE:
+                    self.joints.setdefault(stream.topic, JointSpeeds()).feed(messages, chosen)
+                elif kind in WANTED:
+                    key = (stream.topic, kind)
+                    if key not in decoders:
+                        decoders[key] = Decoder(kind, self._more(*key))
+                    decoders[key].feed(messages, chosen)
             if progress:
                 progress(f"reading {log.path.name}", log.progress)
         for id, count in strangers.items():
             self._note(f"{count} messages of unknown channel {id} are left out")
+        self.ours = is_ours(log)
+        self.streams = [log.streams[id] for id in self.counts]
         self.rows: dict[str, tuple[Stream, ChannelRows]] = {}
-        for id, decoder in decoders.items():
-            stream, rows = log.streams[id], decoder.rows()
+        for (topic, kind), decoder in decoders.items():
+            stream = next(it for it in self.streams if (it.topic, message_type(it.schema)) == (topic, kind))
+            rows = decoder.rows()
             if rows.undecodable:
-                self._note(
-                    f"{rows.undecodable} messages of {stream.topic} do not fit {stream.schema}; left out"
-                )
-            self.rows.setdefault(stream.topic, (stream, rows))
+                self._note(f"{rows.undecodable} messages of {topic} do not fit {stream.schema}; left out")
+            self.rows.setdefault(topic, (stream, rows))
         self.events, misunderstood = events_of(payloads)
         for note in misunderstood:
             self._note(note)
         self.t_zero_ns = self._zero()
+
+    def _more(self, topic: str, kind: str) -> tuple[str, ...]:
+        """What else is wanted of a topic's messages, for the role that it is said to play."""
+        said = {**self.choice.known, **self.choice.said}
+        is_heading = topic == said.get("heading")
+        if kind == ros2.IMU and is_heading:
+            return ("orientation", "orientation_covariance")
+        if kind == ros2.ODOMETRY and (is_heading or topic in (said.get("truth"), topics.TRUTH)):
+            return ("pose.covariance",)
+        return ()
 
     def _note(self, text: str) -> None:
         self.notes.append(f"{self.log.path}: {text}")
@@ -114,16 +148,29 @@ class _Collected:
         if self.log.t_zero_ns is not None:
             return self.log.t_zero_ns
         earliest = [int(rows.stamp_ns.min()) for _, rows in self.rows.values() if len(rows)]
+        earliest += [t_ns for it in self.joints.values() for rows in it.rows.values() for t_ns, _ in rows[:1]]
         return min(earliest, default=0)
 
+    def _roles(self) -> Roles:
+        found = {
+            topic: RoleTopic(message_type(stream.schema))
+            for topic, (stream, rows) in self.rows.items()
+            if len(rows)
+        }
+        found |= {
+            topic: RoleTopic(ros2.JOINT_STATE, tuple(speeds.rows)) for topic, speeds in self.joints.items()
+        }
+        return assign(found, self.choice, ours=self.ours, where=str(self.log.path))
+
     def recording(self) -> Recording:
-        tables = self._csv_files()
-        for topic, (stream, rows) in self.rows.items():
-            if message_type(stream.schema) == ros2.IMU and len(rows):
-                name = _node_name(topic, self.log.records.get(topics.CSV_FILES, {}), tables)
-                if name:
-                    tables[name] = self._live_node(topic, rows)
-        self._live_files(tables)
+        tables, roles = self._csv_files(), self._roles()
+        for note in roles.notes:
+            self._note(note)
+        imported = self.log.records.get(topics.CSV_FILES, {})
+        for name, topic in roles.nodes.items():
+            if not (topic == topics.imu(name) and name in imported and name in tables):
+                tables[name if name not in tables else name + "_"] = self._live_node(topic)
+        self._live_files(tables, roles)
         tables, unsound = sound_tables(tables)
         for line in unsound:
             self._note(line)
@@ -140,17 +187,35 @@ class _Collected:
             if topic == topics.bias_filter(topic[1:].removesuffix("/bias_filter")) and len(rows)
         }
         special: dict[str, Any] = {name: tables.pop(name) for name in RESERVED if name in tables}
+        metadata = dict(self.log.metadata)
+        if not self.ours:
+            used = {**roles.nodes, **{role: topic for role, topic in roles.files.items() if role in special}}
+            metadata["topics"] = ", ".join(f"{name} = {topic}" for name, topic in used.items())
+            self._tell_unused(set(used.values()))
         return Recording(
             tables,
             magnetometers=magnetometers,
             bias_filters={name: table for name, table in bias_filters.items() if table is not None},
             odometry=self._odometry(topics.ODOM),
             events=self.events,
-            metadata=self.log.metadata,
+            metadata=metadata,
             t_zero_ns=self.t_zero_ns,
             warnings=(*self.log.warnings(), *self.notes),
             **special,
         )
+
+    def _tell_unused(self, used: set[str]) -> None:
+        """What is in a foreign log and plays no part."""
+        used |= {_temperature_topic(topic) for topic in used}
+        unused = [
+            f"{stream.topic} ({message_type(stream.schema) or stream.encoding})"
+            + (f" as {stream.encoding}" if stream.encoding != "cdr" and stream.schema else "")
+            for stream in self.streams
+            if (stream.topic not in used or stream.encoding != "cdr")
+            and message_type(stream.schema) != ros2.MAGNETIC_FIELD
+        ]
+        if unused:
+            self._note(f"not used: {', '.join(sorted(unused))}; --topic says what a topic is")
 
     def _csv_files(self) -> dict[str, Table]:
         """The files of an import, each row put together from its messages by sequence number."""
@@ -198,7 +263,7 @@ class _Collected:
             if "temperature" in columns and heat:
                 parts.append((heat, {"temperature": heat.values["temperature"]}))
         if name == "gnss" and (fix := self._get(topics.FIX)):
-            parts.append((fix, _position(fix)))
+            parts.append((fix, role_tables.position(fix)))
         if name == "truth" and (truth := self._get(topics.TRUTH)):
             position = truth.values["pose.pose.position"]
             parts.append((truth, {"x": position[:, 0], "y": position[:, 1]}))
@@ -213,15 +278,16 @@ class _Collected:
 
     def _columns(self, topic: str, rows: ChannelRows) -> dict[str, NDArray[np.float64]]:
         data = rows.values["data"]
-        names = column_names(self.rows[topic][0].metadata.get("columns", "[]"))
+        names = column_names(self.rows[topic][0].metadata.get("columns", rows.label))
         if len(names) != data.shape[1]:
             names = [f"column{i}" for i in range(data.shape[1])]
         return dict(zip(names, data.T, strict=True))
 
-    def _live_node(self, topic: str, rows: ChannelRows) -> Table:
+    def _live_node(self, topic: str) -> Table:
+        rows = self.rows[topic][1]
         values = np.hstack([rows.values["angular_velocity"], rows.values["linear_acceleration"]])
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
-        heat = self._get(topic.removesuffix("/imu") + "/temperature")
+        heat = self._get(_temperature_topic(topic))
         if heat is None:
             return table
         heat = heat.take(np.flatnonzero(np.isfinite(heat.values["temperature"])))
@@ -237,17 +303,13 @@ class _Collected:
             return None
         return self._ordered(topic, rows, columns)
 
-    def _live_files(self, tables: dict[str, Table]) -> None:
-        """GNSS, and columns written live, of logs that are no import."""
-        if "gnss" not in tables and (fix := self._get(topics.FIX)):
-            known = np.isfinite(np.column_stack(list(_position(fix).values()))).all(axis=1)
-            fix = fix.take(np.flatnonzero(known & (fix.values["status.status"] >= 0)))
-            columns = _position(fix)
-            if len(fix) and (fix.values["position_covariance_type"] > 0).all():
-                horizontal = fix.values["position_covariance"][:, [0, 4]]
-                columns["sigma"] = np.sqrt(horizontal.mean(axis=1))
-            if len(fix):
-                tables["gnss"] = self._ordered(topics.FIX, fix, columns)
+    def _live_files(self, tables: dict[str, Table], roles: Roles) -> None:
+        """The files of the CSV folder, of logs that are no import."""
+        for role, topic in roles.files.items():
+            if role not in tables:
+                table = self._wheels(topic, roles) if role == "wheels" else self._file(role, topic)
+                if table is not None and len(table):
+                    tables[role] = table
         for topic in self.rows:
             name = topic.removeprefix(topics.COLUMNS)
             rows = self._get(topic)
@@ -257,22 +319,31 @@ class _Collected:
                 if set(RESERVED[name][0]) <= {"t", *columns}:
                     tables[name] = self._ordered(topic, rows, columns)
 
+    def _file(self, role: str, topic: str) -> Table:
+        stream, rows = self.rows[topic]
+        kind = message_type(stream.schema)
+        if role == "gnss":
+            return self._ordered(topic, *role_tables.gnss(rows))
+        if role == "heading":
+            return self._ordered(topic, rows, role_tables.heading(kind, rows, topic))
+        columns = role_tables.truth(rows) if role == "truth" else role_tables.reference(kind, rows)
+        return self._ordered(topic, rows, columns)
+
+    def _wheels(self, topic: str, roles: Roles) -> Table | None:
+        speeds, radius = self.joints[topic], self.choice.wheel_radius
+        if speeds.undecodable:
+            self._note(f"{speeds.undecodable} messages of {topic} do not fit {ros2.JOINT_STATE}; left out")
+        if radius is None or roles.joints is None:
+            self._note(f"{topic}: angular speeds of wheels; their radius is missing, --vehicle tells it")
+            return None
+        t_ns, columns = role_tables.wheels(speeds, roles.joints, radius)
+        return Table({"t": to_seconds(t_ns, self.t_zero_ns), **columns})
+
     def _odometry(self, topic: str) -> Table | None:
         rows = self._get(topic)
         if rows is None or "pose.pose.position" not in rows.values:
             return None
-        turn = rows.values["pose.pose.orientation"]
-        return self._ordered(
-            topic,
-            rows,
-            {
-                "x": rows.values["pose.pose.position"][:, 0],
-                "y": rows.values["pose.pose.position"][:, 1],
-                "heading": np.unwrap(2 * np.arctan2(turn[:, 2], turn[:, 3])),
-                "speed": rows.values["twist.twist.linear"][:, 0],
-                "yaw_rate": rows.values["twist.twist.angular"][:, 2],
-            },
-        )
+        return self._ordered(topic, rows, role_tables.odometry(rows))
 
     def _ordered(
         self, topic: str, rows: ChannelRows, columns: Mapping[str, NDArray[np.float64]], prefix: str = ""
@@ -285,24 +356,10 @@ class _Collected:
         return Table({"t": t[chosen], **{prefix + name: values[chosen] for name, values in columns.items()}})
 
 
-def _position(fix: ChannelRows) -> dict[str, NDArray[np.float64]]:
-    return {
-        "latitude_deg": fix.values["latitude"],
-        "longitude_deg": fix.values["longitude"],
-        "altitude": fix.values["altitude"],
-    }
+def _temperature_topic(topic: str) -> str:
+    """Where the temperature of an IMU is told."""
+    return topic.removesuffix("/imu") + "/temperature"
 
 
 def _stem(topic: str) -> str:
     return topic.strip("/").rpartition("/")[0].replace("/", "_") or topic.strip("/")
-
-
-def _node_name(topic: str, imported: Mapping[str, str], taken: Mapping[str, Table]) -> str:
-    """A node's name from its topic; "" when an import has already told of it."""
-    inner = topic[1:].removesuffix("/imu")
-    if topic == topics.imu(inner) and inner in imported and inner in taken:
-        return ""
-    name = inner.strip("/").replace("/", "_") or "imu"
-    while name in taken or name in RESERVED:
-        name += "_"
-    return name

@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 
-Kind = Literal["mcap", "rosbag", "text", "matlab", "hdf5", "numpy", "unknown"]
+Kind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
 FloatArray = NDArray[np.float64]
 
 _GZIP = b"\x1f\x8b"
 _MAGIC: tuple[tuple[bytes, Kind], ...] = (
     (b"\x89MCAP0\r\n", "mcap"),
     (b"#ROSBAG V2.0", "rosbag"),
+    (b"SQLite format 3\0", "sqlite"),
     (b"\x89HDF\r\n\x1a\n", "hdf5"),
     (b"\x93NUMPY", "numpy"),
     (b"PK\x03\x04", "numpy"),

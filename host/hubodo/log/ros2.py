@@ -8,8 +8,9 @@ of constant length every message has one size, so numpy packs and unpacks whole 
 from __future__ import annotations
 
 import functools
+import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,7 +23,14 @@ NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF = "tf2_msgs/msg/TFMessage"
 COLUMNS = "std_msgs/msg/Float64MultiArray"
+BYTES = "std_msgs/msg/UInt8MultiArray"
+STRING = "std_msgs/msg/String"
+TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
+TWIST_WITH_COVARIANCE_STAMPED = "geometry_msgs/msg/TwistWithCovarianceStamped"
+JOINT_STATE = "sensor_msgs/msg/JointState"
 
+UNKNOWN_VARIANCE = 1e6
+"""m² or rad²: what a pose says of a coordinate that nobody measured; zero would say that it is exact."""
 ENCAPSULATION = b"\x00\x01\x00\x00"
 
 # Fields as in the .msg files of common_interfaces, geometry2 and rcl_interfaces (ROS 2 Humble).
@@ -69,7 +77,17 @@ _DEFINITIONS: Mapping[str, str] = {
     ),
     TF: "geometry_msgs/TransformStamped[] transforms",
     COLUMNS: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
+    BYTES: "std_msgs/MultiArrayLayout layout\nuint8[] data",
+    STRING: "string data",
+    TWIST_STAMPED: "std_msgs/Header header\ngeometry_msgs/Twist twist",
+    TWIST_WITH_COVARIANCE_STAMPED: "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist",
 }
+
+STAMPED = frozenset(
+    {IMU, MAGNETIC_FIELD, TEMPERATURE, NAV_SAT_FIX, ODOMETRY, JOINT_STATE}
+    | {TWIST_STAMPED, TWIST_WITH_COVARIANCE_STAMPED}
+)
+"""Types that begin with a header: the stamp is in bytes 4 to 12 of each message."""
 
 _PRIMITIVES: Mapping[str, str] = {
     "int8": "i1",
@@ -222,6 +240,12 @@ class Form:
     lengths: Mapping[str, int]
     encapsulation: int
 
+    def text(self, payload: bytes, path: str) -> str:
+        """The string field of that path in a message of this layout."""
+        assert self.dtype.fields is not None
+        part, offset = self.dtype.fields[path][:2]
+        return payload[offset : offset + part.itemsize].rstrip(b"\0").decode("utf-8", "replace")
+
 
 def measure(name: str, payload: bytes) -> Form:
     """The layout of one given message, its string and sequence lengths read from its own bytes.
@@ -255,9 +279,13 @@ def stamped(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
     return layout(name, texts, {"transforms": 1})
 
 
-def columns(count: int) -> CdrLayout:
-    """The layout of one row of `count` float64 numbers as a Float64MultiArray with one dimension."""
-    made = layout(COLUMNS, {"layout.dim[0].label": b"columns"}, {"layout.dim": 1, "data": count})
+def columns(names: Sequence[str]) -> CdrLayout:
+    """The layout of a row of float64 numbers as a Float64MultiArray: one dimension, its label their names.
+
+    So a row tells what it is wherever it goes; other programs' copies keep no metadata of a channel.
+    """
+    label, count = json.dumps(list(names)).encode(), len(names)
+    made = layout(COLUMNS, {"layout.dim[0].label": label}, {"layout.dim": 1, "data": count})
     made.template["layout.dim[0].size"] = count
     made.template["layout.dim[0].stride"] = count
     return made

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,13 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_body import Messages
-from hubodo.log.decode import Decoder, column_names, message_type
-from hubodo.log.logfile import Log, Stream, open_log
+from hubodo.log.decode import Decoder, column_names, message_type, stamps
+from hubodo.log.joints import JointSpeeds
+from hubodo.log.logfile import open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.own_messages import own_text
+from hubodo.log.roles import BY_TYPE, RoleTopic, TopicChoice, assign
+from hubodo.log.source import Source, Stream, is_ours
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event
 
 Progress = Callable[[str, float], None]
@@ -52,7 +57,10 @@ class LossTotal:
 
 @dataclass(frozen=True)
 class StreamSummary:
-    """One topic; times by publish time, in s. period: median; jitter: 1 sigma about it, gaps left out."""
+    """One topic; times in s, by header stamp where there is one, else by publish time.
+
+    period: median; jitter: 1 sigma about it, gaps left out.
+    """
 
     topic: str
     schema: str
@@ -79,7 +87,8 @@ class StreamSummary:
 class Summary:
     """All of `hubodo info`. start_ns: host time of t = 0; duration: s between first and last message.
 
-    bias_filters: the last row of what each node's own filter said, columns `BIAS_FILTER_COLUMNS`.
+    bias_filters: the last row of what each node's own filter said, columns `BIAS_FILTER_COLUMNS`. roles: what
+    the topics of another program's log are taken for, node or file to topic.
     attachments: bytes of each file kept in the log. damaged: places of it that could not be used, and
     checksums that fail.
     """
@@ -97,6 +106,7 @@ class Summary:
     health: Mapping[str, Mapping[str, Any]]
     bias_filters: Mapping[str, Mapping[str, float]]
     metadata: Mapping[str, str]
+    roles: Mapping[str, str]
     attachments: Mapping[str, int]
     damaged: int
     warnings: tuple[str, ...]
@@ -112,89 +122,131 @@ class Summary:
 
 
 def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
-    """Read a log once and describe it. Raises LogError when it is missing, empty or no MCAP."""
+    """Read an MCAP file once and describe it. Raises LogError when it is missing, empty or no MCAP."""
     with open_log(path) as log:
-        times, event_payloads, filters, unsound = _collect(log, progress)
-        events, notes = events_of(event_payloads)
-        notes = (
-            *notes,
-            *(
-                f"{log.streams[id].topic}: {count} messages hold NaN or infinity"
-                for id, count in unsound.items()
-            ),
-        )
-        starts = [int(log_ns.min()) for log_ns, _ in times.values()]
-        ends = [int(log_ns.max()) for log_ns, _ in times.values()]
-        start = log.t_zero_ns if log.t_zero_ns is not None else min(starts, default=0)
-        streams = log.streams
-        return Summary(
-            path=log.path,
-            size=log.found.size,
-            library=log.found.library,
-            profile=log.found.profile,
-            complete=log.found.complete,
-            start_ns=start,
-            duration=(max(ends) - min(starts)) / 1e9 if times else 0.0,
-            streams=tuple(
-                sorted(
-                    (
-                        _stream(streams[id].topic, streams[id].schema, publish_ns, start, events)
-                        for id, (_, publish_ns) in times.items()
-                    ),
-                    key=lambda stream: stream.topic,
-                )
-            ),
-            events=events,
-            losses=_losses(events),
-            health=_health(events),
-            bias_filters=_bias_filters(log, filters, start),
-            metadata=log.metadata,
-            attachments={name: len(data) for name, data in log.attachments.items()},
-            damaged=log.damaged,
-            warnings=(*log.warnings(), *(f"{log.path}: {note}" for note in notes)),
-        )
+        return summary_of(log, progress=progress)
 
 
-Times = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+def summary_of(source: Source, choice: TopicChoice = BY_TYPE, *, progress: Progress | None = None) -> Summary:
+    """Read a log once and describe it. choice: what the user says of its topics.
 
-
-def _collect(
-    log: Log, progress: Progress | None
-) -> tuple[Times, list[bytes], dict[int, Decoder], dict[int, int]]:
-    """Log and publish times of each channel, the payloads of the events, what nodes' filters said.
-
-    Besides, by channel, how many messages of samples hold what is not finite.
+    Raises InputError for a --topic that is not there, or of another type.
     """
-    unsound: dict[int, int] = {}
+    found = _collect(source, progress)
+    events, notes = events_of(found.payloads)
+    roles, doubts = _roles(source, found, choice)
+    notes = (
+        *notes,
+        *doubts,
+        *(f"{topic}: {count} messages hold NaN or infinity" for topic, count in found.unsound.items()),
+    )
+    first = min((int(log_ns.min()) for log_ns, _ in found.times.values()), default=0)
+    last = max((int(log_ns.max()) for log_ns, _ in found.times.values()), default=0)
+    start = source.t_zero_ns
+    if start is None:
+        stamped = [int(found.times[id][1].min()) for id in found.stamped]
+        start = min(stamped, default=first)
+    facts, streams = source.facts, source.streams
+    return Summary(
+        path=source.path,
+        size=facts.size,
+        library=facts.library,
+        profile=facts.profile,
+        complete=facts.complete,
+        start_ns=start,
+        duration=(last - first) / 1e9,
+        streams=tuple(
+            sorted(
+                (
+                    _stream(streams[id].topic, streams[id].schema, t_ns, start, events)
+                    for id, (_, t_ns) in found.times.items()
+                ),
+                key=lambda stream: stream.topic,
+            )
+        ),
+        events=events,
+        losses=_losses(events),
+        health=_health(events),
+        bias_filters=_bias_filters(source, found.filters, start),
+        metadata=source.metadata,
+        roles=roles,
+        attachments=facts.attachments,
+        damaged=facts.damaged,
+        warnings=(*source.warnings(), *(f"{source.path}: {note}" for note in notes)),
+    )
+
+
+@dataclass
+class _Found:
+    """By channel, log times and those of measuring; which have stamps; payloads of events; nodes' filters.
+
+    unsound: by topic, how many messages of samples hold what is not finite.
+    """
+
+    times: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+    stamped: set[int]
+    payloads: list[bytes]
+    filters: dict[int, Decoder]
+    unsound: Counter[str]
+    joints: dict[str, JointSpeeds]
+
+
+def _collect(log: Source, progress: Progress | None) -> _Found:
     parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
-    payloads: list[bytes] = []
-    filters: dict[int, Decoder] = {}
+    found = _Found({}, set(), [], {}, Counter(), {})
     for messages in log.chunks():
         if progress:
             progress(f"reading {log.path.name}", log.progress)
-        channels = messages.heads["channel"]
-        streams = log.streams
+        channels, streams = messages.heads["channel"], log.streams
         for id in np.unique(channels).tolist():
             if id not in streams:
                 continue
-            chosen = np.flatnonzero(channels == id)
+            stream, chosen = streams[id], np.flatnonzero(channels == id)
+            kind = message_type(stream.schema) if stream.encoding == "cdr" else ""
             heads = messages.heads[chosen]
-            parts.setdefault(id, []).append((heads["log_time"].copy(), heads["publish_time"].copy()))
-            if streams[id].topic == topics.EVENTS:
-                payloads += [messages.payload(i) for i in chosen.tolist()]
-            elif _of_filter(streams[id]):
-                filters.setdefault(id, Decoder(ros2.COLUMNS)).feed(messages, chosen)
-            elif streams[id].encoding == "cdr" and message_type(streams[id].schema) in _MEASURED:
-                count = _unsound(message_type(streams[id].schema), messages, chosen)
-                if count:
-                    unsound[id] = unsound.get(id, 0) + count
-    times = {
-        id: (np.concatenate([p[0] for p in found]), np.concatenate([p[1] for p in found]))
-        for id, found in parts.items()
+            measured = heads["publish_time"].astype(np.int64)
+            if kind in ros2.STAMPED:
+                # What is read is when a sample was taken; a recorder's times tell how busy the network was.
+                measured = stamps(messages, chosen, measured)
+                found.stamped.add(id)
+            parts.setdefault(id, []).append((heads["log_time"].astype(np.int64), measured))
+            if stream.topic == topics.EVENTS:
+                found.payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
+            elif _of_filter(stream):
+                found.filters.setdefault(id, Decoder(ros2.COLUMNS)).feed(messages, chosen)
+            elif kind == ros2.JOINT_STATE:
+                speeds = found.joints.setdefault(stream.topic, JointSpeeds())
+                speeds.feed(messages, chosen[: max(0, _JOINTS - speeds.count)])
+            elif kind in _MEASURED:
+                found.unsound[stream.topic] += _unsound(kind, messages, chosen)
+    found.times = {
+        id: (np.concatenate([p[0] for p in of_one]), np.concatenate([p[1] for p in of_one]))
+        for id, of_one in parts.items()
     }
-    return times, payloads, filters, unsound
+    found.unsound = +found.unsound
+    return found
 
 
+def _roles(source: Source, found: _Found, choice: TopicChoice) -> tuple[Mapping[str, str], tuple[str, ...]]:
+    """What the topics of a foreign log would be taken for, and what is in doubt."""
+    streams = source.streams
+    candidates = {
+        streams[id].topic: RoleTopic(
+            message_type(streams[id].schema),
+            tuple(found.joints[streams[id].topic].rows) if streams[id].topic in found.joints else (),
+        )
+        for id in found.times
+        if streams[id].encoding == "cdr"
+    }
+    if is_ours(source) and not choice:
+        return {}, ()
+    choice = replace(choice, needed=frozenset())
+    roles = assign(candidates, choice, ours=is_ours(source), where=str(source.path))
+    return {**roles.nodes, **roles.files}, roles.notes
+
+
+_JOINTS = 100
+"""So many messages tell the names of the joints."""
 _MEASURED: Mapping[str, tuple[str, ...]] = {
     ros2.IMU: ("angular_velocity", "linear_acceleration"),
     ros2.NAV_SAT_FIX: ("latitude", "longitude", "altitude"),
@@ -221,11 +273,11 @@ def _of_filter(stream: Stream) -> bool:
     return message_type(stream.schema) == ros2.COLUMNS and stream.topic.endswith("/bias_filter")
 
 
-def _bias_filters(log: Log, filters: Mapping[int, Decoder], start: int) -> dict[str, Mapping[str, float]]:
+def _bias_filters(log: Source, filters: Mapping[int, Decoder], start: int) -> dict[str, Mapping[str, float]]:
     found: dict[str, Mapping[str, float]] = {}
     for id, decoder in filters.items():
         rows, stream = decoder.rows(), log.streams[id]
-        names = column_names(stream.metadata.get("columns", ""))
+        names = column_names(stream.metadata.get("columns", rows.label))
         if not len(rows) or names != list(BIAS_FILTER_COLUMNS[1:]):
             continue
         newest = int(np.argmax(rows.publish_ns))
@@ -237,7 +289,7 @@ def _bias_filters(log: Log, filters: Mapping[int, Decoder], start: int) -> dict[
     return found
 
 
-_SAMPLED = (ros2.IMU, ros2.MAGNETIC_FIELD, ros2.NAV_SAT_FIX, ros2.ODOMETRY, ros2.COLUMNS)
+_SAMPLED = (ros2.STAMPED - {ros2.TEMPERATURE}) | {ros2.COLUMNS}
 
 
 def _stream(

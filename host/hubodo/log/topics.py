@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+OWN = "/hubodo/"
 EVENTS = "/hubodo/events"
 RAW = "/hubodo/raw/"
 ASKED = "/hubodo/asked/"
@@ -11,6 +12,7 @@ COLUMNS = "/hubodo/columns/"
 ODOM = "/odom"
 ODOM_MAP = "/odom_map"
 TF = "/tf"
+TF_STATIC = "/tf_static"
 FIX = "/gnss/fix"
 TRUTH = "/truth"
 
@@ -20,8 +22,6 @@ CSV_FILES = "hubodo.csv"
 """Metadata record of an import: file name without suffix -> JSON list of its columns in order."""
 T_ZERO = "t_zero_ns"
 """Key in the main metadata record: host time of t = 0, ns."""
-
-RAW_SCHEMA, RAW_ENCODING = "hubodo/Frame", "hubodo"
 
 EVENT_JSON_SCHEMA = json.dumps(
     {

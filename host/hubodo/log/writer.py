@@ -13,7 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunks import BatchStream, ChunkLog
+from hubodo.log.frames import GNSS, placed
+from hubodo.log.own_messages import bytes_message, string_message
+from hubodo.log.ros2 import UNKNOWN_VARIANCE
+from hubodo.log.timebase import NS
 from hubodo.recording import Event
+from hubodo.vehicle import Vehicle
 
 
 class McapLog(ChunkLog):
@@ -59,7 +64,8 @@ class McapLog(ChunkLog):
     ) -> None:
         """Planar odometry. position: (n, 2) m; heading: (n,) rad; speed: (n,) m/s; yaw_rate: (n,) rad/s.
 
-        pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate.
+        pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate. Where
+        one is given, what it does not tell has the variance UNKNOWN_VARIANCE; all zeros: nothing is known.
         """
         stream = self._streams.get(topic) or self._open(topic, topic, ros2.ODOMETRY, frame, child_frame)
         half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
@@ -96,6 +102,23 @@ class McapLog(ChunkLog):
         }
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
+    def static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
+        """Where the vehicle's nodes and its antenna sit, on /tf_static: one message for all of them."""
+        frames = placed(vehicle)
+        texts: dict[str, bytes] = {}
+        values: dict[str, ArrayLike] = {}
+        seconds, nanoseconds = divmod(t_ns, NS)
+        for i, frame in enumerate(frames):
+            part = f"transforms[{i}]."
+            texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
+            values |= {part + "header.stamp.sec": seconds, part + "header.stamp.nanosec": nanoseconds}
+            values[part + "transform.translation"] = np.array([frame.position])
+            values[part + "transform.rotation"] = np.array([frame.turn])
+        if frames:
+            layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
+            channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
+            self.write_rows(BatchStream(channel, layout, ""), t_ns, t_ns, values)
+
     def fix(
         self,
         t_pub_ns: ArrayLike,
@@ -106,7 +129,7 @@ class McapLog(ChunkLog):
         *,
         sigma: ArrayLike | None = None,
         status: ArrayLike = 0,
-        frame: str = "gnss",
+        frame: str = GNSS,
     ) -> None:
         """GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None where not known.
 
@@ -147,7 +170,7 @@ class McapLog(ChunkLog):
         if stream is None:
             metadata = {"columns": json.dumps(list(table))}
             channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
-            stream = self._streams[topic] = BatchStream(channel, ros2.columns(len(table)), "")
+            stream = self._streams[topic] = BatchStream(channel, ros2.columns(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 
@@ -155,16 +178,16 @@ class McapLog(ChunkLog):
         """One frame as it came off a link, before anything looked inside."""
         channel = self._channels.get(topics.RAW + link)
         if channel is None:
-            channel = self.add_channel(topics.RAW + link, topics.RAW_SCHEMA, "", b"", topics.RAW_ENCODING)
-        self.write(channel, t_log_ns, t_log_ns, frame)
+            channel = self.add_ros2_channel(topics.RAW + link, ros2.BYTES)
+        self.write(channel, t_log_ns, t_log_ns, bytes_message(frame))
 
     def asked(self, link: str, t_ns: int, token: bytes) -> None:
         """The token of a question about a node's clock, at the time at which it was sent."""
         topic = topics.ASKED + link
         channel = self._channels.get(topic)
         if channel is None:
-            channel = self.add_channel(topic, "", "", b"", topics.RAW_ENCODING)
-        self.write(channel, t_ns, t_ns, token)
+            channel = self.add_ros2_channel(topic, ros2.BYTES)
+        self.write(channel, t_ns, t_ns, bytes_message(token))
 
     def event(self, event: Event, t_log_ns: int | None = None) -> None:
         """An event; written at once, not kept pending, because it is rare and explains what follows.
@@ -173,9 +196,8 @@ class McapLog(ChunkLog):
         """
         channel = self._channels.get(topics.EVENTS)
         if channel is None:
-            # Without a schema: some readers give up a whole file at a schema encoding other than ROS.
-            channel = self.add_channel(
-                topics.EVENTS, "", "", b"", "json", {"json_schema": topics.EVENT_JSON_SCHEMA}
+            channel = self.add_ros2_channel(
+                topics.EVENTS, ros2.STRING, {"json_schema": topics.EVENT_JSON_SCHEMA}
             )
         body = {
             "t_ns": event.t_ns,
@@ -185,7 +207,7 @@ class McapLog(ChunkLog):
             "data": dict(event.data),
         }
         t_log_ns = event.t_ns if t_log_ns is None else t_log_ns
-        self.write(channel, t_log_ns, t_log_ns, json.dumps(body, allow_nan=False).encode())
+        self.write(channel, t_log_ns, t_log_ns, string_message(json.dumps(body, allow_nan=False)))
         self.flush()
 
     def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:
@@ -212,5 +234,7 @@ def _padded(position: ArrayLike, count: int) -> NDArray[np.float64]:
 def _spread(covariance: ArrayLike | None, count: int, places: tuple[int, ...]) -> NDArray[np.float64]:
     spread = np.zeros((count, 6, 6))
     if covariance is not None:
+        # Zero would say that z, roll and pitch are exact.
+        spread[:, range(6), range(6)] = UNKNOWN_VARIANCE
         spread[:, np.array(places)[:, None], np.array(places)] = covariance
     return spread.reshape(count, 36)

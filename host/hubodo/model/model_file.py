@@ -249,6 +249,9 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         ):
             if value is not None:
                 lines.append(_number(key, value, f"{unit}, where its samples end"))
+    if vehicle.topics:
+        lines += ["", "[topics]"]
+        lines += [f"{toml_key(name)} = {toml_text(topic)}" for name, topic in vehicle.topics.items()]
     for item in model.effects:
         prefix = "effects" if item.node is None else f"nodes.{toml_key(item.node)}.effects"
         comment = (comments or {}).get((item.effect.name, item.node), "")

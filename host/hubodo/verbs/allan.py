@@ -150,7 +150,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     channels = _channels(args.channel)
     sheets = tuple(read_datasheet(name) for name in args.datasheet)
     args.channel = channels[0]
-    form, sensors = log_form(args), []
+    form, sensors = log_form(args, needed=()), []
     for log in args.log:
         with progress_line() as show:
             recording = read_log(log, form=form, progress=show)

@@ -1,4 +1,4 @@
-"""`hubodo export`: a log into a CSV folder, or the same tables as Parquet."""
+"""`hubodo export`: a log into a CSV folder, the same tables as Parquet, or a rosbag2 folder."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.log.any_log import read_log
+from hubodo.log.any_log import as_mcap, read_log
 from hubodo.log.csv_folder import write_folder
+from hubodo.log.foreign import LogForm
+from hubodo.log.logfile import open_log
+from hubodo.log.rosbag2_folder import write_rosbag2
 from hubodo.progress import progress_line
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.vehicle import load_vehicle
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, add_vehicle_option, log_form
 
-EXAMPLE = "hubodo export drive.mcap -o drive/"
+EXAMPLE = "hubodo export drive.mcap -o drive/\n  hubodo export drive.mcap --format rosbag2 -o bag/"
 
 
 @dataclass(frozen=True)
 class Exported:
-    """Files written and rows in each; warnings about damage in the log."""
+    """Files, or topics, written and rows in each; warnings about damage in the log."""
 
     folder: str
     rows: dict[str, int]
@@ -34,25 +38,39 @@ class Exported:
         for line in self.warnings:
             console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
         for name, count in self.rows.items():
-            console.print(
-                f"{self.folder}/{name}: {count} rows", highlight=False, markup=False, soft_wrap=True
-            )
+            what = f"{name}: {count} messages" if name.startswith("/") else f"{name}: {count} rows"
+            console.print(f"{self.folder}/{what.lstrip('/')}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo export`."""
     parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
     add_log_options(parser)
+    add_vehicle_option(parser)
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the folder to make")
     parser.add_argument(
-        "--format", choices=("csv", "parquet"), default="csv", help="parquet needs pyarrow (hubodo[parquet])"
+        "--format",
+        choices=("csv", "parquet", "rosbag2"),
+        default="csv",
+        help="parquet needs pyarrow (hubodo[parquet]); rosbag2: every message, in sqlite, for ros2 bag",
     )
 
 
 def run(args: argparse.Namespace) -> Exported:
     """Read the log, write the folder."""
+    vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    if args.format == "rosbag2":
+        return _rosbag2(args, log_form(args, vehicle))
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args), progress=show, keep_empty=True)
+        recording = read_log(args.log, form=log_form(args, vehicle), progress=show, keep_empty=True)
         names = write_folder(recording, args.output, form=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return Exported(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
+
+
+def _rosbag2(args: argparse.Namespace, form: LogForm) -> Exported:
+    with progress_line() as show, as_mcap(args.log, form) as file, open_log(file) as log:
+        counts = write_rosbag2(log, args.output, progress=show)
+        left_out = sorted({stream.topic for stream in log.streams.values()} - set(counts))
+        notes = (f"{args.log}: not of ROS 2, left out: {', '.join(left_out)}",) if left_out else ()
+        return Exported(str(args.output), counts, (*log.warnings(), *notes))

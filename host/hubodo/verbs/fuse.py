@@ -18,6 +18,7 @@ from hubodo.fuse.track import Score, Track, score
 from hubodo.fuse.wheels import METHODS, wheel_odometry
 from hubodo.log.any_log import read_log
 from hubodo.log.csv_table import write_table
+from hubodo.log.roles import NODES
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
@@ -128,7 +129,8 @@ def run(args: argparse.Namespace) -> Fused:
     lag = _lag(args.smooth)
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
-    recording = read_log(args.log, form=log_form(args))
+    needed = (NODES, "wheels") if args.no_graph else (NODES, "wheels", "gnss")
+    recording = read_log(args.log, form=log_form(args, vehicle, needed=needed))
     check_units(recording, vehicle.nodes, str(args.log))
     odometry = wheel_odometry(
         recording,

@@ -30,6 +30,7 @@ from hubodo.gap.tell.explain import Explanation, explain
 from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.any_log import read_log
+from hubodo.log.roles import NODES
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.report.gap_page import gap_page
@@ -115,8 +116,10 @@ def run(args: argparse.Namespace) -> GapReport:
         raise InputError(f"--accept and --reject both name {both[0]}; choose one")
     _free(args.output, args.model)
     model = read_model(args.model)
+    driven_by = (model.inputs.speed, model.inputs.yaw_rate)
+    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args), progress=show)
+        recording = read_log(args.log, form=log_form(args, model.vehicle, needed=needed), progress=show)
         result = find_gap(
             recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
         )

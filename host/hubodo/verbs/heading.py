@@ -113,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> HeadingTaken:
     """Read, take the heading, score it; write course, figure and page where asked."""
-    recording, node = read_node(args.log, args.node, log_form(args))
+    recording, node = read_node(args.log, args.node, log_form(args, needed=()))
     check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
         report = _take(args, recording, node)

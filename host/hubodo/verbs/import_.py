@@ -12,14 +12,15 @@ from rich.console import Console
 
 from hubodo.errors import InputError
 from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
-from hubodo.log.any_log import is_rosbag2, mcap_file, read_log
+from hubodo.log.any_log import has_our_topics, is_bag, mcap_file, read_log
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.foreign import CHANNELS, in_si
 from hubodo.log.units import doubtful
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.verbs.log_options import add_log_options, log_form
+from hubodo.vehicle import load_vehicle
+from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
 from hubodo.whole_files import free_path
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
@@ -89,10 +90,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "source",
         metavar="DIR",
         type=Path,
-        help="folder of CSV files (may be gzipped), a rosbag, one file of numbers, or a log whose raw frames "
-        "this version is to decode",
+        help="folder of CSV files (may be gzipped), rosbag or MCAP of another program, one file of numbers, "
+        "or a log whose raw frames this version is to decode",
     )
     add_log_options(parser)
+    add_vehicle_option(parser)
     parser.add_argument(
         "-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="the log to write"
     )
@@ -104,19 +106,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> Imported | Decoded:
     """Read the folder or the frames, write the log."""
     free_path(args.output)
-    form = log_form(args)
-    if args.source.is_file() and mcap_file(args.source) is not None:
+    vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    form = log_form(args, vehicle)
+    file = mcap_file(args.source)
+    if file is not None and has_our_topics(file):
         if args.repair:
             raise InputError("--repair: drops rows of CSV files; a log is repaired by hubodo recover")
         with progress_line() as show:
-            return Decoded(str(args.source), decode_again(args.source, args.output, progress=show))
+            return Decoded(str(args.source), decode_again(file, args.output, progress=show))
     with progress_line() as show:
-        if args.source.is_dir() and not is_rosbag2(args.source):
+        if args.source.is_dir() and not is_bag(args.source):
             recording = in_si(read_folder(args.source, repair=args.repair, progress=show), form)
         else:
             recording = read_log(args.source, form=form, progress=show, keep_empty=True)
         _check_whole(args.source, recording)
-        messages = write_recording(recording, args.output, progress=show)
+        messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)
     return Imported(
         log=str(args.output),
         rows={name: len(table) for name, table in recording.files().items()},

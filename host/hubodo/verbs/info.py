@@ -16,8 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.ingest.node.bias_filter import filter_words
-from hubodo.log.any_log import as_mcap
-from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise
+from hubodo.log.any_log import as_mcap, open_source
+from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summary_of
 from hubodo.progress import progress_line
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
@@ -62,6 +62,7 @@ class Info:
             "health": {node: dict(values) for node, values in s.health.items()},
             "bias_filter": {node: _filter_json(row) for node, row in s.bias_filters.items()},
             "metadata": dict(s.metadata),
+            "topics": dict(s.roles),
             "attachments": dict(s.attachments),
             "damaged": s.damaged,
             "warnings": list(s.warnings),
@@ -77,6 +78,8 @@ class Info:
         if s.start_ns:
             say(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
         console.print(_streams(s))
+        if s.roles:
+            say("read as: " + ", ".join(f"{name} = {topic}" for name, topic in s.roles.items()))
         _gaps(s, say)
         _losses(s, say)
         _events(s, say)
@@ -199,5 +202,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Info:
     """Describe the log."""
-    with progress_line() as show, as_mcap(args.log, log_form(args)) as file:
+    form = log_form(args, needed=())
+    with progress_line() as show, open_source(args.log) as source:
+        if source is not None:
+            return Info(summary_of(source, form.choice, progress=show))
+    with progress_line() as show, as_mcap(args.log, form) as file:
         return Info(replace(summarise(file, progress=show), path=args.log))

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from pathlib import Path
 
 from hubodo.errors import InputError
 from hubodo.log.foreign import LogForm
+from hubodo.log.roles import ALL_ROLES, NODES, TYPES, TopicChoice
 from hubodo.log.units import doubtful
 from hubodo.recording import Recording, Table
+from hubodo.vehicle import Vehicle
 from hubodo.verbs.numbers import positive
 
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy)"
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """--rate, --unit, --columns, --variable."""
+    """--topic, --rate, --unit, --columns, --variable."""
+    add_topic_option(parser)
     group = parser.add_argument_group("files that do not say it themselves")
     group.add_argument(
         "--rate", type=positive, metavar="HZ", help="samples per second, where there are no times"
@@ -35,16 +39,61 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--variable", metavar="NAMES", help="arrays of a MATLAB, HDF5 or numpy file")
 
 
-def log_form(args: argparse.Namespace) -> LogForm:
-    """What the options say. Raises InputError for two units of one sensor."""
+def add_topic_option(parser: argparse.ArgumentParser) -> None:
+    """--topic."""
+    parser.add_argument(
+        "--topic",
+        action="append",
+        default=[],
+        metavar="NAME=/TOPIC",
+        help=f"which topic of another program's log is a node, as in left=/imu/left_wheel, or one of "
+        f"{', '.join(TYPES)}; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- leaves one out; "
+        "repeatable (default: [topics] of the vehicle file, else by message type)",
+    )
+
+
+def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
+    """--vehicle, for verbs that want nothing else of a vehicle."""
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="TOML",
+        help="its [topics], nodes and wheel_radius, for a log of another program",
+    )
+
+
+def log_form(
+    args: argparse.Namespace, vehicle: Vehicle | None = None, *, needed: Iterable[str] = ALL_ROLES
+) -> LogForm:
+    """What the options and `[topics]` say. needed: roles without which the verb cannot do its work.
+
+    Raises InputError for two units of one sensor and for a --topic that is none.
+    """
     columns = () if args.columns is None else tuple(name.strip() for name in args.columns.split(","))
     channel = getattr(args, "channel", None) or "gz"
-    form = LogForm(args.rate, tuple(args.unit), columns, args.variable, channel)
+    form = LogForm(
+        args.rate, tuple(args.unit), columns, args.variable, channel, topic_choice(args, vehicle, needed)
+    )
     if len(form.factors()) < len(form.units):
         raise InputError(
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"
         )
     return form
+
+
+def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicChoice:
+    """What --topic and `[topics]` say, as `log_form` has it."""
+    said: dict[str, str] = {}
+    for text in args.topic:
+        name, _, topic = (part.strip() for part in text.partition("="))
+        if not name or not topic or name == NODES:
+            raise InputError(f"--topic {text}: write NAME=/TOPIC, as in left=/imu/left_wheel or gnss=/fix")
+        if said.setdefault(name, topic) != topic:
+            raise InputError(f"--topic {name}: is {said[name]} and {topic}; say one")
+    if vehicle is None:
+        return TopicChoice(said, needed=frozenset(needed))
+    on_wheels = {name: mount.side is not None for name, mount in vehicle.nodes.items()}
+    return TopicChoice(said, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
 
 
 def check_node_units(table: Table, where: str) -> None:

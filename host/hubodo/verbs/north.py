@@ -140,7 +140,9 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
     calibration = None if args.calibration is None else read_calibration(args.calibration)
     live = None
     with progress_line() as show:
-        recordings = [read_log(log, form=log_form(args), progress=show) for log in args.log or args.resume]
+        recordings = [
+            read_log(log, form=log_form(args, needed=()), progress=show) for log in args.log or args.resume
+        ]
     if args.live is not None:
         check_live(args)
         earlier = _earlier(args, recordings, calibration)

@@ -19,6 +19,8 @@ from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, r
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.any_log import as_mcap
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.roles import NODES
+from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.play_view import Replayed, show
@@ -118,8 +120,10 @@ def run(args: argparse.Namespace) -> PlayResult:
         raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
     if args.to == "pty" and args.foxglove is not None:
         raise InputError("--foxglove belongs to the view; leave --to pty away")
+    vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    form = log_form(args, vehicle, needed=(NODES,))
     play = _to_pty if args.to == "pty" else _to_view
-    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, log_form(args)) as file:
+    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, form) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file}), stopping.is_set)
     return replace(played, file=str(args.log))
 

@@ -13,9 +13,9 @@ from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.node_times import check_times
 from hubodo.ingest.replay.playback import Setup, setup_of
-from hubodo.log.any_log import mcap_file, read_log
-from hubodo.log.logfile import open_log
-from hubodo.log.summary import summarise
+from hubodo.log.any_log import open_source, read_log
+from hubodo.log.logfile import Log
+from hubodo.log.summary import summary_of
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
@@ -73,17 +73,15 @@ def run(args: argparse.Namespace) -> Reported:
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
-        recording, summary, kept = (
-            read_log(args.log, form=log_form(args), progress=show),
-            None,
-            Setup(None, None, None),
-        )
-        file = mcap_file(args.log)
-        if file is not None:
-            summary = summarise(file)
-            with open_log(file) as log:
-                kept = setup_of(log)
-        vehicle = kept.vehicle if args.vehicle is None else load_vehicle(args.vehicle)
+        given = None if args.vehicle is None else load_vehicle(args.vehicle)
+        recording = read_log(args.log, form=log_form(args, given, needed=()), progress=show)
+        summary, kept = None, Setup(None, None, None)
+        with open_source(args.log) as source:
+            if source is not None:
+                summary = summary_of(source)
+            if isinstance(source, Log):
+                kept = setup_of(source)
+        vehicle = given or kept.vehicle
         if vehicle is not None:
             on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]
             check_times({n: recording.nodes[n] for n in on_wheels if n in recording.nodes}, str(args.log))

@@ -29,6 +29,7 @@ from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
 from hubodo.log.any_log import read_log
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
+from hubodo.log.foreign import LogForm
 from hubodo.log.mcap import read_recording
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
@@ -39,6 +40,8 @@ from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
+from hubodo.vehicle import Vehicle
+from hubodo.verbs.log_options import add_topic_option, topic_choice
 from hubodo.verbs.numbers import latitude, number, seed
 from hubowire.messages import NODE_IDS
 
@@ -100,6 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--from", dest="source", type=Path, metavar="LOG", help="log or CSV folder for reference and gnss"
     )
+    add_topic_option(parser)
     parser.add_argument(
         "--duration", type=number(_SHORTEST, _LONGEST), default=120.0, help="s (default: 120)"
     )
@@ -178,7 +182,7 @@ def run(args: argparse.Namespace) -> Simulated:
         }
         recording = dataclasses.replace(recording, metadata={**recording.metadata, **words})
         if args.output.suffix == ".mcap":
-            write_recording(recording, args.output, progress=show)
+            write_recording(recording, args.output, vehicle=model.vehicle, progress=show)
         else:
             write_folder(recording, args.output, progress=show)
     distance = None
@@ -244,14 +248,14 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
     elif args.drive == "poses":
         made = experiments.poses(duration, rng, latitude)
     else:
-        made = Experiment(args.drive, _drive(args, rng))
+        made = Experiment(args.drive, _drive(args, model.vehicle, rng))
     made = experiments.with_constants(made, model)
     if args.temperature:
         made = experiments.warming(made, args.temperature[0], args.temperature[-1], args.settle)
     return made
 
 
-def _drive(args: argparse.Namespace, rng: np.random.Generator) -> Inputs:
+def _drive(args: argparse.Namespace, vehicle: Vehicle, rng: np.random.Generator) -> Inputs:
     if args.drive == "random":
         return random_drive(rng, args.duration)
     if args.drive == "loop":
@@ -259,7 +263,8 @@ def _drive(args: argparse.Namespace, rng: np.random.Generator) -> Inputs:
     if args.drive == "rest":
         still = constant(0.0, 0.0, args.duration)
         return Inputs(still, still)
-    recording = read_log(args.source)
+    needed = ("reference",) if args.drive == "reference" else ("gnss",)
+    recording = read_log(args.source, form=LogForm(choice=topic_choice(args, vehicle, needed)))
     maker = drive_from_reference if args.drive == "reference" else drive_from_fixes
     return maker(recording, str(args.source))
 

@@ -68,7 +68,7 @@ def read_standstill(args: argparse.Namespace) -> Standstill:
 
     Raises InputError: no such node, nothing in the span, wrong unit, moved.
     """
-    recording, node = read_node(args.log, args.node, log_form(args))
+    recording, node = read_node(args.log, args.node, log_form(args, needed=()))
     return standstill(args, args.log, recording, node, args.channel)
 
 

@@ -1,6 +1,7 @@
 """Our ROS 2 messages against rosbags, an implementation that is not ours."""
 
 import dataclasses
+import json
 import struct
 import types
 
@@ -19,13 +20,15 @@ ALL = (
     ros2.TEMPERATURE,
     ros2.NAV_SAT_FIX,
     ros2.ODOMETRY,
+    ros2.TWIST_STAMPED,
+    ros2.TWIST_WITH_COVARIANCE_STAMPED,
     ros2.TF,
     ros2.COLUMNS,
 )
 FRAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", [*ALL, ros2.BYTES, ros2.STRING])
 def test_definitions_have_the_type_hash_of_ros2_humble(name: str) -> None:
     own = get_typestore(Stores.EMPTY)
     own.register(get_types_from_msg(ros2.definition(name), name))
@@ -83,7 +86,7 @@ def test_rosbags_reads_our_bytes_and_writes_the_very_same(
 
 @given(count=st.integers(0, 9), seed=st.integers(0, 2**32 - 1))
 def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, seed: int) -> None:
-    layout = ros2.columns(count)
+    layout = ros2.columns([f"c{i}" for i in range(count)])
     record = fill(layout, seed)
     record["layout.dim[0].size"], record["layout.dim[0].stride"], record["layout.data_offset"] = (
         count,
@@ -93,6 +96,7 @@ def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, 
     message = STORE.deserialize_cdr(record.tobytes(), ros2.COLUMNS)
     np.testing.assert_array_equal(message.data, record["data"][0])
     assert message.layout.dim[0].size == count
+    assert json.loads(message.layout.dim[0].label) == [f"c{i}" for i in range(count)]
     assert bytes(STORE.serialize_cdr(message, ros2.COLUMNS)) == record.tobytes()
 
 

@@ -57,10 +57,8 @@ def record(
     links, names, gnss = _links(config, computer, lister)
     with ExitStack() as stack:
         stack.callback(stop_links, links)
-        if not config.wait:
-            _open_all(links)
-        now_ns = computer.now_ns
-        zero = now_ns() // S * S
+        _open_all({} if config.wait else links)
+        now_ns, zero = computer.now_ns, computer.now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
         log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}))
@@ -85,7 +83,9 @@ def record(
         watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
-        loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
+        loop = Loop(
+            links, computer, recorder, localizer, log, series, view, watched, stopping, again, vehicle
+        )
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict

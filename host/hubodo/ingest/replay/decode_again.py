@@ -24,6 +24,7 @@ from hubodo.log.chunk_body import Messages
 from hubodo.log.decode import message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.own_messages import own_bytes, own_text
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.whole_files import whole_new_file
@@ -106,14 +107,17 @@ class _Again:
                 continue
             topic = stream.topic
             if topic.startswith(topics.RAW):
-                self._raw(topic.removeprefix(topics.RAW), t_ns, messages.payload(row))
+                self._raw(
+                    topic.removeprefix(topics.RAW), t_ns, own_bytes(stream.encoding, messages.payload(row))
+                )
             elif topic.startswith(topics.ASKED):
-                token, label = messages.payload(row), topic.removeprefix(topics.ASKED)
+                token = own_bytes(stream.encoding, messages.payload(row))
+                label = topic.removeprefix(topics.ASKED)
                 self._target.asked(label, t_ns, token)
                 for link in self._beside(label) or [self._link(label)]:
                     link.asked(token, t_ns)
             elif topic == topics.EVENTS:
-                for event in events_of([messages.payload(row)])[0]:
+                for event in events_of([own_text(stream.encoding, messages.payload(row))])[0]:
                     self._event(event)
             elif (
                 topic not in _ODOMETRY

@@ -23,6 +23,7 @@ from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelRows, Decoder, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
+from hubodo.log.own_messages import own_text
 from hubodo.log.writer import McapLog
 from hubodo.toml_file import parse_toml
 from hubodo.vehicle import Vehicle, vehicle_of
@@ -31,6 +32,8 @@ Progress = Callable[[str, float], None]
 
 _NO_FIXES = Decoder(ros2.NAV_SAT_FIX).rows()
 # A header's frame id "map": its length with the ending zero, then the text. In /tf a count stands before it.
+# Where the covariances of an Odometry message begin, bytes from its end.
+_POSE_COVARIANCE, _TWIST_COVARIANCE = 36 * 8 + 6 * 8 + 36 * 8, 36 * 8
 _FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
 
 
@@ -143,10 +146,21 @@ def recorded_messages(path: Path, *, on_map: bool = True) -> dict[str, list[tupl
     with open_log(path) as log:
         for message in log.messages(list(found)):
             if on_map or not _FRAME_MAP.match(message.data):
-                found[message.topic].append((message.publish_time, message.data))
+                data = message.data if message.topic == topics.TF else _without_unknown(message.data)
+                found[message.topic].append((message.publish_time, data))
     for rows in found.values():
         rows.sort()
     return found
+
+
+def _without_unknown(odometry: bytes) -> bytes:
+    """An Odometry message with zeros for the variances of what nobody measures, as earlier logs had them."""
+    made = bytearray(odometry)
+    for end, places in ((_POSE_COVARIANCE, (14, 21, 28)), (_TWIST_COVARIANCE, (7, 14, 21, 28))):
+        for place in places:
+            begin = len(made) - end + 8 * place
+            made[begin : begin + 8] = bytes(8)
+    return bytes(made)
 
 
 def as_messages(
@@ -176,7 +190,7 @@ class _Blocks:
                 chosen = np.flatnonzero(channels == number)
                 kind = message_type(stream.schema)
                 if stream.topic == topics.EVENTS:
-                    payloads += [messages.payload(i) for i in chosen.tolist()]
+                    payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
                 elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE, ros2.NAV_SAT_FIX):
                     decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
             if progress is not None:

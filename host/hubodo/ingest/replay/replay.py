@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hubodo.errors import InputError
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
 from hubodo.log.logfile import Log
+from hubodo.log.own_messages import own_bytes
 from hubodo.log.topics import RAW
 from hubodo.recording import Recording, Table
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
@@ -75,9 +76,10 @@ def recorded_frames(
     owners: dict[int, str] = {}
     wanted = [RAW + link + tail for link in links for tail in ("", "/damaged")]
     bounds = [None if t is None else t_zero_ns + round(t * 1e9) for t in (start, end)]
-    splitter = FrameDecoder()
+    splitter, streams = FrameDecoder(), log.streams
     for message in log.messages(wanted, *bounds):
-        stuffed = message.data.rstrip(b"\0")
+        data = own_bytes(streams[message.channel].encoding, message.data)
+        stuffed = data.rstrip(b"\0")
         frame = splitter.decode(stuffed) if stuffed else None
         if frame is not None and frame.type_id in _ANSWERS:
             continue
@@ -88,7 +90,7 @@ def recorded_frames(
                 raise InputError(
                     f"links {owner} and {link} both carry node id {frame.node}; choose one with --only"
                 )
-        yield TimedFrame((message.log_time - t_zero_ns) * 1e-9, message.data, frame)
+        yield TimedFrame((message.log_time - t_zero_ns) * 1e-9, data, frame)
 
 
 def made_frames(

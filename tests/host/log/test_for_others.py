@@ -1,0 +1,152 @@
+"""What other programs make of our logs: rosbags-convert takes them and brings them back, tf places nodes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from scipy.spatial.transform import Rotation
+
+from hubodo.log import topics
+from hubodo.log.any_log import read_log
+from hubodo.log.convert import write_recording
+from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.own_messages import own_bytes
+from hubodo.log.writer import McapLog
+from hubodo.recording import Event, Recording, Table
+from hubodo.vehicle import NodeMount, Vehicle
+from in_process import hubodo
+
+VEHICLE = Vehicle(
+    0.3,
+    0.9,
+    {"left": NodeMount("left", "left"), "right": NodeMount("right", "right"), "frame": NodeMount()},
+    antenna=(0.5, 0.1),
+)
+T0 = 1_700_000_000_000_000_000
+FRAMES = [b"", b"\x01\x02\x00", bytes(range(250))]
+RNG = np.random.default_rng(8)
+T = np.arange(200) / 100
+
+
+def made() -> Recording:
+    """Two nodes, a reference, fixes, a truth with headings, and an event."""
+    node = {name: RNG.normal(size=200) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
+    heading = np.unwrap(RNG.normal(0.0, 0.2, 200)) + 3.0
+    return Recording(
+        {"left": Table({"t": T, **node}), "right": Table({"t": T, **node})},
+        reference=Table({"t": T, "speed": RNG.normal(size=200), "yaw_rate": RNG.normal(size=200)}),
+        truth=Table({"t": T, "x": RNG.normal(size=200), "y": RNG.normal(size=200), "heading": heading}),
+        events=(Event(T0 + 5, "gap", "left", "lost ü", {"samples_lost": 3}),),
+        t_zero_ns=T0,
+    )
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return made()
+
+
+@pytest.fixture(scope="module")
+def log(recording, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("ours") / "ours.mcap"
+    write_recording(recording, path, vehicle=VEHICLE)
+    return path
+
+
+def same(read: Recording, recording: Recording) -> None:
+    for name, table in recording.files().items():
+        assert list(read.files()[name]) == list(table)
+        for column in table:
+            np.testing.assert_allclose(read.files()[name][column], table[column], rtol=0, atol=1e-12)
+    assert read.events == recording.events
+    assert read.t_zero_ns == T0
+    assert read.warnings == ()
+
+
+@pytest.mark.parametrize("name", ["db3", "again.mcap", "ros1.bag"])
+def test_rosbags_convert_takes_our_log_and_nothing_is_lost_on_the_way(name, log, recording, tmp_path):
+    form = ["--dst-storage", "mcap"] if name.endswith(".mcap") else []
+    words = ["-m", "rosbags.convert", "--src", str(log), "--dst", str(tmp_path / name), *form]
+    done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    same(read_log(tmp_path / name), recording)
+
+
+def test_an_exported_rosbag2_is_the_same_messages_and_a_player_latches_the_static_frames(
+    log, recording, tmp_path
+):
+    done = hubodo("export", log, "--format", "rosbag2", "-o", tmp_path / "bag")
+    assert done.code == 0, done.err
+    same(read_log(tmp_path / "bag"), recording)
+    with AnyReader([tmp_path / "bag"]) as reader, open_log(log) as ours:
+        (static,) = (it for it in reader.connections if it.topic == topics.TF_STATIC)
+        assert static.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+        theirs = sorted((t, it.topic, raw) for it, t, raw in reader.messages())
+        assert theirs == sorted((m.log_time, m.topic, m.data) for m in ours.messages())
+    done = hubodo("export", log, "--format", "rosbag2", "-o", tmp_path / "bag")
+    assert (done.code, "exists already" in done.err) == (2, True)
+
+
+def test_tf_static_says_where_the_nodes_sit(log):
+    with log.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        ((*_, message),) = reader.iter_decoded_messages(topics=[topics.TF_STATIC])
+    found = {}
+    for part in message.transforms:
+        assert part.header.frame_id == "base_link"
+        place, turn = part.transform.translation, part.transform.rotation
+        found[part.child_frame_id] = (
+            (place.x, place.y, place.z),
+            Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(),
+        )
+    assert [place for place, _ in found.values()] == [
+        (0.0, 0.45, 0.3), (0.0, -0.45, 0.3), (0.0, 0.0, 0.0), (0.5, 0.1, 0.0)
+    ]  # fmt: skip
+    up, forward, left = np.eye(3)[2], np.eye(3)[0], np.eye(3)[1]
+    np.testing.assert_allclose(found["left"][1].T, [up, forward, left], atol=1e-12)
+    np.testing.assert_allclose(found["right"][1].T, [up, -forward, -left], atol=1e-12)
+    np.testing.assert_allclose(found["gnss"][1], np.eye(3), atol=1e-12)
+
+
+def test_a_truth_without_headings_has_none_after_a_detour(recording, tmp_path):
+    truth = Table({name: recording.truth[name] for name in ("t", "x", "y")})
+    write_recording(Recording(recording.nodes, truth=truth), tmp_path / "ours.mcap")
+    assert hubodo("export", tmp_path / "ours.mcap", "--format", "rosbag2", "-o", tmp_path / "bag").code == 0
+    assert list(read_log(tmp_path / "bag").truth) == ["t", "x", "y"]
+
+
+def test_raw_frames_and_events_are_messages_that_a_foreign_reader_decodes(tmp_path):
+    with McapLog(tmp_path / "log.mcap") as log:
+        for i, frame in enumerate(FRAMES):
+            log.raw("usb0", i, frame)
+        log.asked("usb0", 4, b"\x07" * 8)
+        log.event(Event(5, "reset", "left", "brown-out", {"cause": 3}))
+    with (tmp_path / "log.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        decoded = [(channel.topic, message.data) for _, channel, _, message in reader.iter_decoded_messages()]
+    assert [bytes(data) for topic, data in decoded if topic == "/hubodo/raw/usb0"] == FRAMES
+    assert [bytes(data) for topic, data in decoded if topic == "/hubodo/asked/usb0"] == [b"\x07" * 8]
+    assert json.loads(decoded[-1][1])["data"] == {"cause": 3}
+
+
+def test_logs_whose_events_and_frames_are_bare_are_read_as_ever(tmp_path):
+    event = {"t_ns": 5, "kind": "reset", "source": "left", "text": "brown-out", "data": {"cause": 3}}
+    with McapLog(tmp_path / "old.mcap", t_zero_ns=0) as log:
+        events = log.add_channel(topics.EVENTS, "", "", b"", "json")
+        raw = log.add_channel(topics.RAW + "usb0", "hubodo/Frame", "", b"", "hubodo")
+        log.write(events, 5, 5, json.dumps(event).encode())
+        for i, frame in enumerate(FRAMES):
+            log.write(raw, i, i, frame)
+    assert read_recording(tmp_path / "old.mcap").events == (Event(**event),)
+    assert json.loads(hubodo("info", tmp_path / "old.mcap", "--json").out)["events"][0]["kind"] == "reset"
+    with open_log(tmp_path / "old.mcap") as log:
+        found = [
+            own_bytes(log.streams[m.channel].encoding, m.data) for m in log.messages([topics.RAW + "usb0"])
+        ]
+    assert found == FRAMES
