@@ -34,8 +34,8 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_gap.py
 	$(BIN)/python tests/bench/bench_web.py
 
-HOURS := 2
-soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some ten minutes
+HOURS := 3
+soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some twelve minutes
 	$(BIN)/python tests/soak/soak.py --hours $(HOURS)
 
 papers: setup        ## four papers, their figures beside ours

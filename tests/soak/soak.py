@@ -1,6 +1,6 @@
 """Hours of recording in virtual time: memory at each of them, its slope, and whether all samples came.
 
-    python tests/soak/soak.py [--hours 6] [--nodes 4] [--rate 416] [--batch 16] [--no-odometry] [--one-log]
+    python tests/soak/soak.py [--hours 3] [--nodes 4] [--rate 416] [--batch 16] [--no-odometry] [--one-log]
 
 Four nodes on the path that `hubodo record` runs, two of them wheels with live odometry, logs cut each hour
 under a budget of disk; only ports and the clock are replaced. Exit code 1 where a sample is missing or memory
@@ -62,7 +62,7 @@ class Hours:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--hours", type=float, default=6.0)
+    parser.add_argument("--hours", type=float, default=3.0)
     parser.add_argument("--nodes", type=int, default=4)
     parser.add_argument("--rate", type=float, default=416.0)
     parser.add_argument("--batch", type=int, default=16)
