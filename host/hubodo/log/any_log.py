@@ -30,7 +30,7 @@ def read_log(
     """Read a whole log. form: what the user says of it, for what it does not say itself.
 
     keep_empty: all as it stands; else tables without a row and rows that nothing can have measured are left
-    out and told. Raises LogError or InputError as `recording_of`, `read_folder`, `read_number_file` and `open_bag` do.
+    out and told. Raises LogError or InputError as the readers of those files do.
     """
     recording = _read(path, form, progress)
     if keep_empty:

@@ -19,7 +19,7 @@ from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import Log, LogMessage, open_log
 from hubodo.log.meeting_rows import places_of, rising_rows, shared_rows
 from hubodo.log.own_messages import own_text
-from hubodo.log.roles import BY_TYPE, RoleTopic, Roles, TopicChoice, assign
+from hubodo.log.roles import BY_TYPE, Roles, RoleTopic, TopicChoice, assign
 from hubodo.log.sound_rows import sound_tables
 from hubodo.log.source import Source, Stream, is_ours
 from hubodo.log.timebase import EXACT_S, NS, to_seconds
