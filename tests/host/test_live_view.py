@@ -101,7 +101,7 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(width):
     bias, zero = tuple(np.radians([0.1, -0.2, 10.3])), (0.0, 0.0, 0.0)
     nodes = tuple(
         NodeNow(
-            name, f"ttyACM{at}", at, 1660.0, 12.0, 9, 1, 575_000, 12_345, 0, "two way", 0.0, -49.7e-6, 0.0005,
+            name, f"ttyACM{at}", at, 1660.0, 12.0, 9, 1, 575_000, 12_345, 0, 0.0, -49.7e-6, 0.0005,
             25.31, 3.71, bias, zero, zero, None,
         )
         for at, name in enumerate(["left", "frame-with-a-long-name"])

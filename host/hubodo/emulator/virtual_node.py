@@ -208,11 +208,6 @@ class VirtualNode:
     ) -> None:
         self.stop()
 
-    def power_off(self) -> None:
-        """Switch the board off but keep its chips' truth and its stats for questions."""
-        self.command("stop")
-        self.wait(10)
-
     def wait(self, timeout: float | None = None) -> bool:
         """Until the board is off (`run_for`, or a failure); False when `timeout` s were not enough.
 

@@ -54,7 +54,6 @@ class NodeNow:
     samples: int
     samples_lost: int
     restarts: int
-    clock_source: str
     clock_offset: float
     clock_drift: float
     clock_sigma: float | None
@@ -245,7 +244,6 @@ def _node(node: NodeSession, now_ns: int) -> NodeNow:
         counts.samples,
         counts.samples_lost,
         counts.restarts,
-        clock.source,
         clock.offset_ns / S,
         clock.drift,
         clock.sigma_ns / S if clock.source != "none" else None,

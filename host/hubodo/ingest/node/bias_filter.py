@@ -63,15 +63,6 @@ def filter_json(seen: FilterSeen | None) -> dict[str, Any] | None:
     }
 
 
-def bias_words(seen: FilterSeen | None) -> str:
-    """The bias in degrees per second, or why there is none; short, for a column."""
-    if seen is None:
-        return ""
-    if seen.state != FilterState.TRACKING:
-        return known_name(FilterState, seen.state)
-    return " ".join(f"{math.degrees(value):+.2f}" for value in seen.bias)
-
-
 def filter_words(row: Mapping[str, float]) -> str:
     """A row of the channel in one line: the bias with its sigma, and what it rests on."""
     if row["state"] != FilterState.TRACKING:

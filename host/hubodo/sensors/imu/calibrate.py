@@ -48,7 +48,6 @@ class GyroCalibration:
     method: str
     g_sensitivity: Array | None = None
     g_sensitivity_sigma: Array | None = None
-    scalar: ScalarCalibration | None = None
     turns: TurnCalibration | None = None
     held_out: HeldOut | None = None
 
@@ -228,7 +227,7 @@ def _by_earth_rate(rests: Rests, force: Array, latitude: float, notes: list[str]
         alignment = align_by_earth_rate(force, rate, noise, latitude)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method, scalar=found)
+        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method)
     triad = turned(found.triad, alignment.angle)
     # A small rotation adds [angle x]' to M beside the symmetric part.
     slope = np.zeros((12, 3))
@@ -238,7 +237,7 @@ def _by_earth_rate(rests: Rests, force: Array, latitude: float, notes: list[str]
     method += (
         "; all six misalignments in the accelerometer's frame from the angle between gravity and Earth rate"
     )
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method, scalar=found)
+    return GyroCalibration(triad, covariance, np.ones(9, bool), method)
 
 
 def _by_table(
@@ -256,11 +255,11 @@ def _by_table(
             raise CalibrationError(turns.complaint)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method, scalar=found)
+        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method)
     # The nearest rotation between both matrices: sizes from the table, the frame from the turns.
     u, _, vt = np.linalg.svd(np.linalg.solve(found.triad.matrix, turns.matrix))
     triad = Triad(found.triad.bias, np.asarray(found.triad.matrix @ u @ vt))
     covariance = found.full_covariance.copy()
     covariance[3:, 3:] += turns.covariance[3:, 3:]
     method += "; all six misalignments in the accelerometer's frame from the turns between rests"
-    return GyroCalibration(triad, covariance, np.ones(9, bool), method, scalar=found, turns=turns)
+    return GyroCalibration(triad, covariance, np.ones(9, bool), method, turns=turns)
