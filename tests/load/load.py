@@ -27,6 +27,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.log.writer import McapLog
+from hubowire.messages import ImuBatch
 
 HERE = Path(__file__).parent
 LIMIT_S = 0.05
@@ -65,13 +66,13 @@ def told(count: int, seconds: float, args: argparse.Namespace) -> bool:
         [sys.executable, __file__, *map(str, words)], stdout=subprocess.PIPE, check=True, text=True
     )
     it: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
-    good = not it["lost"] and it["late_p99"] is not None and it["late_p99"] < LIMIT_S
+    good = not it["lost"] and not it["undecoded"] and it["late_p99"] is not None and it["late_p99"] < LIMIT_S
     late = ", ".join(
         f"{name} {1e3 * it[f'late_{name}']:.1f} ms" for name in ("median", "p99", "worst") if it["late_p99"]
     )
     print(
-        f"{count:4} nodes, {seconds:.0f} s: {it['frames']} frames, {it['lost']} lost (no room on the line: "
-        f"{it['refused']}); {late} late; recorder {it['cpu']:.2f} of a core, {it['memory']:.0f} MB; "
+        f"{count:4} nodes, {seconds:.0f} s: {it['frames']} frames decoded, {it['undecoded']} kept raw alone, "
+        f"{it['lost']} lost (no room on the line: {it['refused']}); {late} late; recorder {it['cpu']:.2f} of a core, {it['memory']:.0f} MB; "
         f"{'held' if good else 'NOT HELD'}",
         flush=True,
     )
@@ -84,7 +85,8 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8192), hard))
     late, stop = Latency(), threading.Event()
-    written, period_ns = McapLog.imu, round(1e9 / rate)
+    written, kept_raw, period_ns = McapLog.imu, McapLog.raw, round(1e9 / rate)
+    kept: list[bool] = []
     # The first half second of a node waits for its clock.
     settled = time.monotonic() + 4.0
 
@@ -93,7 +95,11 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
         if time.monotonic() > settled:
             late.add(time.time_ns() - int(np.asarray(t_pub_ns).reshape(-1)[-1]) - period_ns)
 
-    McapLog.imu = imu  # type: ignore[method-assign]
+    def raw(log: McapLog, link: str, t_log_ns: int, frame: bytes) -> None:
+        kept_raw(log, link, t_log_ns, frame)
+        kept.append(frame[1] == ImuBatch.type_id)
+
+    McapLog.imu, McapLog.raw = imu, raw  # type: ignore[method-assign]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as nodes,
@@ -115,7 +121,8 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
     frames = sum(node["samples"] for node in found["nodes"].values()) // batch
     return {
         "frames": frames,
-        "lost": said["batches"] - frames,
+        "lost": said["batches"] - sum(kept),
+        "undecoded": sum(kept) - frames,
         "refused": said["refused"],
         "late_median": late.quantile(0.5),
         "late_p99": late.quantile(0.99),
