@@ -72,7 +72,8 @@ def told(count: int, seconds: float, args: argparse.Namespace) -> bool:
     )
     print(
         f"{count:4} nodes, {seconds:.0f} s: {it['frames']} frames decoded, {it['undecoded']} kept raw alone, "
-        f"{it['lost']} lost (no room on the line: {it['refused']}); {late} late; recorder {it['cpu']:.2f} of a core, {it['memory']:.0f} MB; "
+        f"{it['lost']} lost (no room on the line: {it['refused']}); {late} late; "
+        f"recorder {it['cpu']:.2f} of a core, {it['memory']:.0f} MB; "
         f"{'held' if good else 'NOT HELD'}",
         flush=True,
     )
