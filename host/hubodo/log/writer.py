@@ -24,6 +24,8 @@ from hubodo.vehicle import Vehicle
 class McapLog(ChunkLog):
     """A log being written; a context manager; one thread only. Arguments as `ChunkLog`."""
 
+    _static: tuple[BatchStream, dict[str, ArrayLike]] | None = None
+
     def imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None:
@@ -105,19 +107,32 @@ class McapLog(ChunkLog):
     def static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
         """Where the vehicle's nodes and its antenna sit, on /tf_static: one message for all of them."""
         frames = placed(vehicle)
+        if not frames:
+            return
         texts: dict[str, bytes] = {}
         values: dict[str, ArrayLike] = {}
-        seconds, nanoseconds = divmod(t_ns, NS)
         for i, frame in enumerate(frames):
             part = f"transforms[{i}]."
             texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
-            values |= {part + "header.stamp.sec": seconds, part + "header.stamp.nanosec": nanoseconds}
             values[part + "transform.translation"] = np.array([frame.position])
             values[part + "transform.rotation"] = np.array([frame.turn])
-        if frames:
-            layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
-            channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
-            self.write_rows(BatchStream(channel, layout, ""), t_ns, t_ns, values)
+        layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
+        channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
+        self._static = BatchStream(channel, layout, ""), values
+        self.static_frames_again(t_ns)
+
+    def static_frames_again(self, t_ns: int) -> None:
+        """The same, where this log goes on in another file; nothing where no frames were told."""
+        if self._static is None:
+            return
+        (stream, values), (seconds, nanoseconds) = self._static, divmod(t_ns, NS)
+        count = len(values) // 2
+        stamps: dict[str, ArrayLike] = {
+            f"transforms[{i}].header.stamp.{name}": value
+            for i in range(count)
+            for name, value in (("sec", seconds), ("nanosec", nanoseconds))
+        }
+        self.write_rows(stream, t_ns, t_ns, {**values, **stamps})
 
     def fix(
         self,

@@ -29,6 +29,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.own_messages import own_bytes
 from hubodo.log.series import LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
 from hubodo.vehicle import NodeMount, Vehicle
@@ -279,7 +280,7 @@ def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_ti
     loop.run(None, judged=False)
     assert sum(link.frames for link in recorder.links.values()) < 200
     with open_log(out) as read:
-        raw = [bytes(m.data) for m in read.messages() if m.topic.startswith("/hubodo/raw/")]
+        raw = [own_bytes("cdr", m.data) for m in read.messages() if m.topic.startswith("/hubodo/raw/")]
     assert sorted(raw) == sorted(wire * 64)
     assert any("hubodo import decodes them" in event.text for event in read_recording(out).events)
 

@@ -12,6 +12,7 @@ import pytest
 from fakes.traced_disk import TracedDisk
 from hubodo.errors import InputError
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.own_messages import own_bytes
 from hubodo.log.recover import recover
 from hubodo.log.series import HELD_BYTES, LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
@@ -61,7 +62,9 @@ def numbers(*paths):
     for path in paths:
         with open_log(path) as log:
             found += [
-                int.from_bytes(bytes(m.data)[:4], "little") for m in log.messages() if "/raw/" in m.topic
+                int.from_bytes(own_bytes("cdr", m.data)[:4], "little")
+                for m in log.messages()
+                if "/raw/" in m.topic
             ]
             assert log.warnings() == ()
     return found

@@ -61,7 +61,7 @@ def record(
         now_ns, zero = computer.now_ns, computer.now_ns() // S * S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
-        log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}))
+        log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}, vehicle))
         localizer = None
         if vehicle is not None and gnss:
             localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
@@ -99,11 +99,14 @@ def _log(
     now_ns: Callable[[], int],
     metadata: Mapping[str, str] | None,
     attachments: Mapping[str, bytes],
+    vehicle: Vehicle | None,
 ) -> McapLog:
     """What the recorder writes to; it goes into the series."""
     log = McapLog(series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns)
     for name, data in attachments.items():
         log.attach(name, "application/toml", data)
+    if vehicle is not None:
+        log.static_frames(now_ns(), vehicle)
     return log
 
 

@@ -19,7 +19,6 @@ from hubodo.ingest.live.snapshot import Watched
 from hubodo.ingest.live.view import View
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
-from hubodo.vehicle import Vehicle
 
 S = 1_000_000_000
 _TICK_NS = S // 50
@@ -72,7 +71,6 @@ class Loop:
     watched: Watched
     stopping: threading.Event
     again: threading.Event
-    vehicle: Vehicle | None = None
     notifier: Notifier = field(default_factory=Notifier)
     clock: Callable[[], float] = time.monotonic
 
@@ -85,7 +83,6 @@ class Loop:
         for link in self.links.values():
             link.start()
         start_ns = self.computer.now_ns()
-        self._place(start_ns)
         self.notifier.ready()
         with _short_collections():
             verdict = self._turn_until_the_end(duration, judged)
@@ -127,14 +124,9 @@ class Loop:
         self.series.tick(now_ns)
         if self.series.begun_anew():
             self.recorder.tell_again()
-            self._place(now_ns)
+            self.log.static_frames_again(now_ns)
         self.say()
         self.watched.tick(now_ns)
-
-    def _place(self, now_ns: int) -> None:
-        """Each log says where the nodes sit."""
-        if self.vehicle is not None:
-            self.log.static_frames(now_ns, self.vehicle)
 
     def say(self) -> None:
         """What the recorder and its logs have to tell the user."""
