@@ -83,9 +83,7 @@ def record(
         watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
-        loop = Loop(
-            links, computer, recorder, localizer, log, series, view, watched, stopping, again, vehicle
-        )
+        loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict
