@@ -72,7 +72,8 @@ def wheel_nodes(
     if not found:
         raise InputError(
             f"{log}: none of the vehicle's wheel nodes ({', '.join(on_wheels) or 'none'}) is in the log "
-            f"(there: {there}); name the nodes in the vehicle file as in the log"
+            f"(there: {there}); name the nodes in the vehicle file as in the log, or say which "
+            "topic is which with --topic"
         )
     return found
 

@@ -28,7 +28,7 @@ from hubodo.report.drawing import drawing_path, save
 from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
-from hubodo.verbs.log_options import LOG_HELP, log_form
+from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
 from hubodo.whole_files import write_whole
@@ -203,19 +203,16 @@ def _channels(text: str) -> list[str]:
 
 
 def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
+    check_nodes(recording, log)
     nodes = list(recording.nodes)
     if asked == "all" or (asked is None and len(nodes) == 1):
         return nodes
     if asked is None:
-        raise InputError(
-            f"{log}: holds several nodes; say --node with one of, or all: {', '.join(nodes) or 'none'}"
-        )
+        raise InputError(f"{log}: holds several nodes; say --node with one of, or all: {', '.join(nodes)}")
     chosen = [name.strip() for name in asked.split(",")]
     for name in chosen:
         if name not in nodes:
-            raise InputError(
-                f"{log}: holds no node {name!r}; say --node with one of: {', '.join(nodes) or 'none'}"
-            )
+            raise InputError(f"{log}: holds no node {name!r}; say --node with one of: {', '.join(nodes)}")
     return chosen
 
 

@@ -96,6 +96,12 @@ def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iter
     return TopicChoice(said, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
 
 
+def check_nodes(recording: Recording, log: Path) -> None:
+    """Raises InputError for a log without a node, which is another thing than one of another name."""
+    if not recording.nodes:
+        raise InputError(f"{log}: holds no samples of an IMU; hubodo info shows what it has")
+
+
 def check_node_units(table: Table, where: str) -> None:
     """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
     words = doubtful(table.gyro, table.accel)

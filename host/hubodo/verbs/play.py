@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> PlayResult:
     form = log_form(args, vehicle, needed=(NODES,))
     play = _to_pty if args.to == "pty" else _to_view
     with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, form) as file:
-        played = play(argparse.Namespace(**{**vars(args), "log": file}), stopping.is_set)
+        played = play(argparse.Namespace(**{**vars(args), "log": file, "named": args.log}), stopping.is_set)
     return replace(played, file=str(args.log))
 
 
@@ -138,7 +138,7 @@ def _to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult
         links = raw_links(log)
         if args.only is not None and args.only not in links:
             raise InputError(
-                f"{args.log}: no frames of link {args.only!r}; there are {', '.join(links) or 'none'}"
+                f"{args.named}: no frames of link {args.only!r}; there are {', '.join(links) or 'none'}"
             )
         frames: Iterable[TimedFrame]
         if links:

@@ -66,11 +66,11 @@ def show(
         say(f"warning: {line}")
     tables = [table.t for table in recording.nodes.values() if len(table)]
     if not tables:
-        raise InputError(f"{args.log}: holds no node; there is nothing to show")
+        raise InputError(f"{args.named}: holds no node; there is nothing to show")
     first = min(float(t[0]) for t in tables) if args.start is None else args.start
     last = max(float(t[-1]) for t in tables) if args.end is None else args.end
     if last < first:
-        raise InputError(f"{args.log}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
+        raise InputError(f"{args.named}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
     again = _Again(args)
     console = Console(file=sys.stderr)
     began, now, next_line = time.monotonic(), first, first

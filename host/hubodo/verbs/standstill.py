@@ -18,7 +18,7 @@ from hubodo.log.foreign import LogForm
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, rest_of, temperature_step
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, log_form
 from hubodo.verbs.numbers import number
 
 FloatArray = NDArray[np.float64]
@@ -115,11 +115,12 @@ def read_node(log: Path, name: str | None, form: LogForm = _AS_IT_IS) -> tuple[R
     """The log, and the node that is meant: the one named, or the only one. Raises InputError for another."""
     with progress_line() as show:
         recording = read_log(log, form=form, progress=show)
+    check_nodes(recording, log)
     nodes = tuple(recording.nodes)
     node = name or (nodes[0] if len(nodes) == 1 else None)
     if node is None or node not in recording.nodes:
         asked = f"holds no node {node!r}" if node else "holds several nodes"
-        raise InputError(f"{log}: {asked}; say --node with one of: {', '.join(nodes) or 'none'}")
+        raise InputError(f"{log}: {asked}; say --node with one of: {', '.join(nodes)}")
     return recording, node
 
 

@@ -36,7 +36,8 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
     if not names:
         raise InputError(
             f"{where}: has none of the model's nodes ({', '.join(model.vehicle.nodes) or 'it names none'}); "
-            f"the log has {', '.join(recording.nodes) or 'no node'}; name them alike in [nodes]"
+            f"the log has {', '.join(recording.nodes) or 'no node'}; name them alike in [nodes], "
+            "or say which topic is which with --topic"
         )
     for name, table in recording.files().items():
         if name in names or name == "reference":
