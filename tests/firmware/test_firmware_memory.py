@@ -8,7 +8,7 @@ import real_micropython
 import hubowire
 from hubowire import messages
 
-SAMPLES, FEWER_SAMPLES = 100_000, 20_000
+SAMPLES, FEWER_SAMPLES = 70_000, 20_000
 """More than a counter of 16 bits holds, from the FIFO and polled; fewer where each takes long."""
 
 HEAP = 96 * 1024

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.fft import next_fast_len
 
 from generators.noise import gyro_noise
 
@@ -114,7 +115,7 @@ def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
     """Two passes of a raised cosine; by Fourier transform, as a kernel of hundreds of samples takes long."""
     width = int(seconds * RATE_HZ)
     kernel = np.hanning(2 * width + 3)
-    size = 1 << (len(value) + 4 * width + 4).bit_length()
+    size = next_fast_len(len(value) + 4 * width + 4, real=True)
     passed = np.fft.rfft(kernel / kernel.sum(), size)
     for _ in range(2):
         padded = np.pad(value, width + 1, mode="edge")

@@ -3,47 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
-Parts = Callable[[FloatArray], tuple[FloatArray, float]]
+Parts = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _STEP = 1e-4
 _ROUNDS, _TRIES = 40, 12
 _ENOUGH = 1e-5
 
 
+@dataclass(frozen=True)
+class _Place:
+    """A point x, its cost, half of the cost's gradient, and what residuals make of its second derivatives."""
+
+    x: FloatArray
+    cost: float
+    gradient: FloatArray
+    normal: FloatArray
+
+
 def descend(parts: Parts, x: FloatArray, low: FloatArray, high: FloatArray) -> tuple[FloatArray, float]:
     """Where r(x)·r(x) + v(x) is smallest between low and high, (n,) each, from x on, and how small.
 
-    parts: gives r, (m,), and v at x; derivatives are taken by differences.
+    parts: gives r, (M, m), and v, (M,), at M points x, (M, n); derivatives are taken by differences.
     """
-    x = np.clip(x, low, high)
-    residual, rest = parts(x)
-    cost = float(residual @ residual + rest)
+
+    def look(x: FloatArray) -> _Place:
+        # All points in one call: a second one would take longer than the differences that a bad step wastes.
+        residual, rest = parts(np.vstack([x, x + _STEP * np.eye(len(x))]))
+        jacobian, slope = (residual[1:] - residual[0]) / _STEP, (rest[1:] - rest[0]) / _STEP
+        cost = float(residual[0] @ residual[0] + rest[0])
+        return _Place(x, cost, jacobian @ residual[0] + 0.5 * slope, jacobian @ jacobian.T)
+
+    now = look(np.minimum(np.maximum(x, low), high))
+    bend = np.zeros_like(now.normal)
     damping = 1e-3
     for _ in range(_ROUNDS):
-        jacobian, slope = np.empty((len(residual), len(x))), np.empty(len(x))
-        for k in range(len(x)):
-            moved = x.copy()
-            moved[k] += _STEP
-            there, rest_there = parts(moved)
-            jacobian[:, k], slope[k] = (there - residual) / _STEP, (rest_there - rest) / _STEP
-        gradient = jacobian.T @ residual + 0.5 * slope
-        normal = jacobian.T @ jacobian
-        before = cost
+        stiff = np.diag(now.normal.diagonal() + 1e-3)
+        before = now
         for _ in range(_TRIES):
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-3), -gradient)
-            there = np.clip(x + np.clip(step, -3.0, 3.0), low, high)
-            new_residual, new_rest = parts(there)
-            new = float(new_residual @ new_residual + new_rest)
-            if new <= cost:
-                x, residual, rest, cost = there, new_residual, new_rest, new
+            step = np.linalg.solve(now.normal + bend + damping * stiff, -now.gradient)
+            step = np.minimum(np.maximum(step, -3.0), 3.0)
+            there = look(np.minimum(np.maximum(now.x + step, low), high))
+            if there.cost <= now.cost:
+                now = there
                 damping = max(damping / 10.0, 1e-9)
                 break
             damping *= 10.0
-        if before - cost < _ENOUGH:
+        if before.cost - now.cost < _ENOUGH:
             break
-    return x, cost
+        # What the rest bends by shows in the gradient: the symmetric update of rank one (Broyden 1967).
+        gone = now.x - before.x
+        left = now.gradient - before.gradient - (now.normal + bend) @ gone
+        if abs(left @ gone) > 1e-8 * np.linalg.norm(left) * np.linalg.norm(gone):
+            bend = bend + np.outer(left, left) / (left @ gone)
+    return now.x, now.cost

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi_square
+from scipy.special import chdtrc
 
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.deviation import AllanPoints
@@ -107,14 +107,14 @@ def fit_noise(points: AllanPoints, slope: float, level: Callable[[], AllanPoints
         flat.misfit = likelihood.misfit
         ramp = flat.best((*best.active, R), best.x)
         if _missed(flat, ramp, R) > _KEEP:
-            likelihood, best, chi2 = flat, ramp, flat.chi2(Terms.of(ramp.x))
+            likelihood, best, chi2 = flat, ramp, flat.chi2(ramp.x)
     found = Terms.of(best.x)
     dof = len(likelihood.tau) - len(best.active) + (R in best.active)
     later = _an_octave_later(likelihood, best)
     terms = {}
     for term, name in enumerate(TERMS):
         if term == N or (term in best.active and _missed(likelihood, best, term) > _KEEP):
-            value = abs(found.ramp) if term == R else float(np.sqrt(found.theta[term]))
+            value = float(abs(found.ramp)) if term == R else float(np.sqrt(found.theta[term]))
             ends = interval(likelihood, best, term)
             low, high = sorted((abs(ends.low), abs(ends.high)))
             # What the model is wrong by, it is wrong by in the same sense everywhere; and where it begins to
@@ -126,7 +126,7 @@ def fit_noise(points: AllanPoints, slope: float, level: Callable[[], AllanPoints
         else:
             terms[name] = _not_shown(term, likelihood, best, points)
     return NoiseFit(
-        terms, found.theta, found.band, likelihood.factors, chi2, dof, likelihood.misfit, points.dt
+        terms, found.theta, float(found.band), likelihood.factors, chi2, dof, likelihood.misfit, points.dt
     )
 
 
@@ -151,18 +151,18 @@ def _believed(whole: Likelihood) -> tuple[Likelihood, Maximum, float]:
         while len(trials) <= start:
             likelihood = whole.later(len(trials))
             best = _all_terms(likelihood)
-            trials.append((likelihood, best, likelihood.chi2(Terms.of(best.x))))
+            trials.append((likelihood, best, likelihood.chi2(best.x)))
         return trials[start]
 
     for start in range(most):
         likelihood, best, chi2 = trial(start)
         further = range(1, min(_AHEAD, most - 1 - start) + 1)
-        if all(chi_square.sf(chi2 - trial(start + k)[2], k) > _BY_CHANCE for k in further):
+        if all(chdtrc(k, max(chi2 - trial(start + k)[2], 0.0)) > _BY_CHANCE for k in further):
             break
     # What is just too small to be seen there is a quarter of that at twice the averaging time.
     if start + 1 < most and (start > 0 or _low_pass(likelihood, best)):
         likelihood, best, chi2 = trial(start + 1)
-    if chi_square.sf(chi2, max(1, len(likelihood.tau) - len(best.active))) < _BY_CHANCE:
+    if chdtrc(max(1, len(likelihood.tau) - len(best.active)), chi2) < _BY_CHANCE:
         likelihood, best = _with_misfit(likelihood, best)
     if start < _LATE:
         return likelihood, best, chi2

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from hubodo.sensors.allan.likelihood import Likelihood, Maximum, N, R, Terms, slope_sigma
 
@@ -55,12 +55,12 @@ def _rise(found: float, claimed: float) -> float:
     """Rise of -2 ln likelihood at the limit of a term found at so many sigma, and claimed from so many on.
 
     Limits are given only where nothing was claimed: of all records of which that is true, one in twenty may
-    have a term beyond its limit. With truth r sigma above what was found, norm.cdf(-r) = 0.05
-    norm.cdf(claimed - found - r).
+    have a term beyond its limit. With truth r sigma above what was found, ndtr(-r) = 0.05
+    ndtr(claimed - found - r).
     """
 
     def excess(r: float) -> float:
-        return float(norm.cdf(-r) - 0.05 * norm.cdf(claimed - found - r))
+        return float(ndtr(-r) - 0.05 * ndtr(claimed - found - r))
 
     few = excess(_MOST_SIGMAS) > 0.0
     return (_TAILS * (_MOST_SIGMAS if few else float(brentq(excess, 1.0, _MOST_SIGMAS)))) ** 2
@@ -70,7 +70,7 @@ def _edge(likelihood: Likelihood, best: Maximum, term: int, side: int, rise: flo
     """Where -2 ln likelihood has risen by so much on one side of its minimum, in x of the term."""
     last = best.x
     if term == R:
-        middle, reach = float(best.x[R]), slope_sigma(Terms.of(best.x).theta, likelihood.duration)
+        middle, reach = float(best.x[R]), float(slope_sigma(Terms.of(best.x).theta, likelihood.duration))
     else:
         # Below this a term no longer shows at any point.
         bottom = float(likelihood.guess([term])[term]) - 10.0

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from hubodo.sensors.allan.covariance import covariance_tensor, design
 from hubodo.sensors.allan.descent import descend
@@ -27,22 +26,23 @@ _FARTHEST, _IN_SIGHT = 12.0, 4.0
 
 @dataclass(frozen=True)
 class Terms:
-    """A point in the space of noise terms.
+    """A point in the space of noise terms, or M of them.
 
-    theta: (5,) squares of Q, N, B, K, R, with the sign of the ramp aside. band: by how much the variance of
-    the white noise differs at the first averaging time used, relative to it: below 0 behind a low-pass.
+    theta: (5,) or (M, 5) squares of Q, N, B, K, R, with the sign of the ramp aside. ramp: with it. band: by
+    how much the variance of the white noise differs at the first averaging time used, relative to it: below 0
+    behind a low-pass.
     """
 
     theta: FloatArray
-    ramp: float
-    band: float
+    ramp: FloatArray
+    band: FloatArray
 
     @classmethod
     def of(cls, x: FloatArray) -> Terms:
-        theta = np.exp(x[:5])
-        theta[R] = x[R] ** 2
-        theta[:R][x[:R] <= ABSENT] = 0.0
-        return cls(theta, float(x[R]), float(np.expm1(x[BAND])))
+        """x: (6,) or (M, 6)."""
+        theta = np.where(x[..., :5] <= ABSENT, 0.0, np.exp(x[..., :5]))
+        theta[..., R] = x[..., R] ** 2
+        return cls(theta, x[..., R], np.expm1(x[..., BAND]))
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,11 @@ class Likelihood:
     level: bool = False
     _flat: FloatArray = field(init=False, repr=False)
     _matrix: FloatArray = field(init=False, repr=False)
-    _sampling: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._matrix = design(self.tau)
         if self.level:
             self._matrix[:, R] = 0.0
-        self._flat = self.tensor.reshape(len(self.tau) ** 2, 25)
         # Sampled at points or averaged over the interval: at factor m a walk differs by 1 / (2 m^2); flicker
         # noise by what it has above the sampling rate, folded down or cut off, about a tenth of B^2 / m,
         # which looks like white noise, and as much again of a shape like that of quantisation. The record
@@ -92,7 +90,10 @@ class Likelihood:
         m = self.factors.astype(float)
         walk = 0.5 / m**2 * self._matrix[:, K]
         folded = np.outer(1.0 / m, 1.0 / m) + np.outer(m**-2, m**-2)
-        self._sampling = _FLICKER_FOLDED**2 * folded, np.outer(walk, walk)
+        tensor = self.tensor.copy()
+        tensor[:, :, B, B] += _FLICKER_FOLDED**2 * folded
+        tensor[:, :, K, K] += np.outer(walk, walk)
+        self._flat = tensor.reshape(len(self.tau) ** 2, 25).T.copy()
 
     @classmethod
     def of(
@@ -123,60 +124,47 @@ class Likelihood:
             level=self.level,
         )
 
-    def variance(self, terms: Terms) -> FloatArray:
-        """(P,) expected Allan variance."""
-        made: FloatArray = self._matrix @ terms.theta + self._band(terms)
-        return made
+    def residuals(self, terms: Terms) -> tuple[FloatArray, FloatArray]:
+        """(M, P) independent residuals of the cube roots, of variance 1, and the log of the volume, (M,).
 
-    def _band(self, terms: Terms) -> FloatArray:
-        """(P,) what a finite memory adds to N^2 / tau: exactly c / tau^2 beyond its length."""
-        made: FloatArray = terms.band * terms.theta[N] * self.tau[0] / self.tau**2
-        return made
-
-    def relative_covariance(self, terms: Terms) -> FloatArray:
-        """(P, P) of the points over their means; a band leaves the degrees of freedom what they are."""
+        A finite memory adds a multiple of 1 / tau^2 to N^2 / tau beyond its length, and leaves the degrees of
+        freedom what they are.
+        """
         theta = terms.theta
-        plain = self._matrix @ theta
-        made = (self._flat @ (theta[:, None] * theta).ravel()).reshape(len(plain), len(plain))
-        made += self._sampling[0] * theta[B] ** 2 + self._sampling[1] * theta[K] ** 2
-        made /= plain[:, None] * plain
-        made.flat[:: len(plain) + 1] += self.misfit**2
-        return made
-
-    def residuals(self, terms: Terms) -> tuple[FloatArray, float]:
-        """(P,) independent residuals of the cube roots, of variance 1, and the log of the volume."""
-        relative = self.relative_covariance(terms)
-        spread = np.diag(relative).copy()
-        mean = self.variance(terms)
-        sigma = np.sqrt(spread) / 3.0
-        residual = (np.cbrt(self.avar / mean) - (1.0 - spread / 9.0)) / sigma
+        count, points = len(theta), len(self.tau)
+        plain = theta @ self._matrix.T
+        band = (terms.band * theta[:, N])[:, None] * (self.tau[0] / self.tau**2)
+        mean = plain + band
+        products = (theta[:, :, None] * theta[:, None, :]).reshape(count, 25)
+        covariance = (products @ self._flat).reshape(count, points, points)
+        own = covariance.diagonal(axis1=1, axis2=2)
+        spread = own / plain**2 + self.misfit**2
         root = np.sqrt(spread)
-        correlation = relative / (root[:, None] * root)
-        correlation.flat[:: len(mean) + 1] += _RIDGE
-        # By LAPACK's names: for a dozen points the calls of linalg take longer than the sums.
-        factor, failed = dpotrf(correlation, lower=1)
-        if failed:
-            raise np.linalg.LinAlgError("the covariance of the points is not positive")
-        volume = np.sum(np.log(np.diag(factor) ** 2 * spread) + 2.0 / 3.0 * np.log(mean))
-        return dtrtrs(factor, residual, lower=1)[0], float(volume)
+        residual = (np.cbrt(self.avar / mean) - (1.0 - spread / 9.0)) * 3.0 / root
+        outer = plain * root
+        correlation = covariance / (outer[:, :, None] * outer[:, None, :])
+        correlation.reshape(count, -1)[:, :: points + 1] = 1.0 + _RIDGE
+        factor = np.linalg.cholesky(correlation)
+        inner = np.log(factor.diagonal(axis1=1, axis2=2) ** 2 * spread) + 2.0 / 3.0 * np.log(mean)
+        return np.linalg.solve(factor, residual[:, :, None])[:, :, 0], inner.sum(axis=1)
 
-    def chi2(self, terms: Terms) -> float:
-        """Sum of squares of the residuals made independent."""
-        residual, _ = self.residuals(terms)
-        return float(residual @ residual)
+    def chi2(self, x: FloatArray) -> float:
+        """Sum of squares of the residuals made independent; x: (6,)."""
+        residual, _ = self.residuals(Terms.of(x[None]))
+        return float(np.sum(residual**2))
 
     def cost(self, x: FloatArray) -> float:
-        """-2 ln of the likelihood of points and slope, but for a constant."""
-        residual, volume = self.parts(x)
-        return float(residual @ residual + volume)
+        """-2 ln of the likelihood of points and slope, but for a constant; x: (6,)."""
+        residual, volume = self.parts(x[None])
+        return float(np.sum(residual**2) + volume[0])
 
-    def parts(self, x: FloatArray) -> tuple[FloatArray, float]:
-        """The same as independent residuals to be squared, and what is added to their squares."""
+    def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same at M points, (M, 6), as independent residuals to be squared, and what is added to them."""
         terms = Terms.of(x)
         residual, volume = self.residuals(terms)
         spread = slope_sigma(terms.theta, self.duration)
         off = (self.slope - terms.ramp) / spread
-        return np.append(residual, off), volume + 2.0 * float(np.log(spread))
+        return np.column_stack([residual, off]), volume + 2.0 * np.log(spread)
 
     def best(
         self, active: Sequence[int], start: FloatArray | None = None, held: Mapping[int, float] | None = None
@@ -204,12 +192,12 @@ class Likelihood:
         high = np.array([np.inf if k == R else _FARTHEST if k == BAND else top[k] + 5.0 for k in free])
 
         def moved(step: FloatArray) -> FloatArray:
-            made = x.copy()
-            made[free] = step * scale
+            made = np.tile(x, (*step.shape[:-1], 1))
+            made[..., free] = step * scale
             return made
 
         found, cost = descend(lambda step: self.parts(moved(step)), x[free] / scale, low, high)
-        return Maximum(moved(found), tuple(active), cost)
+        return Maximum(moved(found[None])[0], tuple(active), cost)
 
     def guess(self, active: Sequence[int]) -> FloatArray:
         """(6,) a point to begin at: each term as large as the points allow, less a little."""
@@ -227,17 +215,12 @@ class Likelihood:
         return made
 
 
-def slope_sigma(theta: FloatArray, duration: float) -> float:
-    """1 sigma of the least-squares slope of a record, unit/s; theta: (5,) squares of the terms; duration: s.
+def slope_sigma(theta: FloatArray, duration: float) -> FloatArray:
+    """1 sigma of the least-squares slope of a record, unit/s, of each of (..., 5) squares of the terms.
 
-    The integral of each noise density over the response of the slope to a frequency.
+    duration: s. The integral of each noise density over the response of the slope to a frequency.
     """
     t = duration
-    return float(
-        np.sqrt(
-            72.0 * theta[Q] / t**4
-            + 12.0 * theta[N] / t**3
-            + 9.0 / np.pi * theta[B] / t**2
-            + 1.2 * theta[K] / t
-        )
-    )
+    share = np.array([72.0 / t**4, 12.0 / t**3, 9.0 / np.pi / t**2, 1.2 / t])
+    made: FloatArray = np.sqrt(theta[..., :R] @ share)
+    return made

@@ -35,7 +35,7 @@ def needed_length(term: int, size: float, theta: FloatArray, points: AllanPoints
 
 def _seen(term: int, size: float, theta: FloatArray, samples: int, dt: float, parts: int) -> bool:
     if term == R:
-        return size > _SIGMAS * slope_sigma(theta, samples * dt)
+        return bool(size > _SIGMAS * slope_sigma(theta, samples * dt))
     present = theta.copy()
     present[term] = size**2
     matrix, tensor = _octaves(samples, dt, parts)

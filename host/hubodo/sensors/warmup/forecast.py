@@ -11,12 +11,13 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_solve
 
-from hubodo.sensors.warmup.forms import FORMS, FittedForm, fit_form
+from hubodo.sensors.warmup.forms import FORMS, Factor, FittedForm, factored, fit_form
 
 FloatArray = NDArray[np.float64]
 
@@ -46,7 +47,9 @@ class Forecast:
 
         temperature: (M,) degrees C then; without, that of the record's end, as sure as the record scatters.
         """
-        found = [self._of(form, np.asarray(age, np.float64), temperature) for form in self.forms]
+        age = np.asarray(age, np.float64)
+        pairs = zip(self.forms, self._factors, strict=True)
+        found = [self._of(form, factor, age, temperature) for form, factor in pairs]
         means, variances = (np.array(row) for row in zip(*found, strict=True))
         mean = self.weights @ means
         return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2))
@@ -56,8 +59,18 @@ class Forecast:
         mean, sigma = self.at(age, temperature)
         return np.hypot(sigma, bias - mean)
 
+    @cached_property
+    def _factors(self) -> list[Factor]:
+        """Of the covariance of the means, for each form."""
+        made = []
+        for form in self.forms:
+            covariance = form.noise.slow(self.t, self.t)
+            covariance.flat[:: len(self.t) + 1] += form.noise.white**2
+            made.append(factored(covariance))
+        return made
+
     def _of(
-        self, form: FittedForm, age: FloatArray, temperature: FloatArray | None
+        self, form: FittedForm, factor: Factor, age: FloatArray, temperature: FloatArray | None
     ) -> tuple[FloatArray, FloatArray]:
         """Bias and its variance by one form, the slow noise of that moment included."""
         warm, doubt = temperature, 0.0
@@ -65,9 +78,6 @@ class Forecast:
             warm = np.full(len(age), self.temperature[-1])
             doubt = float(np.var(self.temperature) * form.mean[-1] ** 2)
         noise = form.noise
-        covariance = noise.slow(self.t, self.t)
-        covariance[np.diag_indices(len(self.t))] += noise.white**2
-        factor = cho_factor(covariance, lower=True)
         inside = form.columns(self.t, self.temperature)
         wanted = form.columns(age, None if self.temperature is None else warm)
         between = noise.slow(age, self.t)

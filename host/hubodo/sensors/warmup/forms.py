@@ -18,6 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.effects.warmup import warmed
 
 FloatArray = NDArray[np.float64]
+Factor = tuple[FloatArray, bool]
+"""Of a covariance, as `cho_solve` takes it."""
 
 FORMS = ("none", "exponential", "two exponentials", "relaxation")
 
@@ -131,10 +134,11 @@ class _Record:
         white, flicker, walk = (float(size) * self.scale for size in sizes)
         return RecordNoise(white, flicker, walk * self.span**-0.5, float(self.t[0]), self.shortest)
 
-    def covariance(self, sizes: FloatArray) -> FloatArray:
-        made: FloatArray = sizes[1] ** 2 * self.flicker + sizes[2] ** 2 * self.walk
-        made[np.diag_indices(len(made))] += sizes[0] ** 2
-        return made
+    def factor(self, white: float, flicker: float, walk: float) -> Factor:
+        """Of the covariance of the means; their logarithms in units of the scatter, as of `noise`."""
+        made: FloatArray = math.exp(2.0 * flicker) * self.flicker + math.exp(2.0 * walk) * self.walk
+        made.flat[:: len(made) + 1] += math.exp(2.0 * white)
+        return factored(made)
 
 
 def fit_form(
@@ -149,9 +153,12 @@ def fit_form(
     record = _record(t, values, temperature)
     number = _EXPONENTIALS[name]
 
+    # Most of the work, and the same for all time constants.
+    factor = lru_cache(maxsize=4)(record.factor)
+
     def likelihood(p: FloatArray) -> float:
         form, spread = _form(name, record, p)
-        told = _posterior(form.columns(t, temperature), spread, record.covariance(np.exp(p[:3])), record.y)[2]
+        told = _posterior(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
         return told - _surprise(p[3:], record.span) if number else told
 
     white = math.log(max(float(np.sqrt(np.mean(np.diff(record.y) ** 2) / 2.0)), 1e-3))
@@ -169,7 +176,7 @@ def fit_form(
     for steps in itertools.product(_DOUBT, repeat=len(doubted)):
         p = best.copy()
         p[list(doubted)] += steps
-        made.append(_fitted(name, record, p, likelihood(p)))
+        made.append(_fitted(name, record, p, factor(*p[:3]), likelihood(p)))
     return made
 
 
@@ -198,16 +205,16 @@ def _form(name: str, record: _Record, p: FloatArray) -> tuple[FittedForm, FloatA
     return FittedForm(name, constants, (), nothing, nothing, noise, 0.0), np.array(spread)
 
 
-def _fitted(name: str, record: _Record, p: FloatArray, evidence: float) -> FittedForm:
-    """The form with its parameters; `evidence` is that of these time constants."""
+def _fitted(name: str, record: _Record, p: FloatArray, factor: Factor, evidence: float) -> FittedForm:
+    """The form with its parameters; factor, evidence: of the means under p."""
     form, spread = _form(name, record, p)
-    covariance, number = record.covariance(np.exp(p[:3])), _EXPONENTIALS[name]
+    number = _EXPONENTIALS[name]
     here = slice(1 + number, 1 + 2 * number)
     if number:
-        flat = _posterior(form.columns(record.t, record.temperature), spread, covariance, record.y)[0]
+        flat = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)[0]
         form = replace(form, slopes=tuple(map(float, flat[1 : 1 + number])))
         spread = np.insert(spread, 1 + number, [_LOG_T] * number)
-    mean, after, _ = _posterior(form.columns(record.t, record.temperature), spread, covariance, record.y)
+    mean, after, _ = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)
     evidence += 0.5 * float(np.linalg.slogdet(2.0 * math.pi * after[here, here])[1]) if number else 0.0
     # The columns of ln T carry c1 themselves, so what they multiply has no scale.
     stretch = np.full(len(mean), record.scale)
@@ -219,11 +226,20 @@ def _fitted(name: str, record: _Record, p: FloatArray, evidence: float) -> Fitte
     return replace(form, slopes=slopes, mean=mean, covariance=spread_after, evidence=evidence)
 
 
+def factored(covariance: FloatArray) -> Factor:
+    """Of a covariance that is given up."""
+    # As LAPACK lies in memory, so that nothing is copied; the same matrix, as it is symmetric.
+    made: Factor = cho_factor(covariance.T, lower=True, overwrite_a=True, check_finite=False)
+    return made
+
+
 def _posterior(
-    columns: FloatArray, spread: FloatArray, covariance: FloatArray, y: FloatArray
+    columns: FloatArray, spread: FloatArray, factor: Factor, y: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and covariance of the parameters, prior N(0, spread²), and the log marginal likelihood of y."""
-    factor = cho_factor(covariance, lower=True)
+    """Mean and covariance of the parameters, prior N(0, spread²), and the log marginal likelihood of y.
+
+    factor: of the covariance of y.
+    """
     solved = cho_solve(factor, np.column_stack([columns, y]))
     precision = columns.T @ solved[:, :-1] + np.diag(spread**-2)
     drive = columns.T @ solved[:, -1]
