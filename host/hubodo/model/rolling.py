@@ -29,7 +29,7 @@ def roll(body: Body, geometry: Geometry, start: float, phase: Array | float = 0.
     """
     if geometry.side is None:
         raise ValueError("a node on the body has no wheel to roll")
-    y = 0.5 * side_sign(geometry.side) * geometry.track_width
+    y = side_sign(geometry.side) * geometry.track_width / 2.0
     speed = body.speed - body.yaw_rate * y
     acceleration = body.acceleration - body.yaw_acceleration * y
     angle = (body.distance - body.heading * y) / geometry.radius + start + phase

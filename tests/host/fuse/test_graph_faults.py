@@ -1,6 +1,7 @@
 """Fixes that jump, promise too much, lie or come by another clock: survived, and said."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from graph_drives import errors_of, fixes_of, make, north, path_of, rms
 from hubodo.errors import InputError
 from hubodo.fuse.graph.graph import fuse_graph
+from hubodo.fuse.graph.review import error_growth
 from hubodo.fuse.graph.screening import scatter, without_jumps
 
 
@@ -35,6 +37,21 @@ def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
     )
     assert result.track.sigma_x.mean() > 2.0 * plain.track.sigma_x.mean()
     assert any("alike" in text for text in result.warnings)
+
+
+@pytest.mark.parametrize("alike", [1, 2, 3])
+def test_sigmas_grow_by_the_root_of_how_many_fixes_are_alike(alike):
+    """A mean of numbers of which each comes so many times over is as unsure as that of so many fewer."""
+    rng = np.random.default_rng(3)
+    errors = 0.8 * np.repeat(rng.standard_normal((6000 // alike, 2)), alike, axis=0)
+    item = SimpleNamespace(residual=errors, squares=np.zeros(len(errors)))
+    loss = SimpleNamespace(weight=np.ones_like)
+    factors = SimpleNamespace(linear=lambda poses, constants: item, loss=loss)
+    growth, why = error_growth(
+        SimpleNamespace(find=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
+    )
+    assert growth == pytest.approx(alike**0.5, rel=0.03)
+    assert len(why) == (alike > 1) and all(f"{alike} count as one" in text for text in why)
 
 
 def test_a_receiver_that_promises_too_much_is_not_believed():

@@ -37,6 +37,19 @@ def test_precise_fixes_tell_each_noise_apart():
     assert np.mean(found, axis=0) == pytest.approx(wanted_noise, rel=0.3)
 
 
+@pytest.mark.parametrize("hours", [0.5, 3.0])
+def test_the_stretches_that_are_looked_at_reach_from_the_first_fix_to_the_last(hours):
+    t = np.arange(0.0, 3600.0 * hours, 2.0)
+    good = np.arange(5, len(t) - 5)
+    found = odometry_noise._stretches(good, t)
+    assert 3 <= len(found) <= 4
+    assert found[0][0] == good[0] and found[-1][-1] == good[-1]
+    middles = [np.mean(t[one]) for one in found]
+    # Ten minutes each, evenly apart but for one stretch.
+    assert all(np.ptp(t[one]) == pytest.approx(600.0, abs=10.0) for one in found)
+    assert np.ptp(np.diff(middles)) <= 600.0
+
+
 def test_the_posterior_falls_as_its_derivatives_say(monkeypatch):
     seen = []
     likely = odometry_noise._most_likely

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hubodo.gap.tell.account import what_to_do
+from hubodo.gap.tell.account import shrunk, what_to_do
 from hubodo.gap.tell.result import BeforeAfter, Finding
 
 
@@ -41,3 +41,16 @@ def test_what_makes_data_that_was_not_fitted_worse_is_to_be_recorded_again(befor
 @pytest.mark.parametrize(("confidence", "longer"), [(0.5, True), (0.99, False)])
 def test_what_is_not_sure_is_to_be_recorded_longer(confidence, longer):
     assert ("record longer" in advice(1.3, 1.0, confidence)) == longer
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [(0.5, "50 %"), (0.987, "99 %"), (0.9978, "99.7 %"), (0.9999, "99.9 %"), (1.0, "100 %")],
+)
+def test_what_is_not_all_of_it_is_not_called_all_of_it(share, words):
+    """Of a gap of 3, three from the noise: what exceeds it is 3^2 - 1."""
+    assert shrunk(3.0, (9.0 - share * 8.0) ** 0.5, 1.0).startswith(f"{words} of what exceeded the noise")
+
+
+def test_of_what_never_exceeded_the_noise_no_share_is_told():
+    assert shrunk(1.001, 1.0, 1.0) == shrunk(1.0, 1.0, None) == ""

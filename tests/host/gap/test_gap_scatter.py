@@ -13,7 +13,7 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.limits import look_for_limits
 from hubodo.gap.scatter.outliers import look_for_outliers, spiky_channels
 from hubodo.gap.scatter.quantization import lattice_step, look_for_quantization
-from hubodo.gap.scatter.random_walk import look_for_random_walk
+from hubodo.gap.scatter.random_walk import _refined, look_for_random_walk
 from hubodo.gap.scatter.repeats import look_for_repeats
 from hubodo.gap.state.noise import ChannelNoise
 from hubodo.vehicle import NodeMount
@@ -295,3 +295,18 @@ def test_what_the_model_has_already_is_not_proposed_again():
     known = ["gyro_quantization", "gyro_saturation", "accel_saturation"]
     one = shown(y, clean, limits=(5.0, 5.0), effects=known)
     assert look_for_limits([one]) == look_for_quantization([one]) == []
+
+
+@pytest.mark.parametrize("k", [0.011, 0.03, 0.2])
+def test_the_top_of_a_likelihood_between_the_steps_of_its_grid_is_found_with_its_width(k):
+    """A Gaussian in ln k of 0.3: its top is at k, and 1 sigma of k is 0.3 k."""
+    grid = np.geomspace(0.01, 0.3, 12)
+    found, sigma = _refined(-0.5 * (np.log(grid / k) / 0.3) ** 2, grid)
+    assert found == pytest.approx(k, rel=1e-9)
+    assert sigma == pytest.approx(0.3 * k, rel=1e-9)
+
+
+def test_a_likelihood_that_still_rises_at_the_end_of_its_grid_says_so():
+    """No top, no width: the last step but one, as unsure as it is large."""
+    grid = np.geomspace(0.01, 0.3, 12)
+    assert _refined(np.exp(grid / 0.3), grid) == (grid[-2], grid[-2])

@@ -10,7 +10,7 @@ from hubodo.recording import Table
 from hubodo.sensors.north.axis_record import FoundAngles, axis_record
 from hubodo.sensors.north.circle import wrap
 from hubodo.sensors.north.find import find_north
-from hubodo.sensors.north.find_stops import find_motion, runs
+from hubodo.sensors.north.find_stops import _turns, find_motion, runs
 from hubodo.sensors.north.stops import split_stops
 
 
@@ -137,6 +137,19 @@ def test_what_cannot_be_split_ends_in_words(change, words):
     node = Table({name: values[rows] for name, values in columns.items()})
     with pytest.raises(InputError, match=words):
         found_in(node, step=change.get("step"))
+
+
+@pytest.mark.parametrize(("step", "bears"), [(0.04, 0.2), (0.01, 0.1)])
+def test_a_turn_bears_a_gap_of_five_samples_or_a_tenth_of_a_second(step, bears):
+    t = np.arange(0.0, 12.0, step)
+    moving = (t > 4.0) & (t < 8.0)
+    for gap, refused in ((0.9 * bears, False), (1.1 * bears, True)):
+        late = np.where(t > 6.0, t - step + gap, t)
+        if refused:
+            with pytest.raises(InputError, match="samples are missing in the turn at 4"):
+                _turns(late, np.zeros((len(t), 3)), moving)
+        else:
+            assert len(_turns(late, np.zeros((len(t), 3)), moving)) == 1
 
 
 def test_runs_are_the_stretches_of_true():

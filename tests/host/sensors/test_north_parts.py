@@ -20,6 +20,17 @@ LATITUDE = np.radians(45)
 DT = 0.02
 
 
+def test_the_allan_deviation_of_each_noise_is_that_of_ieee_952():
+    """Annex C: sqrt(3) Q / tau, N / sqrt(tau), B sqrt(2 ln 2 / pi), K sqrt(tau / 3); squares add up."""
+    tau = np.array([0.5, 12.0, 300.0])
+    each = [np.sqrt(3.0) * 7.0 / tau, 5.0 / np.sqrt(tau), 0.6643 * 3.0 + 0.0 * tau, 2.0 * np.sqrt(tau / 3.0)]
+    alone = [Drift(0.0, 0.0, 0.0, 7.0), Drift(5.0, 0.0, 0.0), Drift(0.0, 3.0, 0.0), Drift(0.0, 0.0, 2.0)]
+    for drift, deviation in zip(alone, each, strict=True):
+        assert drift.allan_deviation(tau) == pytest.approx(deviation, rel=1e-4)
+    together = Drift(5.0, 3.0, 2.0, 7.0).allan_deviation(tau)
+    assert together == pytest.approx(np.sqrt(np.sum(np.square(each), axis=0)), rel=1e-4)
+
+
 def run_of(seed, *, transient=0.02, stops=8, stop=20.0):
     rng = np.random.default_rng(seed)
     error = Sensor(0.1, 0.5, 1).error(int(stops * (stop + 2) / DT) + 10, DT, rng)

@@ -96,7 +96,7 @@ def _input_noise(state: State) -> Iterator[tuple[Walk, dict[str, Array]]]:
         at = node.t - (grid[window_of(grid, node)] + 0.5 * WINDOW)
         bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
         phase = state.phase_columns.get(node.name, np.zeros(1)) / node.forward.wheel_radius
-        y = 0.5 * side_sign(node.mount.side or "left") * node.forward.track_width
+        y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
         speeds.append((answers.speed + at * phase, at * answers.speed + answers.acceleration + bent * phase))
         yaws.append((answers.yaw_rate - y * at * phase, at * answers.yaw_rate - y * bent * phase))
     names = [node.name for node in state.problem.nodes]

@@ -83,7 +83,7 @@ def input_answers(node: NodeData, reading: Reading, start: NodeStart) -> InputAn
         turn = np.kron(np.eye(2), Rotation.from_rotvec(start.attitude).as_matrix().T)
         return InputAnswers(turn @ speed, turn @ acceleration, turn @ yaw_rate)
     facing = facing_sign(node.mount.facing or "left")
-    y = 0.5 * side_sign(node.mount.side or "left") * node.forward.track_width
+    y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
     cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
     speed[2], speed[5] = facing / node.forward.wheel_radius, facing * body.yaw_rate
     acceleration[3], acceleration[4] = sin, facing * cos
