@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from hubodo.errors import InputError
 
@@ -176,7 +176,7 @@ def _outliers(values: FloatArray) -> BoolArray:
     spread = max(1.4826 * float(np.median(np.abs(rest))), float(high - low) / 3.29, np.finfo(float).tiny)
     # One false alarm in a hundred records, for noise with tails a little heavier than Gaussian or coarse
     # steps.
-    reach = 1.25 * float(norm.isf(0.005 / count)) * spread + _step(values)
+    reach = 1.25 * -float(ndtri(0.005 / count)) * spread + _step(values)
     far = np.abs(rest) > reach
     if not far.any():
         return far

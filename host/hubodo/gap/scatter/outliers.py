@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
@@ -72,7 +72,7 @@ def _everywhere(residual: Residual) -> bool:
         return True
     hit = counts[counts > 0]
     statistic = 2.0 * float(np.sum(hit * np.log(hit * len(counts) / total)))
-    return bool(chi2.sf(statistic, len(counts) - 1) > _UNLIKELY)
+    return bool(chdtrc(len(counts) - 1, max(statistic, 0.0)) > _UNLIKELY)
 
 
 def _lonely(residual: Residual) -> bool:

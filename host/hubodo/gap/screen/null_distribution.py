@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import chdtrc, gammaln
 
 from hubodo.arrays import Array
 
@@ -69,7 +68,7 @@ def surprise(gain: Array, freedom: int) -> Array:
     half = 0.5 * max(freedom, 1)
     gain = np.asarray(gain, float)
     far = gain - (half - 1.0) * np.log(np.maximum(gain, 1.0)) + gammaln(half)
-    near = -chi2.logsf(2.0 * np.minimum(gain, _FAR), 2.0 * half)
+    near = -np.log(chdtrc(2.0 * half, 2.0 * np.clip(gain, 0.0, _FAR)))
     return np.asarray(np.where(gain < _FAR, near, far))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from hubodo.errors import InputError
 from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design
@@ -141,8 +141,8 @@ def characterise(
     if step is not None:
         fit = _without_slow_terms(fit, step)
     edf = _edf(points, fit)
-    low = points.adev * np.sqrt(edf / chi2.isf(0.025, edf))
-    high = points.adev * np.sqrt(edf / chi2.isf(0.975, edf))
+    low = points.adev * np.sqrt(edf / chdtri(edf, 0.025))
+    high = points.adev * np.sqrt(edf / chdtri(edf, 0.975))
     best_tau, best = _minimum(points, fit, edf)
     notes = _notes(record, points, fit, step, falls=best_tau is None)
     stop = None if step is not None else _stop(fit, turn, points)

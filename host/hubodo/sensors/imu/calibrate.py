@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from hubodo.calibration.file import Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
@@ -153,7 +153,7 @@ def rest_bias(
     left = ((rate - columns @ solved) ** 2).sum(axis=0)
     freedom = count - 4
     ratio = float(((around - left).sum() / 9) / max(left.sum() / (3 * freedom), 1e-300))
-    if f_distribution.sf(ratio, 9, 3 * freedom) > G_SENSITIVITY_P:
+    if fdtrc(9, 3 * freedom, max(ratio, 0.0)) > G_SENSITIVITY_P:
         return mean, plain, None, None
     shape = np.linalg.inv(columns.T @ columns)
     variance = np.maximum(left / freedom, (rate_sigma**2).mean(axis=0))

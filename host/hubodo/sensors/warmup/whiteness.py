@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binom, chi2, norm
+from scipy.special import bdtrc, chdtrc, ndtr
 
 from hubodo.errors import InputError
 
@@ -83,7 +83,7 @@ def autocorrelation_test(residual: FloatArray, sequences: int = 10, length: int 
     # The last tenth of the lags rests on a handful of products each, which are not Gaussian.
     judged = lags <= 0.9 * length
     beyond = int(np.count_nonzero(np.abs(found[judged]) > 2.0 * error * narrowing[judged]))
-    share = 2.0 * float(norm.sf(2.0))
+    share = 2.0 * float(ndtr(-2.0))
     return AutocorrelationTest(
         sequences,
         length,
@@ -92,9 +92,9 @@ def autocorrelation_test(residual: FloatArray, sequences: int = 10, length: int 
         float(error),
         float(np.mean(np.abs(found) <= error)),
         float(np.mean(np.abs(found) <= 2.0 * error)),
-        float(np.mean(1.0 - 2.0 * norm.sf(1.0 / narrowing))),
-        float(np.mean(1.0 - 2.0 * norm.sf(2.0 / narrowing))),
-        float(binom.sf(beyond - 1, int(judged.sum()), share)),
+        float(np.mean(1.0 - 2.0 * ndtr(-1.0 / narrowing))),
+        float(np.mean(1.0 - 2.0 * ndtr(-2.0 / narrowing))),
+        float(bdtrc(beyond - 1, int(judged.sum()), share)),
     )
 
 
@@ -113,7 +113,7 @@ def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
     power = float(centred @ centred)
     r = np.array([float(centred[:-k] @ centred[k:]) for k in range(1, used + 1)]) / power
     statistic = float(count * (count + 2) * np.sum(r**2 / (count - np.arange(1, used + 1))))
-    return LjungBox(statistic, used, float(chi2.sf(statistic, used)))
+    return LjungBox(statistic, used, float(chdtrc(used, statistic)))
 
 
 def _autocovariance(sequence: FloatArray) -> FloatArray:
