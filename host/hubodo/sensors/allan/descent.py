@@ -40,13 +40,12 @@ def descend(parts: Parts, x: FloatArray, low: FloatArray, high: FloatArray) -> t
         return _Place(x, cost, jacobian @ residual[0] + 0.5 * slope, jacobian @ jacobian.T)
 
     now = look(np.minimum(np.maximum(x, low), high))
-    bend = np.zeros_like(now.normal)
     damping = 1e-3
     for _ in range(_ROUNDS):
         stiff = np.diag(now.normal.diagonal() + 1e-3)
-        before = now
+        before = now.cost
         for _ in range(_TRIES):
-            step = np.linalg.solve(now.normal + bend + damping * stiff, -now.gradient)
+            step = np.linalg.solve(now.normal + damping * stiff, -now.gradient)
             step = np.minimum(np.maximum(step, -3.0), 3.0)
             there = look(np.minimum(np.maximum(now.x + step, low), high))
             if there.cost <= now.cost:
@@ -54,11 +53,6 @@ def descend(parts: Parts, x: FloatArray, low: FloatArray, high: FloatArray) -> t
                 damping = max(damping / 10.0, 1e-9)
                 break
             damping *= 10.0
-        if before.cost - now.cost < _ENOUGH:
+        if before - now.cost < _ENOUGH:
             break
-        # What the rest bends by shows in the gradient: the symmetric update of rank one (Broyden 1967).
-        gone = now.x - before.x
-        left = now.gradient - before.gradient - (now.normal + bend) @ gone
-        if abs(left @ gone) > 1e-8 * np.linalg.norm(left) * np.linalg.norm(gone):
-            bend = bend + np.outer(left, left) / (left @ gone)
     return now.x, now.cost
