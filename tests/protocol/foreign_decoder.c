@@ -1,6 +1,6 @@
-/* A decoder of the wire in another language, written from protocol/README.md alone.
+/* A decoder of the wire in another language, written from protocol/README.md alone, whose tables of messages it reads.
 
-   Usage: foreign_decoder PORTION < streams. Each line of stdin is a stream in hex; it is fed to a fresh decoder
+   Usage: foreign_decoder README PORTION < streams. Each line of stdin is a stream in hex; it is fed to a fresh decoder
    PORTION bytes at a time, and one line of JSON says what came of it, in the form of the vectors. */
 
 #include <stdint.h>
@@ -8,60 +8,55 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_KEPT = 249, MOST_FIELDS = 24 };
+enum { MOST_KEPT = 249, MOST_FIELDS = 32, MOST_MESSAGES = 64, MOST_LETTERS = 40 };
 
-typedef struct { /* type: u U i I and digits as in the table, x: bytes; count 0: a scalar */
-    const char *name, *type;
-    int count;
+typedef struct {
+    char name[MOST_LETTERS];
+    char kind; /* u, i, or b: bytes */
+    int size;  /* bytes of one number */
+    int count; /* 0: a scalar */
 } Field;
 
 typedef struct {
-    int id;
-    const char *name;
-    Field fields[MOST_FIELDS];
-    Field rows; /* name NULL: no counted table */
+    int id, fields, counted; /* counted: the last field is the row of a counted table */
+    char name[MOST_LETTERS];
+    Field field[MOST_FIELDS];
 } Message;
 
-static const Message TABLE[] = {
-    {0x01, "Hello",
-     {{"fingerprint", "u4", 0}, {"firmware", "u1", 3}, {"serial", "x", 8}, {"boot_id", "u2", 0},
-      {"board", "u1", 0}, {"reset_cause", "u1", 0}, {"rate_mhz", "u4", 0}, {"gyro_range_dps", "u2", 0},
-      {"accel_range_g", "u1", 0}, {"gyro_lsb_ndps", "u4", 0}, {"accel_lsb_ng", "u4", 0},
-      {"temperature_lsb_udegc", "u4", 0}, {"temperature_offset_udegc", "i4", 0}, {"mag_lsb_ft", "u4", 0},
-      {"batch", "u1", 0}, {"filter_kind", "u1", 0}, {"stamp_bound_us", "u2", 0}},
-     {"parts", "u1", 3}},
-    {0x02, "ImuBatch",
-     {{"t_us", "u4", 0}, {"period_ns", "u4", 0}, {"index", "u2", 0}, {"temperature_raw", "i2", 0},
-      {"flags", "u1", 0}},
-     {"samples", "i2", 6}},
-    {0x03, "Mag", {{"t_us", "u4", 0}, {"field_raw", "i2", 3}}, {0}},
-    {0x04, "Filter",
-     {{"t_us", "u4", 0}, {"state", "u1", 0}, {"saturations", "u2", 0}, {"samples", "u4", 0},
-      {"rate_q8", "i4", 3}, {"bias_q12", "i4", 3}, {"variance_q8", "u4", 3}, {"bias_sigma_q12", "u4", 3}},
-     {0}},
-    {0x05, "Health",
-     {{"t_us", "u4", 0}, {"battery_mv", "u2", 0}, {"faults", "u2", 0}, {"i2c_errors", "u2", 0},
-      {"bus_recoveries", "u2", 0}, {"fifo_overruns", "u2", 0}, {"samples_missed", "u2", 0},
-      {"frames_dropped", "u2", 0}, {"frames_damaged", "u2", 0}, {"queue_high_water", "u1", 0},
-      {"worst_loop_us", "u4", 0}, {"reset_cause", "u1", 0}, {"free_heap", "u4", 0}, {"stamp_bound_us", "u2", 0},
-      {"battery_percent", "u1", 0}},
-     {0}},
-    {0x06, "Ack", {{"request", "u1", 0}, {"request_seq", "u2", 0}}, {0}},
-    {0x07, "Nack", {{"request", "u1", 0}, {"request_seq", "u2", 0}, {"reason", "u1", 0}, {"detail", "i4", 0}}, {0}},
-    {0x08, "TimeReply", {{"token", "x", 8}, {"received_us", "u4", 0}, {"sent_us", "u4", 0}}, {0}},
-    {0x09, "Signal",
-     {{"t_us", "u4", 0}, {"of_node", "u1", 0}, {"frames", "u4", 0}, {"frames_lost", "u4", 0}, {"pieces", "u4", 0},
-      {"pieces_twice", "u4", 0}, {"pieces_strong", "u4", 0}, {"rssi_dbm", "i1", 0}, {"requests_dropped", "u2", 0}},
-     {0}},
-    {0x41, "TimeRequest", {{"token", "x", 8}}, {0}},
-    {0x42, "Ping", {{0}}, {0}},
-    {0x43, "SetConfig", {{"key", "u1", 0}, {"value", "i4", 0}}, {0}},
-    {0x44, "Start", {{0}}, {0}},
-    {0x45, "Stop", {{0}}, {0}},
-    {0x46, "BiasInit", {{"samples", "u2", 0}}, {0}},
-    {0x47, "Reboot", {{"mode", "u1", 0}}, {0}},
-    {0x48, "GetHello", {{0}}, {0}},
-};
+static Message table[MOST_MESSAGES];
+static int messages;
+
+/* `u32`, `i16[3]`, `bytes[8]`, and behind `count x ` the row of a counted table. */
+static void read_type(Message *message, Field *field, const char *type) {
+    const char *row = strstr(type, "count x ");
+    if (row) {
+        message->counted = 1;
+        type = row + strlen("count x ");
+    }
+    const char *array = strchr(type, '[');
+    field->count = array ? atoi(array + 1) : 0;
+    field->kind = type[0];
+    field->size = type[0] == 'b' ? 1 : atoi(type + 1) / 8;
+}
+
+static void read_tables(FILE *readme) {
+    char line[4096], name[MOST_LETTERS], type[MOST_LETTERS];
+    unsigned id;
+    Message *message = NULL;
+    while (fgets(line, sizeof line, readme)) {
+        if (sscanf(line, "#### 0x%x %39s", &id, name) == 2 && messages < MOST_MESSAGES) {
+            message = &table[messages++];
+            message->id = (int)id;
+            strcpy(message->name, name);
+        } else if (line[0] == '#') {
+            message = NULL;
+        } else if (message && sscanf(line, "| %*[0-9, ] | `%39[^`]` | %39[^|]|", name, type) == 2) {
+            Field *field = &message->field[message->fields++];
+            strcpy(field->name, name);
+            read_type(message, field, type);
+        }
+    }
+}
 
 typedef struct {
     uint8_t kept[MOST_KEPT];
@@ -92,16 +87,12 @@ static int unstuff(const uint8_t *in, int size, uint8_t *out) {
     return made;
 }
 
-static int size_of(const Field *field) {
-    int one = field->type[0] == 'x' ? 1 : field->type[1] - '0';
-    return one * (field->count ? field->count : 1);
-}
+static int size_of(const Field *field) { return field->size * (field->count ? field->count : 1); }
 
-static void print_number(const char *type, const uint8_t *at) {
-    int size = type[1] - '0';
+static void print_number(char kind, int size, const uint8_t *at) {
     uint32_t value = 0;
     for (int i = 0; i < size; i++) value |= (uint32_t)at[i] << 8 * i;
-    if (type[0] == 'u') {
+    if (kind == 'u') {
         printf("%lu", (unsigned long)value);
     } else {
         long whole = (long)value;
@@ -117,49 +108,46 @@ static void print_hex(const uint8_t *at, int size) {
 }
 
 static void print_field(const Field *field, const uint8_t *at) {
-    if (field->type[0] == 'x') {
+    if (field->kind == 'b') {
         print_hex(at, field->count);
     } else if (!field->count) {
-        print_number(field->type, at);
+        print_number(field->kind, field->size, at);
     } else {
         putchar('[');
         for (int i = 0; i < field->count; i++) {
             if (i) printf(", ");
-            print_number(field->type, at + i * (field->type[1] - '0'));
+            print_number(field->kind, field->size, at + i * field->size);
         }
         putchar(']');
     }
 }
 
-/* Bytes of the fields before a counted table, and of the whole with it; -1 where the payload is too short. */
-static int fixed_size(const Message *message) {
-    int size = 0;
-    for (const Field *f = message->fields; f->name; f++) size += size_of(f);
-    return size;
-}
-
+/* Bytes of the payload that the fields take; -1 where it is too short for them. */
 static int whole_size(const Message *message, const uint8_t *payload, int size) {
-    int fixed = fixed_size(message);
-    if (!message->rows.name) return size < fixed ? -1 : fixed;
-    if (size < fixed + 1) return -1;
-    int whole = fixed + 1 + payload[fixed] * size_of(&message->rows);
+    int whole = 0;
+    for (int i = 0; i < message->fields - message->counted; i++) whole += size_of(&message->field[i]);
+    if (message->counted) {
+        if (size < whole + 1) return -1;
+        whole += 1 + payload[whole] * size_of(&message->field[message->fields - 1]);
+    }
     return size < whole ? -1 : whole;
 }
 
 static void print_values(const Message *message, const uint8_t *payload) {
-    const char *comma = "";
     putchar('{');
-    for (const Field *f = message->fields; f->name; f++, comma = ", ") {
-        printf("%s\"%s\": ", comma, f->name);
-        print_field(f, payload);
-        payload += size_of(f);
-    }
-    if (message->rows.name) {
+    for (int i = 0; i < message->fields; i++) {
+        const Field *field = &message->field[i];
+        printf("%s\"%s\": ", i ? ", " : "", field->name);
+        if (!message->counted || i < message->fields - 1) {
+            print_field(field, payload);
+            payload += size_of(field);
+            continue;
+        }
+        putchar('[');
         int count = *payload++;
-        printf("%s\"%s\": [", comma, message->rows.name);
-        for (int i = 0; i < count; i++, payload += size_of(&message->rows)) {
-            if (i) printf(", ");
-            print_field(&message->rows, payload);
+        for (int row = 0; row < count; row++, payload += size_of(field)) {
+            if (row) printf(", ");
+            print_field(field, payload);
         }
         putchar(']');
     }
@@ -170,8 +158,8 @@ static void deliver(Decoder *decoder, const uint8_t *body, int size) {
     const uint8_t *payload = body + 4;
     const Message *message = NULL;
     int length = size - 6;
-    for (size_t i = 0; i < sizeof TABLE / sizeof *TABLE; i++)
-        if (TABLE[i].id == body[0]) message = &TABLE[i];
+    for (int i = 0; i < messages; i++)
+        if (table[i].id == body[0]) message = &table[i];
     int malformed = message && whole_size(message, payload, length) < 0;
     printf("%s{\"type\": %d, \"node\": %d, \"seq\": %d, \"payload\": ", decoder->frames++ ? ", " : "", body[0],
            body[1], body[2] | body[3] << 8);
@@ -222,7 +210,14 @@ static void feed(Decoder *decoder, const uint8_t *data, int size) {
 }
 
 int main(int argc, char **argv) {
-    int portion = argc > 1 ? atoi(argv[1]) : 1;
+    FILE *readme = argc > 2 ? fopen(argv[1], "r") : NULL;
+    if (!readme) {
+        fprintf(stderr, "usage: foreign_decoder README PORTION < streams\n");
+        return 2;
+    }
+    int portion = atoi(argv[2]);
+    read_tables(readme);
+    fclose(readme);
     static char line[1 << 20];
     static uint8_t stream[1 << 19];
     while (fgets(line, sizeof line, stdin)) {

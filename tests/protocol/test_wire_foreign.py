@@ -16,6 +16,7 @@ from hubodo.log.writer import McapLog
 from hubowire import FrameDecoder
 
 SOURCE = Path(__file__).with_name("foreign_decoder.c")
+README = Path(__file__).resolve().parents[2] / "protocol" / "README.md"
 VECTORS = [(stem, vector) for stem, some in FILES.items() for vector in some]
 ORDINARY = [vector["stream"] for _, vector in VECTORS if not vector["pending"]]
 
@@ -35,7 +36,7 @@ def decoder(tmp_path_factory):
     def run(streams: list[str], portion: int) -> list[dict]:
         lines = "".join(f"{stream}\n" for stream in streams)
         done = subprocess.run(
-            [program, str(portion)], input=lines, capture_output=True, text=True, check=True
+            [program, README, str(portion)], input=lines, capture_output=True, text=True, check=True
         )
         return [json.loads(line) for line in done.stdout.splitlines()]
 

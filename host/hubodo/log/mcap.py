@@ -133,7 +133,10 @@ class _Collected:
 
     def _more(self, topic: str, kind: str) -> tuple[str, ...]:
         """What else is wanted of a topic's messages, for the role that it is said to play."""
-        said = {**self.choice.known, **self.choice.said}
+        said = {
+            name: "/" + text.strip("/") for name, text in {**self.choice.known, **self.choice.said}.items()
+        }
+        topic = "/" + topic.strip("/")
         is_heading = topic == said.get("heading")
         if kind == ros2.IMU and is_heading:
             return ("orientation", "orientation_covariance")

@@ -110,7 +110,7 @@ def made_frames(
 
 def _ids(names: Iterable[str]) -> dict[str, int]:
     """left 1, right 2, frame 3, as everywhere; the others from 4 on, in order."""
-    others = itertools.count(max(NODE_IDS.values()) + 1)
+    others = (number for number in itertools.count(1) if number not in NODE_IDS.values())
     return {name: NODE_IDS[name] if name in NODE_IDS else next(others) for name in names}
 
 
