@@ -1,4 +1,4 @@
-"""Messages that play a part: headings, truth, twists, joints of several publishers, stamps that are not set."""
+"""Messages that play a part: headings, truth, twists, joints of several publishers, stamps not set."""
 
 from pathlib import Path
 
@@ -70,7 +70,7 @@ def twist(k: int):
 
 
 def joints(k: int):
-    """Two publishers by turns, one for each wheel, a number of the right one missing; the arm has no speeds."""
+    """Two publishers by turns, one for each wheel; a number of the right one is missing."""
     kind = "sensor_msgs/msg/JointState"
     if k % 3 == 2:
         return of(kind, header(k), ["arm"], np.ones(1), np.zeros(0), np.zeros(0))
