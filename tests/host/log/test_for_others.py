@@ -114,6 +114,18 @@ def test_tf_static_says_where_the_nodes_sit(log):
     np.testing.assert_allclose(found["gnss"][1], np.eye(3), atol=1e-12)
 
 
+def test_static_frames_are_told_again_where_a_log_goes_on_in_another_file(tmp_path):
+    with McapLog(tmp_path / "log.mcap") as log:
+        log.static_frames_again(5)
+        log.static_frames(7, VEHICLE)
+        log.static_frames_again(2_000_000_009)
+    with (tmp_path / "log.mcap").open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        told = [decoded.transforms for *_, decoded in reader.iter_decoded_messages()]
+    assert [(t[3].header.stamp.sec, t[3].header.stamp.nanosec) for t in told] == [(0, 7), (2, 9)]
+    assert [part.transform.translation.z for part in told[1]] == [0.3, 0.3, 0.0, 0.0]
+
+
 def test_a_truth_without_headings_has_none_after_a_detour(recording, tmp_path):
     truth = Table({name: recording.truth[name] for name in ("t", "x", "y")})
     write_recording(Recording(recording.nodes, truth=truth), tmp_path / "ours.mcap")
