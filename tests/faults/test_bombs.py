@@ -183,10 +183,11 @@ def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path
 
 
 def test_memory_that_is_not_there_is_a_failure_in_one_line(tmp_path: Path) -> None:
-    path = noise(tmp_path / "log", np.arange(100_000) * 0.01)
-    words = ["allan", path, "--node", "left", "--channel", "gz"]
-    assert hubodo(*words).code == 0
+    small, large = (noise(tmp_path / str(n), np.arange(n) * 0.01) for n in (5_000, 200_000))
+    words = ["--node", "left", "--channel", "gz"]
+    # What the first call gives back is what the second may use.
+    assert hubodo("allan", small, *words).code == 0
     with limited_memory(2):
-        done = hubodo(*words)
+        done = hubodo("allan", large, *words)
     assert done.code == 1
     assert "not enough memory" in done.err and done.err.count("\n") == 1
