@@ -183,11 +183,11 @@ def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path
 
 
 def test_memory_that_is_not_there_is_a_failure_in_one_line(tmp_path: Path) -> None:
-    small, large = (noise(tmp_path / str(n), np.arange(n) * 0.01) for n in (5_000, 200_000))
-    words = ["--node", "left", "--channel", "gz"]
-    # What the first call gives back is what the second may use.
-    assert hubodo("allan", small, *words).code == 0
+    for name, count in (("small", 5_000), ("large", 20_000_000)):
+        np.save(tmp_path / name, 1e-3 * np.random.default_rng(1).standard_normal(count))
+    words = ["--rate", 100, "--unit", "rad/s"]
+    assert hubodo("allan", tmp_path / "small.npy", *words).code == 0
     with limited_memory(2):
-        done = hubodo("allan", large, *words)
+        done = hubodo("allan", tmp_path / "large.npy", *words)
     assert done.code == 1
     assert "not enough memory" in done.err and done.err.count("\n") == 1
