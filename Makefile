@@ -15,7 +15,7 @@ demo: setup          ## the main job, end to end, with no hardware
 
 test: setup browser  ## everything that can be proven without hardware; what waits for the clock runs after the rest
 	$(BIN)/python -m pytest -m "not real_time" --numprocesses 3 --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m real_time --numprocesses 3 --dist load --maxschedchunk 1 $$(grep -rlw --include='*.py' mark.real_time tests)
+	$(BIN)/python -m pytest -m real_time --numprocesses 2 --dist loadfile $$(grep -rlw --include='*.py' mark.real_time tests)
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
