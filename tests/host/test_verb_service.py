@@ -202,4 +202,4 @@ def test_a_check_names_each_mistake_with_its_key(tmp_path, line, says):
 
 def test_the_same_bounds_hold_on_the_command_line(tmp_path):
     done = hubodo("record", "/dev/nope", "-o", tmp_path / "x.mcap", "--rotate-after", "0")
-    assert (done.code, "--rotate-after 0.0: must be above 0" in done.err) == (2, True)
+    assert (done.code, "--rotate-after: 0: write a number above 0" in done.err) == (2, True)

@@ -109,4 +109,4 @@ def test_silence_and_bytes_without_a_frame_are_told_apart(capfd, noisy):
 
 def test_too_short_a_look_is_refused(tmp_path, capfd):
     assert main(["doctor", str(tmp_path / "tty"), "--seconds", "1"]) == 2
-    assert "--seconds 1" in capfd.readouterr().err
+    assert "--seconds: 1: write a number from 3" in capfd.readouterr().err

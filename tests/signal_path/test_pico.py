@@ -54,7 +54,7 @@ def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
         code = main(["flash", board.port, "--node", "right", "--rate-hz", "416", "--json"])
         out, err = capfd.readouterr()
         assert code == 0, err
-        assert set(json.loads(out)["copied"]) == {*image, "config.json"}
+        assert set(json.loads(out)["copied"]) == {*image, "config.json", "files.json"}
         assert json.loads(out)["serial"] == "e6614103e7452d2f"
         slot = SLOTS[0]
         for name, content in image.items():

@@ -122,7 +122,7 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
         pose = next(message for topic, _, message in client.messages if topic == "/odom")
         assert (pose.pose.pose.position.y, pose.twist.twist.linear.x) == (2.0, 1.5)
         event = next(message for topic, _, message in client.messages if topic == "/hubodo/events")
-        assert json.loads(event)["text"].startswith("number")
+        assert json.loads(event.data)["text"].startswith("number")
 
 
 def test_a_log_is_played_to_a_client_message_by_message(tmp_path):
