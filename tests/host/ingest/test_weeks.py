@@ -344,6 +344,7 @@ def test_a_start_that_fails_after_its_log_began_leaves_no_log(tmp_path):
 def test_ctrl_c_while_modules_load_is_one_line_and_130(tmp_path):
     program = (
         "import signal, sys, os\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background job ignores it
         "from hubodo import cli, verbs\n"
         "real = cli.load\n"
         "def load(verb):\n"

@@ -9,8 +9,9 @@ from drivers.nrf24 import MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_ra
 from framing import BODY, PAYLOAD, START, FrameReader, seal
 from micropython import const
 from outbox import Outbox, Slot
-from pieces import Pieces
 from wire import SIGNAL, SIGNAL_FORMAT, SIGNAL_SIZE
+
+from radio.pieces import Pieces
 
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
