@@ -37,15 +37,16 @@ CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\r")
 def recorded(tmp_path, width=120, terminal=True, seconds=3.0, trouble=(), **settings):
     """What stderr gets from a recording of two nodes; `trouble`: (s, what is done to the left one)."""
     computer, shown = VirtualComputer(), io.StringIO()
+    ends = [tmp_path / name for name in ("ttyL", "ttyR")]  # a terminal's number may be another test's next
     console = Console(file=shown, force_terminal=terminal, width=width, height=40, legacy_windows=False)
     with (
-        FakeNode(node_id=1, bias_q12=(4096, -2048, 410), skew_ppm=400, computer=computer) as left,
-        FakeNode(node_id=2, computer=computer) as right,
+        FakeNode(
+            node_id=1, link=ends[0], bias_q12=(4096, -2048, 410), skew_ppm=400, computer=computer
+        ) as left,
+        FakeNode(node_id=2, link=ends[1], computer=computer),
     ):
         Script(computer, *sorted(((t, lambda do=do: do(left)) for t, do in trouble), key=itemgetter(0)))
-        config = RecordConfig(
-            ports=(f"left={left.path}", f"right={right.path}"), duration=seconds, **settings
-        )
+        config = RecordConfig(ports=(f"left={ends[0]}", f"right={ends[1]}"), duration=seconds, **settings)
         out = tmp_path / "ride.mcap"
         daemon.record(config, out, vehicle=TROLLEY, computer=computer, console=console)
     return shown.getvalue()
