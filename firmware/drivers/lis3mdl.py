@@ -18,6 +18,7 @@ _CTRL3 = const(0x22)
 _CTRL4 = const(0x23)
 _CTRL5 = const(0x24)
 _STATUS = const(0x27)
+_OUT = const(0x28)
 _AUTO_INCREMENT = const(0x80)
 
 _HIGH_PERFORMANCE_XY = const(0x40)
@@ -48,19 +49,20 @@ class LIS3MDL(Chip):
             (_CTRL5, _BDU),
             (_CTRL3, _CONTINUOUS),
         )
-        # STATUS stands one byte before the data: the burst is laid so that the data are aligned.
-        raw, self._words = shared(4)
-        self._raw = raw
-        self._burst = memoryview(raw)[1:8]
+        raw, self._words = shared(3)
+        self._burst = memoryview(raw)
+        self._status = bytearray(1)
         self.configure()
 
     def read_into(self, words, at):
-        """One burst; 1 and the field x, y, z at words[at], or 0 while none is new."""
-        self.i2c.readfrom_mem_into(self.address, _STATUS | _AUTO_INCREMENT, self._burst)
-        if not self._raw[1] & _ZYXDA:
+        """1 and the field x, y, z at words[at], or 0 while none is new."""
+        # Not in one burst: a sample that came behind its status byte would be read, and so be lost.
+        self.i2c.readfrom_mem_into(self.address, _STATUS, self._status)
+        if not self._status[0] & _ZYXDA:
             return 0
+        self.i2c.readfrom_mem_into(self.address, _OUT | _AUTO_INCREMENT, self._burst)
         burst = self._words
-        words[at] = burst[1]
-        words[at + 1] = burst[2]
-        words[at + 2] = burst[3]
+        words[at] = burst[0]
+        words[at + 1] = burst[1]
+        words[at + 2] = burst[2]
         return 1

@@ -67,10 +67,11 @@ class FakeBus:
     def _magnetometer(self, register, buffer):
         if register == 0x0F:
             buffer[0] = 0x3D
-        elif register == 0xA7:
+        elif register == 0x27:
             buffer[0] = 0x08
-            for i in range(1, 7):
-                buffer[i] = i
+        elif register == 0xA8:
+            for i in range(6):
+                buffer[i] = i + 1
         else:
             buffer[0] = self.registers[address_of(0x1E, register)]
 
