@@ -7,13 +7,13 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load browser setup clean
+.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup browser  ## everything that can be proven without hardware; what waits for the clock runs after the rest
+test: setup browser compiler  ## everything that can be proven without hardware; what waits for the clock runs after the rest
 	$(BIN)/python -m pytest -m "not real_time" --numprocesses 3 --dist loadfile --no-loadscope-reorder
 	$(BIN)/python -m pytest -m real_time --numprocesses 2 --dist loadfile $$(grep -rlw --include='*.py' mark.real_time tests)
 
@@ -86,6 +86,9 @@ load: setup          ## 64 nodes on one recorder for five minutes, then more unt
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true
+
+compiler:            ## what builds the foreign decoder in tests; likewise
+	@command -v cc >/dev/null || tools/debian_packages gcc libc6-dev || true
 
 setup:
 	@PYTHON=$(PYTHON) tools/setup

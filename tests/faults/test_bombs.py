@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import zstandard
 
+from drive_model import DRIVE_MODEL
 from hubodo.log.container import McapFile
 from hubodo.log.mcap import open_log
 from in_process import hubodo
@@ -114,29 +115,10 @@ def test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes(tmp_path: Path) -
     assert "2e+09 s" in done.err and "--end" in done.err
 
 
-DRIVE = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
-"""
-
-
 def test_no_verb_lays_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
     model, vehicle, drive = tmp_path / "m.toml", tmp_path / "v.toml", tmp_path / "drive"
-    model.write_text(DRIVE)
-    head, _, rest = DRIVE.partition("[imu]")
+    model.write_text(DRIVE_MODEL)
+    head, _, rest = DRIVE_MODEL.partition("[imu]")
     vehicle.write_text(head + rest[rest.index("[nodes") : rest.index("[inputs")])
     assert hubodo("simulate", model, "--duration", 25, "--rate", 50, "-o", drive).code == 0
     for file in drive.iterdir():

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
+from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.log import ros2
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
@@ -18,25 +19,8 @@ from hubowire import FINGERPRINT, MESSAGES, Frame, FrameDecoder, encode, encode_
 from hubowire.codec import layout
 from hubowire.messages import Filter, Health, Hello, ImuBatch, Mag, TimeReply
 
-MODEL = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
-speed_noise = 0.0005
-yaw_rate_noise = 0.0002
-[effects.gyro_bias]
+MODEL = f"""
+{DRIVE_MODEL}{QUIET_INPUTS}[effects.gyro_bias]
 z = 0.002
 [nodes.left.effects.wheel_radius]
 error = 0.001

@@ -9,6 +9,7 @@ import pytest
 
 import wanted
 from browser_page import Page
+from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.errors import InputError
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
@@ -20,24 +21,7 @@ from waiting import until
 
 pytestmark = pytest.mark.real_time
 TOKEN = "correct-horse-battery"
-MODEL = """[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
-speed_noise = 0.0005
-yaw_rate_noise = 0.0002
-"""
+MODEL = DRIVE_MODEL + QUIET_INPUTS
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ import errno
 import os
 import select
 from collections import Counter
+from collections.abc import Callable
 
 import serial
 
@@ -30,7 +31,29 @@ def open_serial(path: str, baud: int, *, portable: bool = termios is None) -> Tr
     return PortableSerial(path, baud) if portable else SerialTransport(path, baud)
 
 
-class SerialTransport:
+class _Port:
+    """What both ways of reading a port have in common."""
+
+    datagrams = False
+    refused: Counter[str] = Counter()
+
+    def __init__(self, opened: Callable[..., serial.Serial], where: str, baud: int) -> None:
+        self.where = where
+        try:
+            self._port = opened(where, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
+        except (OSError, TerminalError, ValueError) as error:
+            raise _refusal(where, error) from error
+
+    def write(self, data: bytes, to: str = "") -> None:
+        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
+            self._port.write(data)
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError, TerminalError, TypeError):
+            self._port.close()
+
+
+class SerialTransport(_Port):
     """A serial device, opened for us alone.
 
     DTR and RTS stay as the kernel raises them on open, both set: a USB node takes DTR for "host is
@@ -38,16 +61,9 @@ class SerialTransport:
     not dropped on close either (HUPCL), so that neither open nor close restarts a node.
     """
 
-    datagrams = False
-    refused: Counter[str] = Counter()
-
     def __init__(self, path: str, baud: int) -> None:
         """Raises LinkError when the device is missing, busy or not allowed."""
-        self.where = path
-        try:
-            self._port = serial.Serial(path, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
-        except (OSError, TerminalError, ValueError) as error:
-            raise _refusal(path, error) from error
+        super().__init__(serial.Serial, path, baud)
         self._fd = self._port.fileno()
         with contextlib.suppress(TerminalError):
             flags = termios.tcgetattr(self._fd)
@@ -69,28 +85,13 @@ class SerialTransport:
                 raise OSError(errno.EIO, "ready to read but no data: unplugged, or read by somebody else too")
             return data, ""
 
-    def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
-            self._port.write(data)
 
-    def close(self) -> None:
-        with contextlib.suppress(OSError, TerminalError, TypeError):
-            self._port.close()
-
-
-class PortableSerial:
+class PortableSerial(_Port):
     """The same by pyserial's own reading, which blocks until a byte has come: for systems without termios."""
-
-    datagrams = False
-    refused: Counter[str] = Counter()
 
     def __init__(self, url: str, baud: int) -> None:
         """Raises LinkError when the device is missing, busy or not allowed."""
-        self.where = url
-        try:
-            self._port = serial.serial_for_url(url, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
-        except (OSError, TerminalError, ValueError) as error:
-            raise _refusal(url, error) from error
+        super().__init__(serial.serial_for_url, url, baud)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         with down(self.where):
@@ -100,14 +101,6 @@ class PortableSerial:
             if data and (more := self._port.in_waiting):
                 data += self._port.read(min(more, _READ_BYTES))
             return bytes(data), ""
-
-    def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
-            self._port.write(data)
-
-    def close(self) -> None:
-        with contextlib.suppress(OSError, TerminalError, TypeError):
-            self._port.close()
 
 
 _ADVICE = {
