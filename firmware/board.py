@@ -87,6 +87,10 @@ class Hardware:
             from radio import radio_link
 
             return radio_link.open_link(self)
+        if kind == "espnow":
+            from radio import espnow_link
+
+            return espnow_link.open_link(self.settings)
         if kind == "udp":
             if self.settings["key"]:
                 import sealed

@@ -1,1 +1,1 @@
-"""Nodes without a cable, by nRF24L01+ to a receiver. Apart: a folder of many files is slow to search."""
+"""Nodes without a cable, by nRF24L01+ or ESP-NOW to a receiver. Apart: many files are slow to search."""

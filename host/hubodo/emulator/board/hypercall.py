@@ -98,6 +98,8 @@ class Op(IntEnum):
     """[; JSON] What the processor did so far."""
     SPI = 31
     """[unit; bytes] answers as many bytes: what came in while these went out."""
+    ESPNOW = 32
+    """[-; u8 what, its arguments] of ESP-NOW; answers what was asked for, see `chips.espnow`."""
 
 
 def op_codes() -> dict[str, int]:
