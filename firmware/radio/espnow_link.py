@@ -63,9 +63,10 @@ def ours(raw, net):
 class EspNowLink(Link):
     """Frames to the receiver of the net that has answered."""
 
-    def __init__(self, radio, settings):
+    def __init__(self, board):
         super().__init__()
-        self._radio = radio
+        settings = board.settings
+        self._radio = radio = open_radio(settings, _ROOM)
         radio.add_peer(EVERYONE)
         self._net = bytes.fromhex(settings["radio_address"])
         self._out = bytearray(MOST)
@@ -148,8 +149,3 @@ class EspNowLink(Link):
             self._at, self._end = ANSWER, size
         self._at += 1
         return self._came[1][self._at - 1]
-
-
-def open_link(settings):
-    """The link of an ESP32."""
-    return EspNowLink(open_radio(settings, _ROOM), settings)

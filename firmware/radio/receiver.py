@@ -10,9 +10,7 @@ from micropython import const
 from outbox import Outbox, Slot
 from wire import SIGNAL, SIGNAL_FORMAT, SIGNAL_SIZE
 
-TYPE_CHECKING = False
-if TYPE_CHECKING:
-    pass
+from radio import open_air
 
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
@@ -45,7 +43,7 @@ class Receiver:
         self.leave = None
         self.free_heap = self.worst_us = 0
         self.estimator = self.init = None
-        self._air = _open_air(board, self.outbox)
+        self._air = open_air(board, self.outbox)
         self._request = Slot()
         self._hello_ms = self._health_ms = ticks_ms()
         reports.hello(self)
@@ -126,13 +124,3 @@ class Receiver:
             for k in range(len(ids)):
                 if not frame.node or ids[k] == frame.node:
                     self._air.answer(k, raw, end)
-
-
-def _open_air(board, outbox):
-    if board.settings["receiver"] == "espnow":
-        from radio.espnow_air import EspNowAir
-
-        return EspNowAir(board, outbox)
-    from radio.nrf24_air import Nrf24Air
-
-    return Nrf24Air(board, outbox)
