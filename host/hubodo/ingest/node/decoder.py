@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import assert_never
 
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_seen
 from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, samples_lost
-from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
+from hubodo.ingest.node.gaps import GapLedger, GapsSeen, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
     AnswerSeen,
@@ -60,7 +60,7 @@ _NAMES = {
     message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal)
 }
 
-Output = Sample | Event
+Output = Sample | GapsSeen | Event
 
 
 class NodeDecoder:
@@ -83,6 +83,7 @@ class NodeDecoder:
         self._gaps = GapLedger(name)
         self._heard: dict[bytes, int] = {}  # serials on this line, and when each last said Hello
         self._downs = 0
+        self._told = b""  # the newest Hello as it came
         self._shared = False  # two nodes answer to one id
 
     @property
@@ -126,6 +127,20 @@ class NodeDecoder:
         if len(frame.payload) < _HELLO_HEAD.size:
             self.counts.frames_unread += 1
             return
+        hello = self.hello
+        if hello is None or self.refusal is not None or frame.payload != self._told:
+            hello = yield from self._read_hello(frame, t_ns)
+        if hello is None:
+            return
+        self._told = frame.payload
+        self.refusal = None
+        yield from self._alone(hello, t_ns, link)
+        if self._shared:
+            return
+        yield from self._settled(hello, t_ns, link)
+
+    def _read_hello(self, frame: Frame, t_ns: int) -> Generator[Output, None, Hello | None]:
+        """What a Hello says; None where it cannot be read, or is of another table."""
         fingerprint, *version = _HELLO_HEAD.unpack_from(frame.payload)
         if fingerprint != FINGERPRINT:
             if self.refusal is None:
@@ -137,15 +152,15 @@ class NodeDecoder:
                 self.counts.frames_unread += len(self._pending)
                 self._pending.clear()
                 yield Refused(text, t_ns)
-            return
+            return None
         hello = _decoded(frame)
-        if not isinstance(hello, Hello):
-            self.counts.frames_unread += 1
-            return
-        self.refusal = None
-        yield from self._alone(hello, t_ns, link)
-        if self._shared:
-            return
+        if isinstance(hello, Hello):
+            return hello
+        self.counts.frames_unread += 1
+        return None
+
+    def _settled(self, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
+        """It is known now which start of the node the frames belong to."""
         before = self._boot
         restarted = before is not None and before.hello.boot_id != hello.boot_id
         if before is None or restarted:

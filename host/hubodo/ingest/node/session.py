@@ -12,7 +12,7 @@ from hubodo.ingest.node.bias_filter import filter_columns
 from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.decoder import Output
 from hubodo.ingest.node.exchanges import Exchanges
-from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.gaps import GapsSeen, LinkCounts
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
 from hubodo.ingest.node.many_frames import NodeFrames
@@ -234,6 +234,9 @@ class NodeSession:
                     yield from self._block(output)
                 case ImuRun():
                     yield from self._run(output)
+                case GapsSeen():
+                    for event in output.events():
+                        self._sink.event(self._gap(event))
                 case MagSample():
                     yield from self._hold(output)
                 case FilterSeen():
