@@ -69,9 +69,10 @@ class WireGaps:
         return WireGaps(*(column[rows] for column in columns))
 
     def __iter__(self) -> Iterator[WireGap]:
-        columns = (self.start_ns, self.end_ns, self.frames_lost, self.samples_lost, self.device_ns)
-        for *row, between in zip(*(column.tolist() for column in columns), strict=True):
-            yield WireGap("ImuBatch", *row, tuple(between))
+        times = zip(self.start_ns.tolist(), self.end_ns.tolist(), self.device_ns.tolist(), strict=True)
+        lost = zip(self.frames_lost.tolist(), self.samples_lost.tolist(), strict=True)
+        for (start_ns, end_ns, (last_ns, first_ns)), (frames, samples) in zip(times, lost, strict=True):
+            yield WireGap("ImuBatch", start_ns, end_ns, frames, samples, (last_ns, first_ns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +129,7 @@ class GapLedger:
             self._waiting.append(_Waiting((gap,)))
 
     def add_many(self, gaps: WireGaps, before: Times, now: Times) -> Iterator[GapsSeen]:
-        """Gaps with frames lost and nothing else; before, now: (n,) damaged pieces at the frames on both sides."""
+        """Gaps with frames lost, and none overrun; before, now: (n,) damaged pieces at the frames beside each."""
         damaged = now != before
         if damaged.any():
             yield GapsSeen(self._node, DAMAGE, gaps.take(damaged))
@@ -166,7 +167,9 @@ class GapLedger:
             if isinstance(first.gaps, WireGaps):
                 young = np.flatnonzero(now_ns - first.gaps.end_ns <= _WAIT_NS)
                 if len(young):
-                    yield from (_event(self._node, gap, ON_THE_WAY) for gap in first.gaps.take(slice(young[0])))
+                    yield from (
+                        _event(self._node, gap, ON_THE_WAY) for gap in first.gaps.take(slice(young[0]))
+                    )
                     first.gaps = first.gaps.take(slice(young[0], None))
                     return
             elif now_ns - first.gaps[0].end_ns <= _WAIT_NS:

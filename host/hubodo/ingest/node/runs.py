@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace
 from hubodo.ingest.node.decoder import NodeDecoder, Output
 from hubodo.ingest.node.gaps import LinkCounts, WireGaps
 from hubodo.ingest.node.many_frames import STEP_US, Batches, NodeFrames, Times
 from hubodo.ingest.node.samples import ImuRun
-from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
+from hubodo.ingest.node.wire_batch import in_si
 from hubowire.messages import BatchFlag, ImuBatch
 
 
@@ -122,28 +120,14 @@ def _take_run(boot: Boot, batches: Batches, at: int, end: int, downs: int) -> Im
     boot.tail = BatchTail(next_index, next_ns, period, t_ns)
     rows = slice(int(batches.first[at]), int(batches.first[last]) + count)
     raw, hello = batches.rows[rows], boot.hello
-    values = raw.astype(np.float64)
-    flat = values.reshape(-1)
-    flat *= _scales(hello.gyro_lsb_ndps, hello.accel_lsb_ng, len(raw))
+    gyro, accel = in_si(raw, hello)
     steps = batches.temperature_raw[run] * hello.temperature_lsb_udegc + hello.temperature_offset_udegc
     return ImuRun(
         device_ns=batches.device_ns[rows] + shift_ns,
-        gyro=values[:, :3],
-        accel=values[:, 3:],
+        gyro=gyro,
+        accel=accel,
         raw=raw,
         first=batches.first[run] - rows.start,
-        temperature=steps * 1e-6,
+        temperature=steps.astype(np.float64) * 1e-6,
         received_ns=batches.t_ns[run],
     )
-
-
-def _scales(gyro_lsb_ndps: int, accel_lsb_ng: int, samples: int) -> NDArray[np.float64]:
-    """What a step is worth in each of six values, again for each sample: one product in one row is the quickest."""
-    room = 1 << max(samples - 1, 0).bit_length()
-    return _scales_of(gyro_lsb_ndps, accel_lsb_ng, room)[: 6 * samples]
-
-
-@lru_cache(maxsize=32)
-def _scales_of(gyro_lsb_ndps: int, accel_lsb_ng: int, samples: int) -> NDArray[np.float64]:
-    one = np.repeat([gyro_lsb_ndps * RAD_PER_NANO_DEG, accel_lsb_ng * 1e-9 * G], 3)
-    return np.tile(one, samples)
