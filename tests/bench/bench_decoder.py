@@ -1,13 +1,12 @@
 """Messages per second of what users run, from bytes to timed samples, with pymavlink beside it.
 
 "decode again" is what `hubodo import LOG` runs: frames of many at once, by node, to samples in SI units with
-device times, losses counted, each gap with its cause. "record" is what `hubodo record` runs for each read: the
-same, frame by frame. pymavlink stops at its message objects. Same samples for all: one sample a message as
-ImuBatch and as MAVLink RAW_IMU, and our batches of 8 and 16 with the same payload bytes inside MAVLink
-ENCAPSULATED_DATA. Same damage for all: each byte is replaced with the same probability, and cuts and insertions
-come as often per byte.
-Counted are messages that came out whole, a second of processor time; the decoders take turns. Peak memory is
-beside the stream, in a run of its own.
+device times, losses counted, each gap with its cause. "record" is what `hubodo record` runs for each read:
+the same, frame by frame. pymavlink stops at its message objects. Same samples for all: one sample a message
+as ImuBatch and as MAVLink RAW_IMU, and our batches of 8 and 16 with the same payload bytes inside MAVLink
+ENCAPSULATED_DATA. Same damage for all: each byte is replaced with the same probability, and cuts and
+insertions come as often per byte. Counted are messages that came out whole, a second of processor time; the
+decoders take turns. Peak memory is beside the stream, in a run of its own.
 """
 
 import argparse

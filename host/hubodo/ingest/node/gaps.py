@@ -129,7 +129,7 @@ class GapLedger:
             self._waiting.append(_Waiting((gap,)))
 
     def add_many(self, gaps: WireGaps, before: Times, now: Times) -> Iterator[GapsSeen]:
-        """Gaps with frames lost, and none overrun; before, now: (n,) damaged pieces at the frames beside each."""
+        """Gaps with frames lost, none overrun; before, now: (n,) damaged pieces at the frames beside each."""
         damaged = now != before
         if damaged.any():
             yield GapsSeen(self._node, DAMAGE, gaps.take(damaged))

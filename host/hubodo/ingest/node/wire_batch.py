@@ -18,7 +18,7 @@ assert _LAYOUT.rows is not None and _LAYOUT.rows.size == 12
 
 
 class WireBatch(NamedTuple):
-    """An `ImuBatch` whose samples are not taken apart: first is the number of the first, rows (count, 6) int16."""
+    """An `ImuBatch`, its samples not taken apart; first: the number of the first, rows: (samples, 6)."""
 
     t_us: int
     period_ns: int
