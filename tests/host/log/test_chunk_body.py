@@ -41,7 +41,7 @@ def test_announced_places_are_those_that_are_found_one_by_one(chunks):
     assert {name for name, _, _ in chunks} == {"ours", "theirs"}
     for name, data, places in chunks:
         one_by_one, at_once = walk(data), walk(data, places)
-        assert np.array_equal(one_by_one.places, places) and len(places) > 5, name
+        assert np.array_equal(one_by_one.places, places) and len(places) > 3, name
         assert np.array_equal(at_once.heads, one_by_one.heads)
         assert at_once.definitions == one_by_one.definitions and at_once.whole
 
