@@ -25,6 +25,7 @@ chip: setup          ## the firmware on an emulated Pico: losses, processor, hea
 
 bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_decoder.py
+	$(BIN)/python tests/bench/bench_reading.py
 	$(BIN)/python tests/bench/bench_recording.py
 	$(BIN)/python tests/bench/bench_filters.py
 	$(BIN)/python tests/bench/bench_hour.py

@@ -278,7 +278,7 @@ class _Link:
                 session.asked(token, t_ns)
         self.last_ns, self._damaged = int(times[-1]), int(damaged[-1])
         for node_id, some in found.items():
-            _ = list(self.sessions[node_id].many(some, self._downs))
+            self.sessions[node_id].many(some, self._downs)
         for session in self.sessions.values():
             _ = list(session.settle(self.last_ns))
         self._pieces, self._times, self._marks, self._asked = [], [], [], []
