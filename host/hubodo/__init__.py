@@ -1,3 +1,62 @@
-"""Odometry from inertial sensors on wheel hubs: ingest, recording, estimation and the gap workflow."""
+"""Odometry from inertial sensors on wheel hubs: recording, estimation, the sim-to-real gap, in a few lines.
+
+What is public stands in `__all__`; it is loaded when it is first used, so `import hubodo` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hubodo.api.log import LoadedLog, open
+    from hubodo.api.plot import Plot
+    from hubodo.api.track import FusedTrack
+    from hubodo.calibration.file import Calibration, read_calibration
+    from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
+    from hubodo.recording import Event, Recording, Table
+    from hubodo.vehicle import NodeMount, Vehicle, load_vehicle
 
 __version__ = "0.1.0"
+
+_HOMES = {
+    "hubodo.api.log": ("LoadedLog", "open"),
+    "hubodo.api.plot": ("Plot",),
+    "hubodo.api.track": ("FusedTrack",),
+    "hubodo.calibration.file": ("Calibration", "read_calibration"),
+    "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
+    "hubodo.recording": ("Event", "Recording", "Table"),
+    "hubodo.vehicle": ("NodeMount", "Vehicle", "load_vehicle"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [  # noqa: RUF022 - in the order in which a reader meets them
+    "open",
+    "LoadedLog",
+    "Table",
+    "Event",
+    "Recording",
+    "FusedTrack",
+    "Plot",
+    "Vehicle",
+    "NodeMount",
+    "load_vehicle",
+    "Calibration",
+    "read_calibration",
+    "HubodoError",
+    "InputError",
+    "ConfigError",
+    "LogError",
+    "CalibrationError",
+    "__version__",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
