@@ -7,22 +7,32 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hubodo.api.log import LoadedLog, open
+    from hubodo.api.log import LoadedLog
+    from hubodo.api.missing import MissingEffects
     from hubodo.api.plot import Plot
+    from hubodo.api.read import open
+    from hubodo.api.sensor import AllanResult, WarmupResult
+    from hubodo.api.simulate import simulate
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration, read_calibration
     from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
+    from hubodo.model.model_file import Model, read_model
     from hubodo.recording import Event, Recording, Table
     from hubodo.vehicle import NodeMount, Vehicle, load_vehicle
 
 __version__ = "0.1.0"
 
 _HOMES = {
-    "hubodo.api.log": ("LoadedLog", "open"),
+    "hubodo.api.log": ("LoadedLog",),
+    "hubodo.api.missing": ("MissingEffects",),
     "hubodo.api.plot": ("Plot",),
+    "hubodo.api.read": ("open",),
+    "hubodo.api.sensor": ("AllanResult", "WarmupResult"),
+    "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),
     "hubodo.calibration.file": ("Calibration", "read_calibration"),
     "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
+    "hubodo.model.model_file": ("Model", "read_model"),
     "hubodo.recording": ("Event", "Recording", "Table"),
     "hubodo.vehicle": ("NodeMount", "Vehicle", "load_vehicle"),
 }
@@ -30,15 +40,21 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [  # noqa: RUF022 - in the order in which a reader meets them
     "open",
+    "simulate",
     "LoadedLog",
     "Table",
     "Event",
     "Recording",
     "FusedTrack",
+    "AllanResult",
+    "WarmupResult",
+    "MissingEffects",
     "Plot",
     "Vehicle",
     "NodeMount",
     "load_vehicle",
+    "Model",
+    "read_model",
     "Calibration",
     "read_calibration",
     "HubodoError",

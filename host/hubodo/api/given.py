@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from hubodo.calibration.file import Calibration, read_calibration, source_hash
+from hubodo.model.model_file import Model, read_model
 from hubodo.vehicle import Vehicle, load_vehicle
 
 StrPath = str | os.PathLike[str]
@@ -14,6 +15,11 @@ StrPath = str | os.PathLike[str]
 def given_vehicle(vehicle: StrPath | Vehicle) -> Vehicle:
     """Raises ConfigError as `load_vehicle` does."""
     return vehicle if isinstance(vehicle, Vehicle) else load_vehicle(Path(vehicle))
+
+
+def given_model(model: StrPath | Model) -> Model:
+    """Raises ConfigError as `read_model` does."""
+    return model if isinstance(model, Model) else read_model(Path(model))
 
 
 def given_calibration(

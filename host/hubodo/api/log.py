@@ -10,22 +10,29 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from hubodo.api.given import StrPath, given_calibration, given_vehicle
+from hubodo.api.given import StrPath, given_calibration, given_model, given_vehicle
+from hubodo.api.missing import MissingEffects, check_effects
 from hubodo.api.plot import Plot
+from hubodo.api.sensor import AllanResult, WarmupResult, allan_of, warmup_of
 from hubodo.api.track import FusedTrack, fused_track
 from hubodo.calibration.file import Calibration
+from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.fuse.fused import fuse_recording
 from hubodo.fuse.wheels import Method
+from hubodo.gap.judge.round import EMPIRICAL
+from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
-from hubodo.log.any_log import open_source, read_log
-from hubodo.log.foreign import LogForm
+from hubodo.log.any_log import open_source
+from hubodo.log.convert import write_recording
+from hubodo.log.csv_folder import write_folder
 from hubodo.log.logfile import Log
-from hubodo.log.roles import TopicChoice
+from hubodo.model.model_file import Model
 from hubodo.progress import progress_line
 from hubodo.recording import Event, Recording, Table
 from hubodo.report.curves import Curve, curves_figure
 from hubodo.report.page import COLOURS
+from hubodo.sensors.rest_channel import CHANNELS, rest_channel
 from hubodo.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -166,6 +173,110 @@ class LoadedLog:
         )
         return fused_track(fused, self.recording.truth)
 
+    def allan(
+        self,
+        node: str | None = None,
+        channel: str = "gz",
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        per_octave: int = 1,
+        turn: float = 2.0,
+        as_is: bool = False,
+        trust_units: bool = False,
+    ) -> AllanResult:
+        """What a sensor at rest is worth: what `hubodo allan` computes.
+
+        >>> import hubodo
+        >>> allan = hubodo.open("night.mcap").allan("left", "gz")
+        >>> f"{allan.terms['N'].value:.1e} rad/√s"
+        '1.4e-04 rad/√s'
+
+        Args:
+            node: whose; None: the only one.
+            channel: `gx` to `gz`, `ax` to `az`.
+            start: leave out what is before this time of the log, s.
+            end: leave out what is after it, s.
+            per_octave: averaging times per octave.
+            turn: s from stop to stop of a turntable, for the advice on maytagging.
+            as_is: every sample, whatever it is: the plain deviation, as allantools has it.
+            trust_units: do not judge the unit by the magnitude.
+
+        Raises:
+            InputError: no such node or channel, samples in wrong units, a sensor that moved, too few samples.
+        """
+        rest = rest_channel(
+            self.recording,
+            self._node(node),
+            channel,
+            log=str(self.path),
+            start=start,
+            end=end,
+            trust_units=trust_units,
+            trust_still=as_is,
+            cut=True,
+        )
+        return allan_of(rest, str(self.path), turn=turn, per_octave=per_octave, every_sample=as_is)
+
+    def warmup(
+        self,
+        node: str | None = None,
+        channel: str = "gz",
+        *,
+        age: float = 0.0,
+        start: float | None = None,
+        end: float | None = None,
+        trust_units: bool = False,
+    ) -> WarmupResult:
+        """The bias of a gyro axis after power-on: what `hubodo warmup` computes.
+
+        Args:
+            node: whose; None: the only one.
+            channel: `gx`, `gy` or `gz`.
+            age: s since power-on at the first sample.
+            start: leave out what is before this time of the log, s.
+            end: leave out what is after it, s.
+            trust_units: do not judge the unit by the magnitude.
+
+        Raises:
+            InputError: no such node or axis, samples in wrong units, a sensor that moved, too few samples.
+        """
+        if channel not in CHANNELS[:3]:
+            raise InputError(f"channel {channel!r}: choose from {', '.join(CHANNELS[:3])}")
+        rest = rest_channel(
+            self.recording,
+            self._node(node),
+            channel,
+            log=str(self.path),
+            start=start,
+            end=end,
+            trust_units=trust_units,
+        )
+        return warmup_of(rest, str(self.path), age=age)
+
+    def gap(
+        self, model: StrPath | Model, *, accept: Sequence[str] = (), reject: Sequence[str] = ()
+    ) -> MissingEffects:
+        """What a model lacks to explain this log: what `hubodo gap` finds.
+
+        Args:
+            model: a model file, or a `Model`.
+            accept: effects that are added before anything is searched.
+            reject: effects that are not considered; `empirical`: no term without a name.
+
+        Raises:
+            InputError: a log that has not what the model needs, or an effect that there is not.
+            ConfigError: a model file with a mistake in it.
+        """
+        known = given_model(model)
+        check_effects("accept", accept, BY_NAME)
+        check_effects("reject", reject, (*BY_NAME, EMPIRICAL))
+        with progress_line() as show:
+            result = find_gap(
+                self.recording, known, accept=accept, reject=reject, where=str(self.path), say=show
+            )
+        return MissingEffects(result)
+
     def plot(self, channel: str = "gz") -> Plot:
         """A column of all nodes over time. Raises InputError where no node has it."""
         shown = [
@@ -177,6 +288,20 @@ class LoadedLog:
             raise InputError(f"{self.path}: no node has a column {channel!r}")
         unit = {"g": "rad/s", "a": "m/s²"}.get(channel[0], "") if len(channel) == 2 else ""
         return Plot(curves_figure(shown, "time, s", f"{channel}, {unit}" if unit else channel))
+
+    def save(self, path: StrPath) -> Path:
+        """Write it as an MCAP file (`.mcap`) or as a folder of CSV files; nothing is overwritten.
+
+        Raises InputError where something is there already.
+        """
+        target = Path(path)
+        if target.exists():
+            raise InputError(f"{target}: exists already; choose another name, nothing is overwritten")
+        if target.suffix == ".mcap":
+            write_recording(self.recording, target, vehicle=self._vehicle)
+        else:
+            write_folder(self.recording, target)
+        return target
 
     def _node(self, name: str | None) -> str:
         """The node that is meant: the one named, or the only one."""
@@ -203,51 +328,3 @@ class LoadedLog:
             for name, table in self.recording.files().items()
         ]
         return html_table(("", "rows", "Hz", "t, s", "columns"), rows) + html_lines(self.warnings)
-
-
-def open(
-    path: StrPath,
-    *,
-    vehicle: StrPath | Vehicle | None = None,
-    topics: Mapping[str, str] | None = None,
-    rate: float | None = None,
-    units: Sequence[str] = (),
-    columns: Sequence[str] = (),
-    variable: str | None = None,
-    channel: str = "gz",
-) -> LoadedLog:
-    """Read a log: MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy).
-
-    >>> import hubodo
-    >>> log = hubodo.open("drive.mcap")
-    >>> log
-    LoadedLog('drive.mcap': left, right, reference, truth; 60.0 s)
-    >>> log["left"]["gz"].shape
-    (12000,)
-    >>> log.fuse("vehicle.toml").score.final_percent < 1.0
-    True
-
-    Args:
-        path: the log.
-        vehicle: a vehicle file or a `Vehicle`; `fuse` takes it then, and its `[topics]` are used.
-        topics: which topic of another program's log is what, as in `{"left": "/imu/left_wheel"}`.
-        rate: samples per second, for a file of numbers without times.
-        units: of such a file: `deg/s`, `g`, `0.00875 deg/s` for what one count stands for.
-        columns: of such a file: what each column is, as in `["t", "gx", "gy", "gz"]`; "-" leaves one out.
-        variable: the arrays of a MATLAB, HDF5 or numpy file.
-        channel: what the only column of such a file is.
-
-    Raises:
-        LogError: no such file, or one that cannot be read.
-        InputError: a file that does not say what it is, and is not told by the arguments.
-    """
-    where = Path(path)
-    known = None if vehicle is None else given_vehicle(vehicle)
-    choice = TopicChoice(topics or {}, needed=frozenset())
-    if known is not None:
-        on_wheels = {name: mount.side is not None for name, mount in known.nodes.items()}
-        choice = TopicChoice(topics or {}, known.topics, on_wheels, known.wheel_radius, frozenset())
-    form = LogForm(rate, tuple(units), tuple(columns), variable, channel, choice)
-    with progress_line() as show:
-        recording = read_log(where, form=form, progress=show)
-    return LoadedLog(where, recording, known)

@@ -7,7 +7,7 @@ import pytest
 
 import hubodo
 
-MODULES = ["hubodo.api.log"]
+MODULES = ["hubodo.api.log", "hubodo.api.read", "hubodo.api.simulate"]
 
 
 @pytest.mark.parametrize("module", MODULES)
