@@ -61,11 +61,7 @@ def simulate(
         ConfigError: a model file with a mistake in it.
         InputError: no such drive, too short a time for poses, a model without nodes.
     """
-    known = given_model(model)
-    notes: tuple[str, ...] = ()
-    errors, _ = given_calibration(calibration)
-    if errors is not None:
-        known, notes = with_calibration(known, errors)
+    known, notes = _with_errors(given_model(model), calibration)
     earth = None if latitude_deg is None else Earth(math.radians(latitude_deg), math.radians(azimuth_deg))
     experiment = experiments.experiment_of(
         drive,
@@ -80,3 +76,9 @@ def simulate(
     drawn = experiments.simulate(known, experiment, rate, reference_rate, seed)
     drawn = replace(experiments.simulated(drawn, drive, known, seed), warnings=notes)
     return LoadedLog(Path(f"simulated-{drive}"), drawn, known.vehicle)
+
+
+def _with_errors(model: Model, calibration: StrPath | Calibration | None) -> tuple[Model, tuple[str, ...]]:
+    """The model with what was calibrated, and what of that it cannot have."""
+    errors, _ = given_calibration(calibration)
+    return (model, ()) if errors is None else with_calibration(model, errors)
