@@ -37,9 +37,11 @@ def simulate(
     """A log of what the nodes of a model would measure: what `hubodo simulate` draws.
 
     >>> import hubodo
-    >>> log = hubodo.simulate("leaning.toml", duration=60, seed=7)
-    >>> [found.effect for found in log.gap("model.toml").found]
-    ['wheel_camber']
+    >>> log = hubodo.simulate("model.toml", "loop", duration=20, seed=7)
+    >>> log
+    LoadedLog('simulated-loop': left, right, reference, truth; 20.0 s)
+    >>> len(log.fuse().t)
+    200
 
     Args:
         model: a model file, or a `Model`.
