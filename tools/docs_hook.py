@@ -51,7 +51,7 @@ def _drawing(tex: str) -> str:
 
     out = io.StringIO()
     with mpl.rc_context({"mathtext.fontset": "cm", "font.size": _SIZE, "svg.hashsalt": tex}):
-        math_to_image(f"${tex}$", out, format="svg", color="#010203")
+        math_to_image(f"${tex}$".replace(r"\frac", r"\dfrac"), out, format="svg", color="#010203")
     text = out.getvalue()
     body = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
     # No empty line: to Markdown it would end the element.

@@ -40,8 +40,6 @@ def simulate(
     >>> log = hubodo.simulate("model.toml", "loop", duration=20, seed=7)
     >>> log
     LoadedLog('simulated-loop': left, right, reference, truth; 20.0 s)
-    >>> len(log.fuse().t)
-    200
 
     Args:
         model: a model file, or a `Model`.
