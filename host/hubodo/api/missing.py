@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from hubodo.api.plot import Plot
+from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
+from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.tell.account import probability, verdict, what_to_do, with_sigma
 from hubodo.gap.tell.result import Finding, GapResult
 from hubodo.html_table import html_lines, html_table
@@ -95,9 +97,10 @@ class MissingEffects:
         return html_lines((verdict(self.result),)) + table + html_lines(what_to_do(self.result))
 
 
-def check_effects(argument: str, names: Iterable[str], known: Collection[str]) -> None:
+def check_effects(accept: Iterable[str], reject: Iterable[str]) -> None:
     """Raises InputError for a name that is none of an effect."""
-    for name in names:
-        if name not in known:
-            hint = near(name, known) or f"; they are {', '.join(known)}"
-            raise InputError(f"{argument} {name!r}: no such effect{hint}")
+    for said, names, known in (("accept", accept, (*BY_NAME,)), ("reject", reject, (*BY_NAME, EMPIRICAL))):
+        for name in names:
+            if name not in known:
+                hint = near(name, known) or f"; they are {', '.join(known)}"
+                raise InputError(f"{said} {name!r}: no such effect{hint}")
