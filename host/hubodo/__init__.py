@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.log import LoadedLog
     from hubodo.api.missing import MissingEffects
     from hubodo.api.plot import Plot
@@ -14,15 +15,25 @@ if TYPE_CHECKING:
     from hubodo.api.sensor import AllanResult, WarmupResult
     from hubodo.api.simulate import simulate
     from hubodo.api.track import FusedTrack
-    from hubodo.calibration.file import Calibration, read_calibration
+    from hubodo.calibration.file import Calibration
     from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
-    from hubodo.model.model_file import Model, read_model
+    from hubodo.fuse.track import Score
+    from hubodo.gap.tell.result import Finding
+    from hubodo.model.model_file import Model
     from hubodo.recording import Event, Recording, Table
-    from hubodo.vehicle import NodeMount, Vehicle, load_vehicle
+    from hubodo.sensors.allan.fit import NoiseTerm
+    from hubodo.vehicle import NodeMount, Vehicle
 
 __version__ = "0.1.0"
 
 _HOMES = {
+    "hubodo.api.files": (
+        "load_vehicle",
+        "read_calibration",
+        "read_model",
+        "write_calibration",
+        "write_model",
+    ),
     "hubodo.api.log": ("LoadedLog",),
     "hubodo.api.missing": ("MissingEffects",),
     "hubodo.api.plot": ("Plot",),
@@ -30,11 +41,14 @@ _HOMES = {
     "hubodo.api.sensor": ("AllanResult", "WarmupResult"),
     "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),
-    "hubodo.calibration.file": ("Calibration", "read_calibration"),
+    "hubodo.calibration.file": ("Calibration",),
     "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
-    "hubodo.model.model_file": ("Model", "read_model"),
+    "hubodo.fuse.track": ("Score",),
+    "hubodo.gap.tell.result": ("Finding",),
+    "hubodo.model.model_file": ("Model",),
     "hubodo.recording": ("Event", "Recording", "Table"),
-    "hubodo.vehicle": ("NodeMount", "Vehicle", "load_vehicle"),
+    "hubodo.sensors.allan.fit": ("NoiseTerm",),
+    "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -46,17 +60,22 @@ __all__ = [  # noqa: RUF022 - in the order in which a reader meets them
     "Event",
     "Recording",
     "FusedTrack",
+    "Score",
     "AllanResult",
+    "NoiseTerm",
     "WarmupResult",
     "MissingEffects",
+    "Finding",
     "Plot",
     "Vehicle",
     "NodeMount",
     "load_vehicle",
     "Model",
     "read_model",
+    "write_model",
     "Calibration",
     "read_calibration",
+    "write_calibration",
     "HubodoError",
     "InputError",
     "ConfigError",
@@ -66,12 +85,14 @@ __all__ = [  # noqa: RUF022 - in the order in which a reader meets them
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(_HOME[name]), name)
-    globals()[name] = value
-    return value
+if not TYPE_CHECKING:  # to a type checker any name would be there otherwise
+
+    def __getattr__(name: str) -> Any:
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

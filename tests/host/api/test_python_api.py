@@ -98,6 +98,15 @@ def test_a_plot_is_saved_as_its_suffix_says(drive, tmp_path):
         plot.save(tmp_path / "a.gif")
 
 
+def test_files_are_written_and_read_by_paths_that_are_text(examples, tmp_path):
+    model = hubodo.read_model(str(examples / "leaning.toml"))
+    hubodo.write_model(model, str(tmp_path / "model.toml"))
+    assert hubodo.read_model(str(tmp_path / "model.toml")) == model
+    assert hubodo.load_vehicle(str(tmp_path / "model.toml")) == model.vehicle
+    hubodo.write_calibration(hubodo.Calibration(), str(tmp_path / "calibration.toml"))
+    assert hubodo.read_calibration(str(tmp_path / "calibration.toml")) == hubodo.Calibration()
+
+
 def test_a_log_is_a_mapping_of_its_tables(drive):
     assert list(drive) == ["left", "right", "reference", "truth"] and len(drive) == 4
     assert "left" in drive and "gnss" not in drive
