@@ -46,6 +46,7 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
             memory_limit=memory_limit,
             host="127.0.0.1",
             dashboard_address=None,
+            preload=["hubodo.fleet.deaf_worker"],
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,

@@ -11,7 +11,8 @@ import pyarrow.compute as pc
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
-from hubodo.fleet.listing import LogPlace, opened
+from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.place import opened, write_whole
 from hubodo.fleet.task import FAILED, Analysis
 
 MEASURED = pa.struct(
@@ -64,9 +65,8 @@ class Finished:
             return
         sink = pa.BufferOutputStream()
         pq.write_table(pa.Table.from_pylist(list(rows), SCHEMA), sink, compression="zstd")
-        name = f"{self._folder}/{uuid.uuid4().hex}"
-        self._fs.pipe_file(f"{name}.part", sink.getvalue().to_pybytes())
-        self._fs.mv(f"{name}.part", f"{name}.parquet")
+        name = f"{self._folder}/{uuid.uuid4().hex}.parquet"
+        write_whole(self._fs, name, sink.getvalue().to_pybytes())
 
     def add_again(self, seen: Sequence[Mapping[str, Any]]) -> None:
         """Rows of results that are there, under another log's name: its key, log, stamp, vehicle, start."""

@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from fsspec.core import has_magic, url_to_fs
-from fsspec.implementations.local import LocalFileSystem
+from fsspec.core import has_magic
 
 from hubodo.errors import InputError
+from hubodo.fleet.place import opened, url_of
 
 _LOGS = (".mcap", ".bag", ".db3")
 _CSV = (".csv", ".csv.gz")
@@ -49,7 +49,7 @@ def find_logs(words: Sequence[str], output: str) -> list[LogPlace]:
     Raises InputError for a word that stands for nothing, and for no log at all.
     """
     found: dict[str, LogPlace] = {}
-    own = url_of(*url_to_fs(output)) + "/"
+    own = url_of(*opened(output)) + "/"
     for word in words:
         fs, path = opened(word)
         path = path.rstrip("/") or path
@@ -62,20 +62,6 @@ def find_logs(words: Sequence[str], output: str) -> list[LogPlace]:
             f"{', '.join(words)}: no log in there; a log is .mcap, .bag, a rosbag2 or a CSV folder"
         )
     return [found[url] for url in sorted(found)]
-
-
-def opened(word: str) -> tuple[Any, str]:
-    """The file system of a path or URL, and the path in it. Raises InputError for one that cannot be used."""
-    try:
-        fs, path = url_to_fs(word)
-    except (ValueError, ImportError) as error:
-        raise InputError(f"{word}: {error}; s3:// and gs:// need pip install 'hubodo[cloud]'") from None
-    return fs, str(path)
-
-
-def url_of(fs: Any, path: str) -> str:
-    """A path of this computer as it stands, another with its protocol."""
-    return path if isinstance(fs, LocalFileSystem) else str(fs.unstrip_protocol(path))
 
 
 def _places(fs: Any, path: str) -> Iterator[LogPlace]:

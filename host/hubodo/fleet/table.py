@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from hubodo.fleet.listing import opened
+from hubodo.fleet.missing_effects import with_q_values
+from hubodo.fleet.place import opened, write_whole
 
 TABLE = "table.parquet"
 _OF_LOG = ("verb", "log", "vehicle", "start", "status", "error", "size", "cpu", "sha256", "version")
@@ -31,16 +33,16 @@ def long_table(rows: pa.Table) -> pa.Table:
     return both.add_column(4, "date", pc.cast(both["start"], pa.date32()))
 
 
-def write_table(output: str, verb: str, rows: pa.Table) -> pa.Table:
+def write_table(output: str, verb: str, rows: pa.Table) -> pd.DataFrame:
     """Puts a verb's rows into `OUT/table.parquet`, in the place of its earlier ones; all of the table."""
     fs, folder = opened(output)
     path, made = f"{folder}/{TABLE}", long_table(rows)
     if fs.exists(path):
         others = pq.read_table(path, filesystem=fs, filters=pc.field("verb") != verb)
         made = pa.concat_tables([others.select(made.schema.names).cast(made.schema), made])
-    made = made.sort_by([("verb", "ascending"), ("log", "ascending")])
+    frame = with_q_values(made.sort_by([("verb", "ascending"), ("log", "ascending")]).to_pandas())
+    schema = made.schema.append(pa.field("q_value", pa.float64()))
     sink = pa.BufferOutputStream()
-    pq.write_table(made, sink, compression="zstd")
-    fs.pipe_file(f"{path}.part", sink.getvalue().to_pybytes())
-    fs.mv(f"{path}.part", path)
-    return made
+    pq.write_table(pa.Table.from_pandas(frame, schema, preserve_index=False), sink, compression="zstd")
+    write_whole(fs, path, sink.getvalue().to_pybytes())
+    return frame

@@ -17,7 +17,8 @@ from hubodo import __version__
 from hubodo.calibration.file import source_hash
 from hubodo.errors import HubodoError, InputError
 from hubodo.fleet.identity import identity
-from hubodo.fleet.listing import LogPlace, opened
+from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.place import opened
 from hubodo.fleet.quantities import quantities
 
 DONE, REFUSED, FAILED, KNOWN = "done", "refused", "failed", "known"

@@ -8,17 +8,21 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import pandas as pd
 import pyarrow as pa
 
 from hubodo.fleet.engine import each
 from hubodo.fleet.finished import Finished
 from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.page import fleet_page
+from hubodo.fleet.place import opened, write_whole
 from hubodo.fleet.table import write_table
 from hubodo.fleet.task import KNOWN, Analysis, examine
 
 if TYPE_CHECKING:
     from distributed import Client
 
+PAGE = "fleet.html"
 _KEEP_S, _KEEP_ROWS = 10.0, 500
 """So long, or for so many logs, at the most a result is in memory alone."""
 Progress = Callable[[str, float], None]
@@ -49,7 +53,7 @@ class Batch:
     """rows: of `finished.SCHEMA`, one a log. table: all of `OUT/table.parquet`. fresh: logs done now."""
 
     rows: pa.Table
-    table: pa.Table
+    table: pd.DataFrame
     fresh: int
 
 
@@ -71,6 +75,9 @@ def run_batch(
     finally:
         rows = pa.concat_tables([finished.rows(places), finished.failures(places)])
         table = write_table(output, analysis.verb, rows)
+        show("drawing the page", 1.0)
+        fs, folder = opened(output)
+        write_whole(fs, f"{folder}/{PAGE}", fleet_page(table).encode())
     return Batch(rows, table, len(fresh))
 
 

@@ -76,7 +76,7 @@ class BatchDone:
             console.print(table)
         if len(self.errors) > _SHOWN:
             say(f"and {len(self.errors) - _SHOWN} more (--json shows all)")
-        say(f"{self.output}/table.parquet")
+        say(f"{self.output}/fleet.html, {self.output}/table.parquet")
 
 
 class _VerbParser(Parser):
@@ -144,7 +144,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> BatchDone:
     """Find the logs, examine each, gather."""
     from hubodo.fleet.engine import engine
-    from hubodo.fleet.listing import find_logs, opened, url_of
+    from hubodo.fleet.listing import find_logs
+    from hubodo.fleet.place import opened, url_of
     from hubodo.fleet.task import Analysis, read_files
     from hubodo.fleet.workflow import run_batch
 
