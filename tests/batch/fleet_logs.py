@@ -21,13 +21,17 @@ NOISE = 3e-3
 
 @dataclass(frozen=True)
 class FleetLog:
-    """A log. day: since MONDAY. bias: rad/s of z. missing: samples left out at two thirds."""
+    """A log. day: since MONDAY. bias: rad/s of z; warming: what is added at first and dies away in 30 s.
+
+    missing: samples left out at two thirds.
+    """
 
     vehicle: str
     day: float
     seconds: float = 20.0
     rate: float = 100.0
     bias: float = 0.01
+    warming: float = 0.0
     noise: float = NOISE
     missing: int = 0
     seed: int = 0
@@ -45,6 +49,7 @@ def write(folder: Path, log: FleetLog) -> Path:
     nodes = {}
     for node in log.nodes:
         gyro = rng.normal((0.0, 0.0, log.bias), log.noise, (len(t), 3))
+        gyro[:, 2] += log.warming * np.exp(-t / 30.0)
         accel = rng.normal((0.0, 0.0, 9.80665), 0.02, (len(t), 3))
         values = np.column_stack(
             [np.round(gyro / GYRO_STEP) * GYRO_STEP, np.round(accel / ACCEL_STEP) * ACCEL_STEP]

@@ -57,7 +57,6 @@ class Finished:
         self._fs, path = opened(output)
         self._folder = f"{path}/finished"
         self._analysis = analysis
-        self._fs.makedirs(self._folder, exist_ok=True)
 
     def add(self, rows: Sequence[Mapping[str, Any]]) -> None:
         """Writes rows of `SCHEMA`; a file is there whole or not at all."""
@@ -92,11 +91,23 @@ class Finished:
         return _newest(_of(self._read(_SMALL, pc.field("status") == FAILED), left))
 
     def _read(self, columns: list[str], where: Any) -> pa.Table:
-        files = sorted(path for path in self._fs.ls(self._folder, detail=False) if path.endswith(".parquet"))
-        if not files:
-            return SCHEMA.empty_table().select(columns)
-        found = ds.dataset(files, schema=SCHEMA, filesystem=self._fs, format="parquet")
-        return found.to_table(columns, filter=where & (pc.field("analysis") == self._analysis.digest))
+        mine = pc.field("analysis") == self._analysis.digest
+        return _read(self._fs, self._folder, columns, where & mine)
+
+
+def mentioning(output: str, verb: str, text: str) -> set[str]:
+    """Logs with a result of a verb in which a text stands, in small or capital letters."""
+    fs, path = opened(output)
+    said = pc.match_substring(pc.field("result"), text, ignore_case=True)
+    found = _read(fs, f"{path}/finished", ["log"], (pc.field("verb") == verb) & said)
+    return set(found["log"].to_pylist())
+
+
+def _read(fs: Any, folder: str, columns: list[str], where: Any) -> pa.Table:
+    files = sorted(fs.glob(f"{folder}/*.parquet"))
+    if not files:
+        return SCHEMA.empty_table().select(columns)
+    return ds.dataset(files, schema=SCHEMA, filesystem=fs, format="parquet").to_table(columns, filter=where)
 
 
 def _own(row: Mapping[str, Any]) -> dict[str, Any]:

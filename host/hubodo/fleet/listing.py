@@ -11,7 +11,7 @@ from typing import Any
 from fsspec.core import has_magic
 
 from hubodo.errors import InputError
-from hubodo.fleet.place import opened, url_of
+from hubodo.fleet.place import opened, reached, url_of
 
 _LOGS = (".mcap", ".bag", ".db3")
 _CSV = (".csv", ".csv.gz")
@@ -46,15 +46,18 @@ class LogPlace:
 def find_logs(words: Sequence[str], output: str) -> list[LogPlace]:
     """The logs of these files, folders, globs and URLs, each once, by name; what lies in `output` is none.
 
-    Raises InputError for a word that stands for nothing, and for no log at all.
+    Raises InputError for a word that stands for nothing and for no log at all, LinkError as `reached`.
     """
     found: dict[str, LogPlace] = {}
     own = url_of(*opened(output)) + "/"
     for word in words:
         fs, path = opened(word)
         path = path.rstrip("/") or path
-        places = list(_places(fs, path))
-        if not places and not fs.exists(path):
+        with reached(word):
+            fs.invalidate_cache()
+            places = list(_places(fs, path))
+            there = bool(places) or fs.exists(path)
+        if not there:
             raise InputError(f"{word}: is not there; name logs, folders, globs or URLs of them")
         found |= {place.url: place for place in places if not place.url.startswith(own)}
     if not found:

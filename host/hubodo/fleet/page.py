@@ -93,7 +93,7 @@ def _missing(table: pd.DataFrame) -> Iterator[Section]:
             one.scope,
             one.vehicle,
             f"{one.logs} of {one.of}",
-            f"{one.since:%Y-%m-%d}" if one.since else "now and then",
+            f"{one.since:%Y-%m-%d}" if one.since else "",
         )
         for one in found
     ]
@@ -104,7 +104,8 @@ def _missing(table: pd.DataFrame) -> Iterator[Section]:
     text = f"Vehicles: {counts or 'none'}. " + _more(rows)
     text += f" At most {100 * FALSE_SHARE:.0f} % of these findings are chance (Benjamini and Hochberg)."
     heads = ("effect", "of", "vehicle", "logs", "since the week of")
-    maps = [effect_map(shares(table, name), name) for name in effects[:_MOST_FIGURES]]
+    share = {name: shares(table, name) for name in effects[:_MOST_FIGURES]}
+    maps = [effect_map(some, name) for name, some in share.items() if some.size]
     yield Section("What the model lacks", text, [Grid(heads, rows[:_MOST_ROWS])], maps)
 
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import posixpath
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
-from hubodo.errors import InputError
+from hubodo.errors import InputError, LinkError
 from hubodo.whole_files import whole_files
 
 
@@ -25,6 +27,16 @@ def opened(word: str) -> tuple[Any, str]:
 def url_of(fs: Any, path: str) -> str:
     """A path of this computer as it stands, another with its protocol."""
     return path if isinstance(fs, LocalFileSystem) else str(fs.unstrip_protocol(path))
+
+
+@contextmanager
+def reached(word: str) -> Iterator[None]:
+    """Raises LinkError where a store cannot be reached or refuses, whatever its own client calls that."""
+    try:
+        yield
+    except Exception as error:  # noqa: BLE001 - each store's client has errors of its own
+        text = " ".join(str(error).split())
+        raise LinkError(f"{word}: {type(error).__name__}: {text}; check the address and the rights") from None
 
 
 def write_whole(fs: Any, path: str, data: bytes) -> None:

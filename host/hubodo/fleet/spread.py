@@ -18,7 +18,7 @@ _FEWEST = 8
 """Values of a quantity below which nothing is said to stand out."""
 _FEWEST_WEEKS = 4
 _BIAS = r"bias|\.c2$"
-"""C2 is the bias that a warm-up ends at."""
+"""C2 is the bias right after power-on."""
 _DRIFT_LEVEL = 0.99
 _NORMAL_90 = 3.29
 """Width from the 5th to the 95th percentile of a normal distribution, in sigmas."""

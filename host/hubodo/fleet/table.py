@@ -8,10 +8,10 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from hubodo.fleet.missing_effects import with_q_values
+from hubodo.fleet.names import TABLE
 from hubodo.fleet.place import opened, write_whole
 
-TABLE = "table.parquet"
-_OF_LOG = ("verb", "log", "vehicle", "start", "status", "error", "size", "cpu", "sha256", "version")
+_OF_LOG = ("verb", "log", "vehicle", "start", "status", "error", "size", "cpu", "sha256", "version", "files")
 _OF_NUMBER = ("node", "quantity", "value", "sigma", "unit", "p_value")
 
 
@@ -39,7 +39,8 @@ def write_table(output: str, verb: str, rows: pa.Table) -> pd.DataFrame:
     path, made = f"{folder}/{TABLE}", long_table(rows)
     if fs.exists(path):
         others = pq.read_table(path, filesystem=fs, filters=pc.field("verb") != verb)
-        made = pa.concat_tables([others.select(made.schema.names).cast(made.schema), made])
+        both = pa.concat_tables([made, others], promote_options="default")  # of an earlier version, too
+        made = both.select(made.schema.names)
     frame = with_q_values(made.sort_by([("verb", "ascending"), ("log", "ascending")]).to_pandas())
     schema = made.schema.append(pa.field("q_value", pa.float64()))
     sink = pa.BufferOutputStream()

@@ -14,15 +14,15 @@ import pyarrow as pa
 from hubodo.fleet.engine import each
 from hubodo.fleet.finished import Finished
 from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.names import PAGE
 from hubodo.fleet.page import fleet_page
-from hubodo.fleet.place import opened, write_whole
+from hubodo.fleet.place import opened, reached, write_whole
 from hubodo.fleet.table import write_table
 from hubodo.fleet.task import KNOWN, Analysis, examine
 
 if TYPE_CHECKING:
     from distributed import Client
 
-PAGE = "fleet.html"
 _KEEP_S, _KEEP_ROWS = 10.0, 500
 """So long, or for so many logs, at the most a result is in memory alone."""
 Progress = Callable[[str, float], None]
@@ -65,7 +65,8 @@ def run_batch(
     connect: makes the context of a Dask client; not asked for where nothing is to be done.
     """
     finished = Finished(output, analysis)
-    there = set(finished.rows(places)["log"].to_pylist())
+    with reached(output):
+        there = set(finished.rows(places)["log"].to_pylist())
     fresh = [place for place in places if place.url not in there]
     try:
         if fresh:

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
+from hubodo.fleet.names import CALIBRATION, PRIORS
 from hubodo.progress import progress_line
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.numbers import whole
@@ -23,14 +24,16 @@ EXAMPLE = (
     "  hubodo batch allan 's3://logs/2026-*/*.mcap' --node all -o fleet/ --scheduler tcp://cluster:8786"
 )
 ANALYSES = ("info", "fuse", "allan", "warmup", "calibrate", "gap", "report", "export")
-_OWN = ("logs", "output", "scheduler", "workers", "memory_limit", "verb", "analysis", "json", "debug", "run")
+_OWN = ("logs", "output", "priors", "scheduler", "workers", "memory_limit")
+_OF_EACH_VERB = ("verb", "analysis", "json", "debug", "run")
 _NOT_HERE = ("-o", "--output", "--force", "--figure", "--report", "--datasheet")
 """Options of verbs that name what one log's result is written to, or what it is laid beside."""
 _OUTPUT = {
     "fuse": "",
     "gap": "",
     "report": "report.html",
-    "calibrate": "calibration.toml",
+    "calibrate": CALIBRATION,
+    "warmup": CALIBRATION,
     "export": "tables",
 }
 """What a verb writes, within the folder for one log; "" the folder itself."""
@@ -112,6 +115,12 @@ def _add_own(parser: argparse.ArgumentParser) -> None:
     add(
         parser, "-o", "--output", required=True, metavar="OUT", help="folder or URL for table, page and files"
     )
+    add(
+        parser,
+        "--priors",
+        action="store_true",
+        help=f"of calibrate and warmup: write what is usual among the vehicles to OUT/{PRIORS}",
+    )
     group = parser.add_argument_group("where the work is done")
     group.add_argument(
         "--scheduler", metavar="URL", help="of a Dask cluster, as tcp://host:8786 (default: this computer)"
@@ -146,20 +155,27 @@ def run(args: argparse.Namespace) -> BatchDone:
     from hubodo.fleet.engine import engine
     from hubodo.fleet.listing import find_logs
     from hubodo.fleet.place import opened, url_of
+    from hubodo.fleet.priors import write_priors
     from hubodo.fleet.task import Analysis, read_files
     from hubodo.fleet.workflow import run_batch
 
-    options = {name: value for name, value in vars(args).items() if name not in _OWN}
+    options = {name: value for name, value in vars(args).items() if name not in _OWN + _OF_EACH_VERB}
+    if args.analysis == "warmup":
+        options["calibration"] = args.priors
     kind = options.get("kind")
     analysis = Analysis(
         f"{args.analysis} {kind}" if kind else args.analysis, options, read_files(options), examine_one
     )
+    if args.priors and _OUTPUT.get(args.analysis) != CALIBRATION:
+        raise InputError("--priors goes with calibrate and warmup")
     output = url_of(*opened(args.output)).rstrip("/")
     places = find_logs(args.logs, output)
     with progress_line() as show:
         made = run_batch(
             lambda: engine(args.scheduler, args.workers, args.memory_limit), places, analysis, output, show
         )
+    if args.priors:
+        write_priors(output, made.rows)
     rows = made.rows.select(["log", "status", "error", "cpu", "size"]).to_pydict()
     counts = {status: rows["status"].count(status) for status in sorted(set(rows["status"]))}
     errors = [(log, error) for log, error in zip(rows["log"], rows["error"], strict=True) if error]
@@ -180,7 +196,9 @@ def examine_one(verb: str, options: Mapping[str, Any], log: Path, folder: Path) 
     name = verb.partition(" ")[0]
     args = argparse.Namespace(**options)
     args.log = [log] if options["log"] else log
-    args.output = folder / _OUTPUT[name] if name in _OUTPUT else None
+    # Without an accepted model warmup refuses to write a file, though it has much to tell.
+    writes = name in _OUTPUT and (name != "warmup" or options["calibration"])
+    args.output = folder / _OUTPUT[name] if writes else None
     result = load(name).run(args)
     if result is None:
         raise InputError(f"hubodo {name} has no result")
