@@ -24,7 +24,7 @@ def test_only_nodes_on_the_body_begin_turned_so_that_gravity_is_where_they_feel_
 
 
 def test_the_attitude_of_each_is_free_beside_the_directions(monkeypatch):
-    """Two directions, and three angles of either node on the body: each column with the node that feels it."""
+    """Two directions, three angles of either node on the body: each column with the node that feels it."""
     nodes = [SimpleNamespace(name=name, on_wheel=name == "left") for name in ("left", "frame", "seat")]
     directions = [SimpleNamespace(node="left"), SimpleNamespace(node="frame")]
     monkeypatch.setattr(
