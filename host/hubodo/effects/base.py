@@ -119,7 +119,8 @@ class Effect:
     name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
     has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
     scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
-    of samples; its stage is inverted then. alike: effect that a drive may not tell from this one -> the
+    of samples; its stage is inverted then. remembers: whether what it makes of the motion hangs on earlier
+    motion, too. alike: effect that a drive may not tell from this one -> the
     manoeuvre that does; it stands in one of the two.
     """
 
@@ -129,6 +130,7 @@ class Effect:
     shows: ClassVar[Shows] = "mean"
     follows: ClassVar[Follows | None] = None
     undone: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
     alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod

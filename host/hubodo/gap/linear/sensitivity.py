@@ -9,7 +9,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
-from hubodo.gap.state.state import State, speed_correction, stacked
+from hubodo.gap.linear.shared_speed import SharedSpeed
+from hubodo.gap.state.state import State, stacked
+from hubodo.model.inputs import SpeedCorrection
 
 # Of a scale: at the end of a long log even a small step of a radius turns the wheel far.
 _MOVE = 1e-6
@@ -39,25 +41,26 @@ class Direction:
 
 def columns(state: State, directions: Sequence[Direction]) -> dict[str, Array]:
     """For each node (P, 6, N) float32: change of its channels for a move by a scale along each direction."""
-    problem, given = state.problem, state.correction
+    nodes, given = state.problem.nodes, state.correction
     base = {name: stacked(reading) for name, reading in state.readings.items()}
-    made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in problem.nodes}
+    made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in nodes}
+    shared = SharedSpeed(state)
     for k, direction in enumerate(directions):
-        there = direction.moved(_MOVE)
-        moved: dict[str, Mapping[type[Effect], Effect]] = {
-            name: _with(of, there) if direction.node in ("", name) else of
-            for name, of in state.effects.items()
-        }
-        correction = given
-        if given is not None and direction.node in ("", *problem.measured_by):
-            correction = speed_correction(problem, moved)
+        there, own = direction.moved(_MOVE), [n.name for n in nodes if direction.node in ("", n.name)]
+        moved = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
         # What changes the speed that the gyros of one node measured is felt by all the others.
-        shared = given is not None and correction is not None and (correction.speed != given.speed).any()
-        for node in problem.nodes:
-            if shared or direction.node in ("", node.name):
-                change = stacked(state.reading(node, moved[node.name].values(), correction))
-                change -= base[node.name]
-                made[node.name][k] = change / _MOVE
+        changed = shared.corrected(moved, own)
+        more = None
+        if given is not None and changed is not None:
+            more = SpeedCorrection(given.t, (changed.speed - given.speed) / _MOVE)
+        for node in nodes:
+            follows = more is not None and shared.at_once(node)
+            if node.name in own or (more is not None and not follows):
+                correction = given if more is None or follows else changed
+                reading = state.reading(node, moved[node.name].values(), correction)
+                made[node.name][k] = (stacked(reading) - base[node.name]) / _MOVE
+            if more is not None and follows:
+                made[node.name][k] += shared.felt(node, more)
     return made
 
 

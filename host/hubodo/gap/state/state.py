@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -63,9 +63,30 @@ class State:
         return {node.name: effects_on(node, self.terms) for node in self.problem.nodes}
 
     @cached_property
+    def speed_errors(self) -> Mapping[str, Array]:
+        """(N,) m/s of each node whose gyro measured the speed: what is to be added to what it measured."""
+        sources = self.problem.sources
+        return {node.name: speed_error(node, self.effects[node.name], len(sources) == 1) for node in sources}
+
+    @cached_property
     def correction(self) -> SpeedCorrection | None:
         """Of the speed input, where gyros measured it."""
-        return speed_correction(self.problem, self.effects)
+        return self.corrected(self.effects, ())
+
+    def corrected(self, effects: Effects, changed: Collection[str]) -> SpeedCorrection | None:
+        """The same with other effects; changed: the names of the nodes that have others."""
+        sources = self.problem.sources
+        if not sources:
+            return None
+        errors = {
+            node.name: speed_error(node, effects[node.name], len(sources) == 1)
+            if node.name in changed
+            else self.speed_errors[node.name]
+            for node in sources
+        }
+        t = sources[0].t
+        speed = np.mean([np.interp(t, node.t, errors[node.name]) for node in sources], axis=0)
+        return SpeedCorrection(t, speed)
 
     @cached_property
     def readings(self) -> Mapping[str, Reading]:
@@ -138,29 +159,20 @@ def stacked(reading: Reading) -> Array:
     return np.concatenate([reading.gyro, reading.accel])
 
 
-def speed_correction(problem: Problem, effects: Effects) -> SpeedCorrection | None:
-    """Where gyros measured the speed: what the errors that the model gives them did to it.
+def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: bool) -> Array:
+    """(N,) m/s: how much too slow a gyro on a wheel measured the speed, for the errors in a model.
 
-    The input took nominal radius times what the z gyros read for the speed.
+    The input took nominal radius times what the z gyro reads for the speed. alone: no gyro on another wheel
+    measured it, too.
     """
-    if not problem.measured_by:
-        return None
-    sources = [node for node in problem.nodes if node.name in problem.measured_by]
-    parts = []
-    for node in sources:
-        reading = node.forward.mean(
-            [e for e in effects[node.name].values() if e.shows == "mean"], NodeStart()
-        )
-        rolling, body = reading.rolling, reading.body
-        if rolling is None:
-            continue
-        nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
-        y = 0.5 * side * node.forward.track_width
-        beside = facing_sign(node.mount.facing or "left") * reading.gyro[2] - rolling.spin
-        contact = body.speed - body.yaw_rate * y
-        turning = np.abs(rolling.spin) > 1e-2
-        radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
-        wrong = (radius / nominal - 1.0) * contact - radius * beside
-        parts.append((node.t, wrong if len(sources) > 1 else wrong + body.yaw_rate * y))
-    t = parts[0][0]
-    return SpeedCorrection(t, np.mean([np.interp(t, *part) for part in parts], axis=0))
+    reading = node.forward.mean([e for e in effects.values() if e.shows == "mean"], NodeStart())
+    rolling, body = reading.rolling, reading.body
+    assert rolling is not None
+    nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
+    y = 0.5 * side * node.forward.track_width
+    beside = facing_sign(node.mount.facing or "left") * reading.gyro[2] - rolling.spin
+    contact = body.speed - body.yaw_rate * y
+    turning = np.abs(rolling.spin) > 1e-2
+    radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
+    wrong = (radius / nominal - 1.0) * contact - radius * beside
+    return np.asarray(wrong + body.yaw_rate * y if alone else wrong)
