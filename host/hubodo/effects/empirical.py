@@ -78,8 +78,9 @@ def columns(expression: str, chain: Chain) -> list[Array]:
         elif match := _STEP.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            angles = [k * _full(chain, chain.angle) for k in range(1, HARMONICS + 1)]
-            periodic = [turn(angle) for angle in angles for turn in (np.cos, np.sin)]
+            once = np.exp(1j * _full(chain, chain.angle))
+            turns = np.cumprod(np.broadcast_to(once, (HARMONICS, len(once))), axis=0)
+            periodic = [part for turn in turns for part in (turn.real, turn.imag)]
         else:
             raise ValueError(
                 f"no such term: {factor!r}; known are {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
@@ -125,7 +126,9 @@ class _Empirical(Effect):
             row = CHANNELS.index(channel)
             target = chain.gyro[row] if row < 3 else chain.accel[row - 3]
             for column in made:
-                target += next(values) * column
+                amplitude = next(values)
+                if amplitude:
+                    target += amplitude * column
 
 
 @lru_cache(maxsize=256)

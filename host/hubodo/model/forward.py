@@ -44,7 +44,7 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class _Moved:
+class Moved:
     """How the middle of a node's wheel moves, or a node elsewhere: from (body, geometry, start, phase).
 
     geometry: without the lever arm. rate rad/s, its derivative `slope` rad/s² and specific force m/s², (3, N)
@@ -79,7 +79,7 @@ class NodeForward:
     carried: Carried | None = None
     _bodies: dict[int, Body] = field(default_factory=dict, repr=False)
     _corrected: tuple[MotionCorrection, Body, Body] | None = field(default=None, repr=False)
-    _moves: dict[bool, _Moved] = field(default_factory=dict, repr=False)
+    _moves: dict[bool, Moved] = field(default_factory=dict, repr=False)
 
     def mean(
         self,
@@ -136,6 +136,23 @@ class NodeForward:
         correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
     ) -> tuple[Chain, Rolling | None, Body]:
+        chain, moved = self.reached(effects, start, phase, correction, late)
+        chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
+        for effect in effects:
+            effect.respond(chain)
+        for effect in effects:
+            effect.offset(chain)
+        return chain, moved.rolling, moved.body
+
+    def reached(
+        self,
+        effects: list[Effect],
+        start: NodeStart,
+        phase: Array | float = 0.0,
+        correction: MotionCorrection | None = None,
+        late: Array | float = 0.0,
+    ) -> tuple[Chain, Moved]:
+        """What reaches the sensor, before it answers; and how the node moves."""
         body, geometry = self._body(effects, late, correction), self.geometry(effects)
         moved = self._moved(body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, phase, correction)
         rolling, rate, force = moved.rolling, moved.rate, moved.force
@@ -149,12 +166,7 @@ class NodeForward:
             effect.mount(chain)
         for effect in effects:
             effect.low_pass(chain)
-        chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
-        for effect in effects:
-            effect.respond(chain)
-        for effect in effects:
-            effect.offset(chain)
-        return chain, rolling, body
+        return chain, moved
 
     def _moved(
         self,
@@ -163,7 +175,7 @@ class NodeForward:
         start: NodeStart,
         phase: Array | float,
         correction: MotionCorrection | None,
-    ) -> _Moved:
+    ) -> Moved:
         """How the node moves; the same again is not computed again, as most effects change nothing of it.
 
         With a correction and without are kept apart: where gyros measured the speed both come in turns.
@@ -183,7 +195,7 @@ class NodeForward:
         else:
             rolling = roll(body, geometry, start.angle, phase)
             rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
-        made = _Moved(body, geometry, start, phase, rolling, rate, slope, force)
+        made = Moved(body, geometry, start, phase, rolling, rate, slope, force)
         self._moves[correction is not None] = made
         return made
 

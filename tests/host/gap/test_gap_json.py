@@ -18,7 +18,7 @@ def schema():
 
 
 def strict(made):
-    """The schema without leave for fields that it does not name, so that a test sees what nobody wrote down."""
+    """The schema without leave for fields that it does not name: a test sees what nobody wrote down."""
     if isinstance(made, dict):
         made = {key: strict(value) for key, value in made.items()}
         if "properties" in made and isinstance(made["properties"], dict):

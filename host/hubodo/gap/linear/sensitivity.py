@@ -9,9 +9,11 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
+from hubodo.gap.linear.added import Added
 from hubodo.gap.linear.shared_speed import SharedSpeed
+from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.state import State, stacked
-from hubodo.model.inputs import SpeedCorrection
+from hubodo.model.inputs import MotionCorrection, SpeedCorrection
 
 # Of a scale: at the end of a long log even a small step of a radius turns the wheel far.
 _MOVE = 1e-6
@@ -41,27 +43,50 @@ class Direction:
 
 def columns(state: State, directions: Sequence[Direction]) -> dict[str, Array]:
     """For each node (P, 6, N) float32: change of its channels for a move by a scale along each direction."""
-    nodes, given = state.problem.nodes, state.correction
-    base = {name: stacked(reading) for name, reading in state.readings.items()}
+    nodes = state.problem.nodes
     made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in nodes}
     shared = SharedSpeed(state)
+    moves = {node.name: _Moves(state, node) for node in nodes}
     for k, direction in enumerate(directions):
         there, own = direction.moved(_MOVE), [n.name for n in nodes if direction.node in ("", n.name)]
-        moved = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
+        effects = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
         # What changes the speed that the gyros of one node measured is felt by all the others.
-        changed = shared.corrected(moved, own)
-        more = None
-        if given is not None and changed is not None:
-            more = SpeedCorrection(given.t, (changed.speed - given.speed) / _MOVE)
+        more = shared.more(effects, there, own, _MOVE)
         for node in nodes:
-            follows = more is not None and shared.at_once(node)
-            if node.name in own or (more is not None and not follows):
-                correction = given if more is None or follows else changed
-                reading = state.reading(node, moved[node.name].values(), correction)
-                made[node.name][k] = (stacked(reading) - base[node.name]) / _MOVE
-            if more is not None and follows:
-                made[node.name][k] += shared.felt(node, more)
+            mine, into = node.name in own, made[node.name][k]
+            if more is not None and not shared.at_once(node):
+                into[:] = moves[node.name].anew(effects[node.name], more)
+            elif more is not None:
+                into[:] = shared.felt(node, more)
+                into += moves[node.name].change(effects[node.name], there) if mine else 0.0
+            elif mine:
+                into[:] = moves[node.name].change(effects[node.name], there)
     return made
+
+
+class _Moves:
+    """How one node answers another effect, from where a state stands, per scale."""
+
+    def __init__(self, state: State, node: NodeData) -> None:
+        self._state, self._node = state, node
+        self._base = stacked(state.readings[node.name])
+        self._added = Added(state.reached(node), state.effects[node.name])
+
+    def change(self, effects: Mapping[type[Effect], Effect], there: Effect) -> Array:
+        """(6, N), the motion as it is. effects: of the node, with that other one, `there`."""
+        if self._added.does(type(there)):
+            return self._added.change(there) / _MOVE
+        return self._against(effects, self._state.correction)
+
+    def anew(self, effects: Mapping[type[Effect], Effect], more: SpeedCorrection) -> Array:
+        """(6, N), the speed corrected by so much more per scale."""
+        given = self._state.correction
+        assert given is not None
+        return self._against(effects, SpeedCorrection(given.t, given.speed + _MOVE * more.speed))
+
+    def _against(self, effects: Mapping[type[Effect], Effect], correction: MotionCorrection | None) -> Array:
+        reading = self._state.reading(self._node, effects.values(), correction)
+        return (stacked(reading) - self._base) / _MOVE
 
 
 def _with(effects: Mapping[type[Effect], Effect], there: Effect) -> dict[type[Effect], Effect]:

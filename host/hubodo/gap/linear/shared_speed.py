@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects import Effect
+from hubodo.gap.linear.added import Added
 from hubodo.gap.problem.problem import NodeData
+from hubodo.gap.state.measured_speed import joined
 from hubodo.gap.state.state import Effects, State, stacked
 from hubodo.model.inputs import Driven, MotionCorrection, SpeedCorrection
 
@@ -31,14 +34,33 @@ class SharedSpeed:
     def __init__(self, state: State) -> None:
         self._state = state
         self._answers: dict[str, _Answers] = {}
+        self._added = {
+            name: Added(error.chain, state.effects[name]) for name, error in state.speed_errors.items()
+        }
 
-    def corrected(self, effects: Effects, changed: Collection[str]) -> SpeedCorrection | None:
-        """The correction with other effects on the nodes `changed`; None where it stays what it is."""
-        given = self._state.correction
-        if given is None or not any(node.name in changed for node in self._state.problem.sources):
+    def more(
+        self, effects: Effects, there: Effect, changed: Collection[str], by: float
+    ) -> SpeedCorrection | None:
+        """How the correction changes, per `by`, where nodes `changed` have an effect in place of their own.
+
+        effects: all of all nodes, with it. None where it stays what it is.
+        """
+        given, sources = self._state.correction, self._state.problem.sources
+        moved = [node for node in sources if node.name in changed]
+        if given is None or not moved:
             return None
-        made = self._state.corrected(effects, changed)
-        return made if made is not None and (made.speed != given.speed).any() else None
+        if all(self._added[node.name].does(type(there)) for node in moved):
+            speed = joined(sources, {node.name: self._read(node, there) for node in moved})
+        else:
+            made = self._state.corrected(effects, changed)
+            assert made is not None
+            speed = made.speed - given.speed
+        return SpeedCorrection(given.t, speed / by) if speed.any() else None
+
+    def _read(self, node: NodeData, there: Effect) -> Array:
+        """(N,) m/s: change of a gyro's error by what an effect adds to its reading."""
+        rate = self._added[node.name].change(there)[2]
+        return np.asarray(self._state.speed_errors[node.name].per_rate * rate)
 
     def at_once(self, node: NodeData) -> bool:
         """Whether a node answers at any time only what is true at that time."""
