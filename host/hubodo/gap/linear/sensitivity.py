@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,19 +41,38 @@ class Direction:
         return self.effect.at(coordinates)
 
 
-def columns(state: State, directions: Sequence[Direction]) -> dict[str, Array]:
-    """For each node (P, 6, N) float32: change of its channels for a move by a scale along each direction."""
-    nodes = state.problem.nodes
-    made = {node.name: np.zeros((len(directions), *node.y.shape), np.float32) for node in nodes}
-    shared = SharedSpeed(state)
+def columns(state: State, directions: Sequence[Direction]) -> Iterator[tuple[NodeData, list[int], Array]]:
+    """For each node the directions that it feels, and (p, 6, N) float32: change of its channels for a scale.
+
+    One node after the other, as they take much memory; where gyros measured the speed, all nodes feel all.
+    """
+    nodes, shared = state.problem.nodes, SharedSpeed(state)
+    if state.problem.sources:
+        yield from _together(state, directions, list(range(len(directions))), nodes, shared)
+        return
+    for node in nodes:
+        felt = [k for k, direction in enumerate(directions) if direction.node in ("", node.name)]
+        yield from _together(state, directions, felt, (node,), shared)
+
+
+def _together(
+    state: State,
+    directions: Sequence[Direction],
+    felt: list[int],
+    nodes: Sequence[NodeData],
+    shared: SharedSpeed,
+) -> Iterator[tuple[NodeData, list[int], Array]]:
+    """The columns of some nodes that feel the same directions."""
+    made = {node.name: np.zeros((len(felt), *node.y.shape), np.float32) for node in nodes}
     moves = {node.name: _Moves(state, node) for node in nodes}
-    for k, direction in enumerate(directions):
-        there, own = direction.moved(_MOVE), [n.name for n in nodes if direction.node in ("", n.name)]
+    for row, direction in enumerate(directions[k] for k in felt):
+        there = direction.moved(_MOVE)
+        own = [node.name for node in state.problem.nodes if direction.node in ("", node.name)]
         effects = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
         # What changes the speed that the gyros of one node measured is felt by all the others.
         more = shared.more(effects, there, own, _MOVE)
         for node in nodes:
-            mine, into = node.name in own, made[node.name][k]
+            mine, into = node.name in own, made[node.name][row]
             if more is not None and not shared.at_once(node):
                 into[:] = moves[node.name].anew(effects[node.name], more)
             elif more is not None:
@@ -61,7 +80,8 @@ def columns(state: State, directions: Sequence[Direction]) -> dict[str, Array]:
                 into += moves[node.name].change(effects[node.name], there) if mine else 0.0
             elif mine:
                 into[:] = moves[node.name].change(effects[node.name], there)
-    return made
+    for node in nodes:
+        yield node, felt, made.pop(node.name)
 
 
 class _Moves:

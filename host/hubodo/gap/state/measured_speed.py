@@ -17,7 +17,7 @@ from hubodo.vehicle import facing_sign
 
 @dataclass(frozen=True)
 class SpeedError:
-    """Of one gyro: (N,) m/s that are to be added to what it measured, and the same per rad/s that it reads more.
+    """Of one gyro: (N,) m/s to be added to what it measured, and the same per rad/s that it reads more.
 
     chain: what reaches that sensor when the motion is as measured.
     """
