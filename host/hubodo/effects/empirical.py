@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import make_dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -78,9 +79,10 @@ def columns(expression: str, chain: Chain) -> list[Array]:
         elif match := _STEP.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            once = np.exp(1j * _full(chain, chain.angle))
-            turns = np.cumprod(np.broadcast_to(once, (HARMONICS, len(once))), axis=0)
-            periodic = [part for turn in turns for part in (turn.real, turn.imag)]
+            turns = [np.exp(1j * _full(chain, chain.angle))]
+            while len(turns) < HARMONICS:
+                turns.append(turns[-1] * turns[0])
+            periodic = [np.ascontiguousarray(part) for turn in turns for part in (turn.real, turn.imag)]
         else:
             raise ValueError(
                 f"no such term: {factor!r}; known are {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
@@ -115,12 +117,14 @@ def _suffixes(expression: str) -> list[str]:
 
 
 class _Empirical(Effect):
+    proportional: ClassVar[bool] = True
     expression = "1"
     channels: tuple[str, ...] = ()
 
     def offset(self, chain: Chain) -> None:
         """Add the term to its channels."""
-        made = columns(self.expression, chain)
+        made = chain.terms.get(self.expression) or columns(self.expression, chain)
+        chain.terms[self.expression] = made
         values = iter(self.values().values())
         for channel in self.channels:
             row = CHANNELS.index(channel)

@@ -5,8 +5,9 @@ import pytest
 
 from gap_runs import changed_model
 from hubodo.effects import BY_NAME, EFFECTS
+from hubodo.effects.empirical import empirical
 from hubodo.gap.judge.search import initial_state
-from hubodo.gap.linear.sensitivity import columns
+from hubodo.gap.linear.sensitivity import Direction, columns
 from hubodo.gap.problem.build import build
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.screen.candidates import all_directions
@@ -20,6 +21,7 @@ STEP = 1e-6
 OTHER = 1e-3
 """Of the largest answer of a column: by that much two ways of differentiating may differ."""
 IN_MEAN = [effect for effect in EFFECTS if effect.shows == "mean"]
+UNNAMED = empirical("empirical:gz,ax ~ harmonics(theta)")
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +48,15 @@ def evaluated(state, direction, node):
     return stacked(state.with_terms([*kept, *at]).readings[node])
 
 
-@pytest.mark.parametrize("there", IN_MEAN, ids=lambda effect: effect.name)
+@pytest.mark.parametrize("there", [*IN_MEAN, UNNAMED], ids=lambda effect: effect.name)
 def test_columns_are_those_of_the_model_evaluated_anew_beside_each_effect(state, there):
     seed = there.seeds()[0]
     size = seed.coordinates() + 0.5 * there.coordinate_scales()
     at = state.with_term(ModelTerm(seed.at(size), VEHICLE if there.level == "vehicle" else ALL))
     directions = all_directions(at)[:: 1 if there.name == "lever_arm" else 7]
+    own = at.effects["left"][there]
+    node = "" if there.level == "vehicle" else "left"
+    directions += [Direction(own, node, k) for k in range(len(own.coordinates()))][::5]
     found = {node.name: made for node, _, made in columns(at, directions)}
     for k, direction in enumerate(directions):
         for node in at.problem.nodes:

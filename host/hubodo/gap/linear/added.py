@@ -30,9 +30,10 @@ class Added:
 
     def change(self, there: Effect) -> Array:
         """(6, N): change of the readings when an effect takes the place of the node's own of that kind."""
-        kind = type(there)
+        kind, own = type(there), self._effects.get(type(there))
+        if kind.proportional:
+            return self._added(there if own is None else there.at(there.coordinates() - own.coordinates()))
         if kind not in self._present:
-            own = self._effects.get(kind)
             self._present[kind] = np.zeros((6, 1)) if own is None else self._added(own)
         return self._added(there) - self._present[kind]
 

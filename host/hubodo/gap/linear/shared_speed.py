@@ -11,7 +11,7 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.gap.linear.added import Added
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.state.measured_speed import joined
+from hubodo.gap.state.measured_speed import joined, measuring_chain
 from hubodo.gap.state.state import Effects, State, stacked
 from hubodo.model.inputs import Driven, MotionCorrection, SpeedCorrection
 
@@ -35,7 +35,8 @@ class SharedSpeed:
         self._state = state
         self._answers: dict[str, _Answers] = {}
         self._added = {
-            name: Added(error.chain, state.effects[name]) for name, error in state.speed_errors.items()
+            node.name: Added(measuring_chain(node, state.effects[node.name]), state.effects[node.name])
+            for node in state.problem.sources
         }
 
     def more(

@@ -17,14 +17,10 @@ from hubodo.vehicle import facing_sign
 
 @dataclass(frozen=True)
 class SpeedError:
-    """Of one gyro: (N,) m/s to be added to what it measured, and the same per rad/s that it reads more.
-
-    chain: what reaches that sensor when the motion is as measured.
-    """
+    """Of one gyro: (N,) m/s to be added to what it measured, and the same per rad/s that it reads more."""
 
     value: Array
     per_rate: Array
-    chain: Chain
 
 
 def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: bool) -> SpeedError:
@@ -44,8 +40,13 @@ def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: b
     turning = np.abs(rolling.spin) > 1e-2
     radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
     wrong = (radius / nominal - 1.0) * contact - radius * beside
-    chain, _ = node.forward.reached(there, NodeStart())
-    return SpeedError(wrong + body.yaw_rate * y if alone else wrong, -facing * radius, chain)
+    return SpeedError(wrong + body.yaw_rate * y if alone else wrong, -facing * radius)
+
+
+def measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> Chain:
+    """What reaches the sensor of a node that measures the speed, the motion as it was measured."""
+    there = [effect for effect in effects.values() if effect.shows == "mean"]
+    return node.forward.reached(there, NodeStart())[0]
 
 
 def joined(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:
