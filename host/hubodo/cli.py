@@ -102,8 +102,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(args, str(error), EXIT_REFUSED)
     except HubodoError as error:
         return _fail(args, str(error), EXIT_FAILED)
-    except KeyboardInterrupt:
-        return _fail(args, "interrupted; nothing more was written", EXIT_INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        text = str(stop) or "nothing more was written"
+        return _fail(args, f"interrupted; {text}", EXIT_INTERRUPTED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)

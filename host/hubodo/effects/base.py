@@ -48,7 +48,7 @@ class Chain:
     t: s since power-on, or since the log began where that is not known. temperature: °C. rate, force: true
     angular rate and specific force at the sensor, after mounting (and low-pass). rate_derivative: of `rate`.
     gyro, accel: what is read. angle rad, spin rad/s: of the wheel, zero off it; acceleration m/s² and
-    yaw_rate rad/s: of the vehicle; zero where nobody needs them.
+    yaw_rate rad/s: of the vehicle; zero where nobody needs them. terms: what was worked out of all this.
     """
 
     t: Array
@@ -62,6 +62,7 @@ class Chain:
     spin: Array | float = 0.0
     acceleration: Array | float = 0.0
     yaw_rate: Array | float = 0.0
+    terms: dict[str, list[Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +120,9 @@ class Effect:
     name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
     has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
     scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
-    of samples; its stage is inverted then. alike: effect that a drive may not tell from this one -> the
-    manoeuvre that does; it stands in one of the two.
+    of samples; its stage is inverted then. remembers: whether what it makes of the motion hangs on earlier
+    motion, too. proportional: whether what it adds to a reading is in proportion to its coordinates. alike:
+    effect that a drive may not tell from this one -> the manoeuvre that does; it stands in one of the two.
     """
 
     name: ClassVar[str]
@@ -129,6 +131,8 @@ class Effect:
     shows: ClassVar[Shows] = "mean"
     follows: ClassVar[Follows | None] = None
     undone: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
+    proportional: ClassVar[bool] = False
     alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod

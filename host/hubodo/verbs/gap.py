@@ -15,6 +15,7 @@ from rich.table import Table as TextTable
 
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
+from hubodo.gap.judge.journal import Journal, fingerprint
 from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.tell.account import (
     comments,
@@ -31,8 +32,9 @@ from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
-from hubodo.model.model_file import model_toml, read_model
+from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
+from hubodo.recording import Recording
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
@@ -40,6 +42,7 @@ from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 FILES = ("gap.json", "model.toml", "report.html")
+UNFINISHED = "unfinished.jsonl"
 
 
 @dataclass(frozen=True)
@@ -105,6 +108,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--explain", "say why this effect was not chosen; again for more"),
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the search that was stopped in OUT; log, model and options have to be the same",
+    )
 
 
 def run(args: argparse.Namespace) -> GapReport:
@@ -120,8 +128,15 @@ def run(args: argparse.Namespace) -> GapReport:
     needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     with progress_line() as show:
         recording = read_log(args.log, form=log_form(args, model.vehicle, needed=needed), progress=show)
+        journal = _journal(args, recording, model)
         result = find_gap(
-            recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
+            recording,
+            model,
+            accept=args.accept,
+            reject=args.reject,
+            where=str(args.log),
+            say=show,
+            journal=journal,
         )
         show("writing the report", 0.97)
         written = _model_text(result, args)
@@ -130,11 +145,21 @@ def run(args: argparse.Namespace) -> GapReport:
     with whole_files(*(args.output / name for name in FILES), make_folder=True) as parts:
         for part, content in zip(parts, (text + "\n", written, html), strict=True):
             part.write_text(content, "utf-8")
+    if not result.finished:
+        # As whoever pressed ctrl-C expects, after the files are written.
+        raise KeyboardInterrupt(f"{args.output} has what was found until then; --resume goes on")
+    journal.forget()
     return GapReport(
         result,
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
     )
+
+
+def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
+    """The rounds of the search, kept in the folder until it is finished."""
+    what = fingerprint(recording, model, sorted(args.accept), sorted(args.reject))
+    return Journal(args.output / UNFINISHED, what, args.resume)
 
 
 def gap_json(result: GapResult) -> dict[str, Any]:
