@@ -6,6 +6,8 @@ What is public stands in `__all__`; it is loaded when it is first used, so `impo
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hubodo.version import __version__
+
 if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.log import LoadedLog
@@ -23,8 +25,6 @@ if TYPE_CHECKING:
     from hubodo.recording import Event, Recording, Table
     from hubodo.sensors.allan.fit import NoiseTerm
     from hubodo.vehicle import NodeMount, Vehicle
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "hubodo.api.files": (

@@ -12,11 +12,11 @@ import traceback
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
-from hubodo import __version__
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import one_line_on_ctrl_c
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.parser import EXIT_REFUSED, Parser
+from hubodo.version import __version__
 
 if TYPE_CHECKING:
     from rich.console import Console

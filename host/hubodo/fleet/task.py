@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo import __version__
 from hubodo.calibration.file import source_hash
 from hubodo.errors import HubodoError, InputError
 from hubodo.fleet.identity import identity
 from hubodo.fleet.listing import LogPlace
 from hubodo.fleet.place import opened
 from hubodo.fleet.quantities import quantities
+from hubodo.version import __version__
 
 DONE, REFUSED, FAILED, KNOWN = "done", "refused", "failed", "known"
 """What became of a log: the analysis has a result; it cannot have one, whoever asks; something went wrong,

@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.web_options import add_web_arguments, watched
+from hubodo.version import __version__
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 

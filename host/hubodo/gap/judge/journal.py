@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from hubodo import __version__
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX, empirical
@@ -32,6 +31,7 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
+from hubodo.version import __version__
 
 _VERSION = 1
 
