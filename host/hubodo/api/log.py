@@ -281,6 +281,8 @@ class LoadedLog:
             result = find_gap(
                 self.recording, known, accept=accept, reject=reject, where=str(self.path), say=show
             )
+        if not result.finished:
+            raise KeyboardInterrupt("the search was stopped before its end")
         return MissingEffects(result)
 
     def plot(self, channel: str = "gz") -> Plot:
