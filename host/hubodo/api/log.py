@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -283,7 +284,8 @@ class LoadedLog:
             )
         if not result.finished:
             raise KeyboardInterrupt("the search was stopped before its end")
-        return MissingEffects(result)
+        given = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
+        return MissingEffects(result, self.path.name, given)
 
     def plot(self, channel: str = "gz") -> Plot:
         """A column of all nodes over time. Raises InputError where no node has it."""

@@ -69,6 +69,13 @@ def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
     told = json.loads(run(*words).out)
     assert told["found"] == json.loads(json.dumps(gap.as_json()["found"]))
     assert [it.effect for it in gap.found] == ["wheel_camber"] and gap.after < 1.1 < gap.before
+    gap.save(tmp_path / "api")
+    for name in ("gap.json", "model.toml"):
+        texts = [(tmp_path / side / name).read_text() for side in ("gap", "api")]
+        assert texts[0] == texts[1].replace("simulated-random", "leaning.mcap"), name
+    assert "leans" in (tmp_path / "api" / "report.html").read_text()
+    with pytest.raises(hubodo.InputError, match="no result of gap"):
+        gap.save(examples)
     assert "wheel_camber" in gap._repr_html_() and "gap" in gap.plot()._repr_html_()
 
 
