@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load browser compiler setup clean
+.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load fleet browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -83,6 +83,9 @@ fuzz: setup          ## logs, CSV, TOML, streams, NMEA, options made from chance
 
 load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
 	$(BIN)/python tests/load/load.py
+
+fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, a year's index; some twenty minutes, 6 GB
+	$(BIN)/python tests/batch/fleet.py
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true
