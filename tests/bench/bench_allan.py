@@ -1,4 +1,4 @@
-"""Overlapping Allan deviation of 10 million samples at octave times, beside allantools: processor time and memory.
+"""Overlapping Allan deviation of 10 million samples, octaves, beside allantools: processor time, memory.
 
 python tests/bench/bench_allan.py [SAMPLES]
 """
@@ -58,8 +58,8 @@ def main(argv=None):
     memory = {who: peak_mib(who, count) for who in times}
     ratio = medians["ours"] / medians["allantools"]
     print(
-        f"overlapping Allan deviation, processor time, {count} samples, {len(ours.tau)} octaves, median of {ROUNDS} rounds "
-        "(seed 0)"
+        f"overlapping Allan deviation, {count} samples, {len(ours.tau)} octaves, processor time, "
+        f"median of {ROUNDS} rounds (seed 0)"
     )
     for who in times:
         print(f"  {who:11} {medians[who]:.3f} s   {memory[who]:.0f} MiB beyond the samples")
