@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 from mcap.writer import CompressionType, Writer
+from told import tell
 
 from hubodo.log import ros2
 from hubodo.log.convert import write_recording
@@ -75,6 +76,8 @@ def bench(seconds, rounds, seed):
                     job(folder, path)
                     took[name].append(time.process_time() - began)
                     path.unlink()
+        each = [b / a for a, b in zip(took["hubodo"], took["pandas and mcap"], strict=True)]
+        tell(f"importing {rows} rows of CSV: pandas and mcap", each)
         found.append({"rows": rows, **{name: statistics.median(some) for name, some in took.items()}})
     return found
 

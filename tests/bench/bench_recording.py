@@ -17,6 +17,7 @@ import foxglove
 import numpy as np
 from foxglove.mcap import MCAPWriteOptions
 from mcap.writer import CompressionType, Writer
+from told import tell
 
 from hubodo.log import ros2
 from hubodo.log.writer import McapLog
@@ -140,6 +141,12 @@ def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
                     rates[name].append(rate(job, Path(folder)))
             medians = {name: statistics.median(found) for name, found in rates.items()}
             peer = next(iter(medians.values()))
+            for name, found in rates.items():
+                for peer_name in ("mcap Writer", "foxglove-sdk"):
+                    theirs = next((some for other, some in rates.items() if peer_name in other), None)
+                    if "hubodo" in name and theirs is not None:
+                        each = [mine / other for mine, other in zip(found, theirs, strict=True)]
+                        tell(f"recording, {name}: {peer_name}", each)
             lines += [(name, found, found / peer) for name, found in medians.items()]
     return lines
 
