@@ -13,6 +13,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo import __version__
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.judge.journal import Journal, fingerprint
@@ -158,7 +159,7 @@ def run(args: argparse.Namespace) -> GapReport:
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
     """The rounds of the search, kept in the folder until it is finished."""
-    what = fingerprint(recording, model, sorted(args.accept), sorted(args.reject))
+    what = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject))
     return Journal(args.output / UNFINISHED, what, args.resume)
 
 
