@@ -13,9 +13,8 @@ unexport PYTHONDONTWRITEBYTECODE
 demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup browser compiler  ## everything that can be proven without hardware; what waits for the clock runs after the rest
-	$(BIN)/python -m pytest -m "not real_time" --numprocesses 3 --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m real_time --numprocesses 2 --dist loadfile $$(grep -rlw --include='*.py' mark.real_time tests)
+test: setup browser compiler  ## everything that can be proven without hardware
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
