@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from rich.table import Table as TextTable
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.judge.round import EMPIRICAL
+from hubodo.gap.judge.search import Say
+from hubodo.gap.problem.assumed import assumed_model
 from hubodo.gap.tell.account import (
     comments,
     probability,
@@ -31,10 +33,12 @@ from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
-from hubodo.model.model_file import model_toml, read_model
+from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
+from hubodo.recording import Recording
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near
+from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.whole_files import whole_files
 
@@ -94,7 +98,15 @@ class GapReport:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo gap`."""
     parser.add_argument("model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs")
-    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    log = parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        action=_InsteadOf,
+        replaces=(log,),
+        metavar="TOML",
+        help="[vehicle] and [nodes.*] instead of MODEL: the noise and what drives the model are as LOG shows",
+    )
     add_log_options(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
@@ -107,6 +119,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
 
 
+class _InsteadOf(argparse.Action):
+    """An option with which some arguments by place need not be given."""
+
+    def __init__(self, *, replaces: Sequence[argparse.Action], **words: Any) -> None:
+        super().__init__(**words)
+        self.replaces = replaces
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: Any = None
+    ) -> None:
+        setattr(namespace, self.dest, values)
+        for argument in self.replaces:
+            argument.required = False
+
+
 def run(args: argparse.Namespace) -> GapReport:
     """Read, search, write the three files."""
     for option in ("accept", "reject", "explain"):
@@ -114,12 +141,13 @@ def run(args: argparse.Namespace) -> GapReport:
     both = sorted(set(args.accept) & set(args.reject))
     if both:
         raise InputError(f"--accept and --reject both name {both[0]}; choose one")
+    if args.vehicle is not None:
+        if args.log is not None:
+            raise InputError(f"{args.model} and --vehicle {args.vehicle}: both say the vehicle; give one")
+        args.model, args.log = args.vehicle, args.model
     _free(args.output, args.model)
-    model = read_model(args.model)
-    driven_by = (model.inputs.speed, model.inputs.yaw_rate)
-    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args, model.vehicle, needed=needed), progress=show)
+        recording, model = _posed(args, show)
         result = find_gap(
             recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
         )
@@ -135,6 +163,16 @@ def run(args: argparse.Namespace) -> GapReport:
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
     )
+
+
+def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
+    """The log, and the model file or what the log says in its place."""
+    model = None if args.vehicle is not None else read_model(args.model)
+    vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
+    driven_by = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
+    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
+    recording = read_log(args.log, form=log_form(args, vehicle, needed=needed), progress=show)
+    return recording, model or assumed_model(recording, vehicle, str(args.log))
 
 
 def gap_json(result: GapResult) -> dict[str, Any]:
