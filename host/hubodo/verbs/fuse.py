@@ -21,6 +21,7 @@ from hubodo.log.csv_table import write_table
 from hubodo.log.roles import NODES
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
 from hubodo.verbs.numbers import number
 from hubodo.whole_files import whole_files
@@ -95,6 +96,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
+    add_effects_option(parser)
     parser.add_argument("--nodes", metavar="NAMES", help="use these wheel nodes alone, such as: left")
     parser.add_argument("--method", choices=METHODS, default="filter", help="default: filter")
     parser.add_argument(
@@ -120,6 +122,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Fused:
+    know_effects(args)
     vehicle = load_vehicle(args.vehicle)
     calibration = read_calibration(args.calibration) if args.calibration else None
     files = [args.output / "track.csv", args.output / "fuse.json"]

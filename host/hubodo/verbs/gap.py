@@ -14,10 +14,12 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from hubodo.effects import BY_NAME
+from hubodo.effects.loaded import free_name
 from hubodo.errors import InputError
 from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.judge.search import Say
 from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
 from hubodo.gap.tell.account import (
     comments,
     probability,
@@ -39,6 +41,7 @@ from hubodo.recording import Recording
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.whole_files import whole_files
 
@@ -53,12 +56,21 @@ class GapReport:
     result: GapResult
     output: str
     explained: tuple[Explanation, ...]
+    scaffold: Scaffold | None = None
+    wanted: str | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether an effect was to be made and nothing asked for one."""
+        return self.wanted is not None and self.scaffold is None
 
     def as_json(self) -> dict[str, Any]:
         """`gap.json`, with what --explain asked for."""
         made = gap_json(self.result)
         if self.explained:
             made["explain"] = _plain([it.as_json() for it in self.explained])
+        if self.scaffold is not None:
+            made["scaffold"] = _plain(self.scaffold.as_json())
         return made
 
     def render(self, console: Console) -> None:
@@ -92,6 +104,11 @@ class GapReport:
                 console.print(_explain_table(it))
         for line in result.warnings:
             say(f"warning: {line}")
+        if self.scaffold is not None:
+            for line in self.scaffold.words():
+                say(line)
+        elif self.wanted is not None:
+            say(f"--scaffold {self.wanted}: nothing is left that asks for an effect without a name")
         say(", ".join(str(Path(self.output) / name) for name in FILES))
 
 
@@ -117,6 +134,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--explain", "say why this effect was not chosen; again for more"),
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
+    parser.add_argument(
+        "--scaffold",
+        metavar="NAME",
+        help="write OUT/NAME.py: an effect of this name with the dependence that no known effect explains",
+    )
+    add_effects_option(parser)
 
 
 class _InsteadOf(argparse.Action):
@@ -136,6 +159,10 @@ class _InsteadOf(argparse.Action):
 
 def run(args: argparse.Namespace) -> GapReport:
     """Read, search, write the three files."""
+    know_effects(args)
+    says = "" if args.scaffold is None else free_name(args.scaffold)
+    if says:
+        raise InputError(f"--scaffold {args.scaffold}: {says}")
     for option in ("accept", "reject", "explain"):
         _known(option, getattr(args, option))
     both = sorted(set(args.accept) & set(args.reject))
@@ -151,17 +178,26 @@ def run(args: argparse.Namespace) -> GapReport:
         result = find_gap(
             recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
         )
+        made = None
+        if args.scaffold is not None:
+            show(f"looking for {args.scaffold}", 0.95)
+            made = scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
         written = _model_text(result, args)
         html = gap_page(result, log=args.log.name, model=args.model.name, written=written)
     text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
-    with whole_files(*(args.output / name for name in FILES), make_folder=True) as parts:
-        for part, content in zip(parts, (text + "\n", written, html), strict=True):
+    contents = dict(zip(FILES, (text + "\n", written, html), strict=True))
+    if made is not None:
+        contents[f"{made.name}.py"] = made.text
+    with whole_files(*(args.output / name for name in contents), make_folder=True) as parts:
+        for part, content in zip(parts, contents.values(), strict=True):
             part.write_text(content, "utf-8")
     return GapReport(
         result,
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
+        made,
+        args.scaffold,
     )
 
 

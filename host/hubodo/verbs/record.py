@@ -12,6 +12,7 @@ from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.web_options import add_web_arguments, watched
@@ -42,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", type=Path, metavar="TOML", help="applied to what the odometry gets; raw is recorded"
     )
+    add_effects_option(parser)
     parser.add_argument(
         "--gnss",
         metavar="PORT",
@@ -98,6 +100,8 @@ def run(args: argparse.Namespace) -> RecordResult:
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
 
+    if args.calibration is not None or args.config is not None:
+        know_effects(args)
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hubodo.effects import EFFECTS
+from hubodo.effects import BY_NAME
 from hubodo.gap.judge.round import EMPIRICAL, Round, look
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.residual import gap
@@ -69,7 +69,7 @@ def _search(state: State, accept: Collection[str], reject: Collection[str], say:
     begun = sum(term.fitted for term in state.terms)
     for number in range(begun, _MOST + 1):
         say(f"round {number + 1}: every effect in every scope", _SHARE * number / (_MOST + 1))
-        others = {effect.name for effect in EFFECTS if effect.name != wanted[0]} if wanted else set[str]()
+        others = {name for name in BY_NAME if name != wanted[0]} if wanted else set[str]()
         made = look(current.point, {*reject, *others, *([EMPIRICAL] if wanted else [])})
         best = made.best
         if wanted and best is None and made.rivals:

@@ -44,8 +44,8 @@ def assumed_model(recording: Recording, vehicle: Vehicle, where: str = "log") ->
 def _inputs(recording: Recording, vehicle: Vehicle, where: str) -> InputNames:
     table = recording.reference
     if table is not None and len(table) >= 10 and "speed" in table and "yaw_rate" in table:
-        speed, yaw_rate = (_rounded(smooth(table.t, table[name]).noise) for name in ("speed", "yaw_rate"))
-        return InputNames(speed_noise=speed, yaw_rate_noise=yaw_rate)
+        noises = (_rounded(smooth(table.t, table[name]).noise) for name in ("speed", "yaw_rate"))
+        return InputNames("reference.speed", "reference.yaw_rate", *noises)
     sides = {m.side: name for name, m in vehicle.nodes.items() if m.side and name in recording.nodes}
     if not sides:
         raise InputError(f"{where}: has neither a reference nor a node on a wheel: nothing tells the speed")

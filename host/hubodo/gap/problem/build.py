@@ -25,8 +25,8 @@ _LEAST_SAMPLES = 100
 # So many equal largest readings are no chance.
 _PILED = 6
 _OWN_YAW = (
-    "the yaw rate is what the gyros across the axles read: an error that all of them share cannot be seen, or "
-    "passes for one of the track width; a reference or a node on the body would show it"
+    "the yaw rate is what the gyros across the axles read: an error that all of them share cannot be seen "
+    "or passes for one of the track width; a reference or a node on the body would show it"
 )
 
 
