@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,7 @@ from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
+from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.whole_files import whole_files
 
@@ -114,16 +115,27 @@ class GapReport:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo gap`."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs")
+    model = parser.add_argument(
+        "model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs"
+    )
     log = parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     parser.add_argument(
         "--vehicle",
         type=Path,
-        action=_InsteadOf,
-        replaces=(log,),
+        action=InsteadOf,
+        replaces=(log, model),
         metavar="TOML",
         help="[vehicle] and [nodes.*] instead of MODEL: the noise and what drives the model are as LOG shows",
     )
+    for option, words in (("--before", "an earlier one"), ("--after", "a later one")):
+        parser.add_argument(
+            option,
+            type=Path,
+            action=InsteadOf,
+            replaces=(log, model) if option == "--before" else (),
+            metavar="LOG",
+            help=f"instead of LOG: two of one vehicle, to be told what has changed; {words}",
+        )
     add_log_options(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
@@ -142,24 +154,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_effects_option(parser)
 
 
-class _InsteadOf(argparse.Action):
-    """An option with which some arguments by place need not be given."""
-
-    def __init__(self, *, replaces: Sequence[argparse.Action], **words: Any) -> None:
-        super().__init__(**words)
-        self.replaces = replaces
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: Any = None
-    ) -> None:
-        setattr(namespace, self.dest, values)
-        for argument in self.replaces:
-            argument.required = False
-
-
-def run(args: argparse.Namespace) -> GapReport:
-    """Read, search, write the three files."""
+def run(args: argparse.Namespace) -> GapReport | ChangeReport:
+    """Read, search, write the three files; or compare two logs."""
     know_effects(args)
+    if args.before is not None or args.after is not None:
+        return compare_logs(args)
     says = "" if args.scaffold is None else free_name(args.scaffold)
     if says:
         raise InputError(f"--scaffold {args.scaffold}: {says}")
