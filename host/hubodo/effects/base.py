@@ -204,6 +204,10 @@ class Effect:
         """How fast each gyro axis wanders at random, (rad/s)² per second."""
         return 0.0
 
+    def in_words(self) -> str:
+        """What it is, with its size, where that says more to people than `meaning` and numbers; else ""."""
+        return ""
+
     # How a fit moves it. The coordinates are the fitted parameters, unless an effect has better ones.
 
     @classmethod

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import platform
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +17,7 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
+from hubodo.verbs.watch_gap import watching_gap
 from hubodo.verbs.web_options import add_web_arguments, watched
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
@@ -86,6 +89,11 @@ def _add_log_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait for ports that are not there yet, or busy, and for room on the disk",
     )
+    parser.add_argument(
+        "--watch-gap",
+        action="store_true",
+        help="with --vehicle: read the growing log, and say once what is wrong with a node or a wheel",
+    )
     parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still shown")
     parser.add_argument(
         "--log-format",
@@ -140,7 +148,13 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    with watched(args, output, vehicle) as audience:
+    if args.watch_gap and vehicle_path is None:
+        raise InputError("--watch-gap wants the geometry; give --vehicle TOML")
+    with ExitStack() as stack:
+        audience = stack.enter_context(watched(args, output, vehicle))
+        told: Callable[[], Sequence[str]] = tuple
+        if args.watch_gap and vehicle_path is not None:
+            told = stack.enter_context(watching_gap(output, vehicle_path))
         return record(
             config,
             output,
@@ -149,6 +163,7 @@ def run(args: argparse.Namespace) -> RecordResult:
             metadata=_metadata(config),
             attachments=attachments,
             audience=audience,
+            told=told,
         )
 
 
