@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check chip bench soak papers accuracy road gap-matrix gap-beyond gap-rides mutants faults fuzz load browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-beyond gap-rides mutants faults fuzz load browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -20,11 +20,18 @@ test: setup browser compiler  ## everything that can be proven without hardware;
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
 
+docs: setup          ## the documentation's site, with the notebook run, into out/docs: open index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file host/mkdocs.yml
+
+package: setup       ## the package built, installed from wheels alone into a new environment, and tried there
+	tools/try_package
+
 chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; some three minutes
 	$(BIN)/python tests/chip/chip.py --seconds 60
 
 bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_decoder.py
+	$(BIN)/python tests/bench/bench_reading.py
 	$(BIN)/python tests/bench/bench_recording.py
 	$(BIN)/python tests/bench/bench_filters.py
 	$(BIN)/python tests/bench/bench_hour.py

@@ -83,10 +83,10 @@ class Hardware:
         kind = self.settings["link"]
         if kind == "uart":
             return self._open_uart()
-        if kind == "nrf24":
-            from radio import radio_link
+        if kind in ("nrf24", "espnow"):
+            import radio
 
-            return radio_link.open_link(self)
+            return radio.open_link(self)
         if kind == "udp":
             if self.settings["key"]:
                 import sealed

@@ -25,7 +25,7 @@ PATH = "/config.json"
 
 DEFAULTS = {
     "node_id": 1,
-    "link": "usb",  # usb, uart, udp or nrf24
+    "link": "usb",  # usb, uart, udp, nrf24 or espnow
     "rate_hz": 416,
     "gyro_range_dps": 2000,
     "accel_range_g": 16,
@@ -106,7 +106,7 @@ def load(path=PATH):
     except (OSError, ValueError):
         return values
     if isinstance(stored, dict):
-        if stored.get("link") == "nrf24" or stored.get("receiver") or stored.get("rest_after_s"):
+        if stored.get("link") in ("nrf24", "espnow") or stored.get("receiver") or stored.get("rest_after_s"):
             import settings_more
 
             values.update(settings_more.DEFAULTS)

@@ -1,1 +1,23 @@
-"""Nodes without a cable, by nRF24L01+ to a receiver. Apart: a folder of many files is slow to search."""
+"""Nodes without a cable, by nRF24L01+ or ESP-NOW to a receiver. Apart: many files are slow to search."""
+
+
+def open_link(board):
+    """The link to a receiver that the settings name."""
+    if board.settings["link"] == "espnow":
+        from radio import espnow_link
+
+        return espnow_link.EspNowLink(board)
+    from radio import radio_link
+
+    return radio_link.RadioLink(board)
+
+
+def open_air(board, outbox):
+    """What a receiver hears, by the radio that the settings name."""
+    if board.settings["receiver"] == "espnow":
+        from radio import espnow_air
+
+        return espnow_air.EspNowAir(board, outbox)
+    from radio import nrf24_air
+
+    return nrf24_air.Nrf24Air(board, outbox)

@@ -23,9 +23,10 @@ _TRIES = const(15)
 class RadioLink(Link):
     """Frames to the receiver of the net; without acknowledgements (radio_tries 0) what is lost is lost."""
 
-    def __init__(self, radio, settings):
+    def __init__(self, board):
         super().__init__()
-        self._radio = radio
+        settings = board.settings
+        self._radio = radio = open_radio(board)
         tries = settings["radio_tries"]
         self._sure = tries > 0
         # Two nodes whose packets have met must not meet again.
@@ -96,8 +97,3 @@ class RadioLink(Link):
             self._poll_ms = ticks_add(ms, _POLL_MS)
             self._radio.out[1] = 0
             self._radio.write(1)
-
-
-def open_link(board):
-    """The link of a board's radio."""
-    return RadioLink(open_radio(board), board.settings)

@@ -1,3 +1,99 @@
-"""Odometry from inertial sensors on wheel hubs: ingest, recording, estimation and the gap workflow."""
+"""Odometry from inertial sensors on wheel hubs: recording, estimation, the sim-to-real gap, in a few lines.
 
-__version__ = "0.1.0"
+What is public stands in `__all__`; it is loaded when it is first used, so `import hubodo` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from hubodo.version import __version__
+
+if TYPE_CHECKING:
+    from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
+    from hubodo.api.log import LoadedLog
+    from hubodo.api.missing import MissingEffects
+    from hubodo.api.plot import Plot
+    from hubodo.api.read import open
+    from hubodo.api.sensor import AllanResult, WarmupResult
+    from hubodo.api.simulate import simulate
+    from hubodo.api.track import FusedTrack
+    from hubodo.calibration.file import Calibration
+    from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
+    from hubodo.fuse.track import Score
+    from hubodo.gap.tell.result import Finding
+    from hubodo.model.model_file import Model
+    from hubodo.recording import Event, Recording, Table
+    from hubodo.sensors.allan.fit import NoiseTerm
+    from hubodo.vehicle import NodeMount, Vehicle
+
+_HOMES = {
+    "hubodo.api.files": (
+        "load_vehicle",
+        "read_calibration",
+        "read_model",
+        "write_calibration",
+        "write_model",
+    ),
+    "hubodo.api.log": ("LoadedLog",),
+    "hubodo.api.missing": ("MissingEffects",),
+    "hubodo.api.plot": ("Plot",),
+    "hubodo.api.read": ("open",),
+    "hubodo.api.sensor": ("AllanResult", "WarmupResult"),
+    "hubodo.api.simulate": ("simulate",),
+    "hubodo.api.track": ("FusedTrack",),
+    "hubodo.calibration.file": ("Calibration",),
+    "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
+    "hubodo.fuse.track": ("Score",),
+    "hubodo.gap.tell.result": ("Finding",),
+    "hubodo.model.model_file": ("Model",),
+    "hubodo.recording": ("Event", "Recording", "Table"),
+    "hubodo.sensors.allan.fit": ("NoiseTerm",),
+    "hubodo.vehicle": ("NodeMount", "Vehicle"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [  # noqa: RUF022 - in the order in which a reader meets them
+    "open",
+    "simulate",
+    "LoadedLog",
+    "Table",
+    "Event",
+    "Recording",
+    "FusedTrack",
+    "Score",
+    "AllanResult",
+    "NoiseTerm",
+    "WarmupResult",
+    "MissingEffects",
+    "Finding",
+    "Plot",
+    "Vehicle",
+    "NodeMount",
+    "load_vehicle",
+    "Model",
+    "read_model",
+    "write_model",
+    "Calibration",
+    "read_calibration",
+    "write_calibration",
+    "HubodoError",
+    "InputError",
+    "ConfigError",
+    "LogError",
+    "CalibrationError",
+    "__version__",
+]
+
+
+if not TYPE_CHECKING:  # to a type checker any name would be there otherwise
+
+    def __getattr__(name: str) -> Any:
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        value = getattr(import_module(_HOME[name]), name)
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -10,17 +10,18 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
-from hubodo import __version__
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import one_line_on_ctrl_c
 from hubodo.verbs import VERBS, load
+from hubodo.verbs.parser import EXIT_REFUSED, Parser
+from hubodo.version import __version__
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-EXIT_OK, EXIT_FAILED, EXIT_REFUSED, EXIT_INTERRUPTED = 0, 1, 2, 130
+EXIT_OK, EXIT_FAILED, EXIT_INTERRUPTED = 0, 1, 130
 _REFUSALS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
 
 
@@ -37,13 +38,6 @@ def _failed(result: Result | None) -> bool:
     return bool(getattr(result, "failed", False))
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        line = " ".join(message.split())
-        print(f"{self.prog}: {line}; see {self.prog} --help", file=sys.stderr)
-        raise SystemExit(EXIT_REFUSED)
-
-
 def _spelled(word: str) -> str:
     """An option as the parsers know it: `--latitude_deg` is `--latitude-deg`. Other words stay."""
     option, equals, value = word.partition("=")
@@ -56,10 +50,10 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     `--json` and `--debug` are accepted by each verb.
     """
     named = next((word for word in words if word in VERBS), None)
-    common = _Parser(add_help=False)
+    common = Parser(add_help=False)
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
-    parser = _Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
+    parser = Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
     parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
     commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for verb, does in VERBS.items():
@@ -108,8 +102,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(args, str(error), EXIT_REFUSED)
     except HubodoError as error:
         return _fail(args, str(error), EXIT_FAILED)
-    except KeyboardInterrupt:
-        return _fail(args, "interrupted; nothing more was written", EXIT_INTERRUPTED)
+    except KeyboardInterrupt as stop:
+        text = str(stop) or "nothing more was written"
+        return _fail(args, f"interrupted; {text}", EXIT_INTERRUPTED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)

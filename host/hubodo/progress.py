@@ -1,4 +1,4 @@
-"""Progress of a long verb: one line on stderr, only where a person watches."""
+"""Progress of a long verb: one line on stderr with the time left, only where a person watches."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 
 @contextmanager
@@ -20,6 +20,7 @@ def progress_line() -> Iterator[Callable[[str, float], None]]:
         TextColumn("{task.description}"),
         BarColumn(),
         TaskProgressColumn(),
+        TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
     )

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hubodo.errors import InputError
+from hubodo.html_table import html_table
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Column = NDArray[np.float64]
 
@@ -78,6 +84,24 @@ class Table:
         """(N, 3) m/s² specific force, node frame; a copy. KeyError when this is no node's table."""
         return np.column_stack([self.columns[name] for name in ("ax", "ay", "az")])
 
+    def frame(self) -> pd.DataFrame:
+        """The columns as a data frame of pandas with `t` as its index.
+
+        Raises InputError where pandas is not installed.
+        """
+        try:
+            import pandas as pd
+        except ImportError:
+            raise InputError("a data frame needs pandas: pip install 'hubodo[frames]'") from None
+        return pd.DataFrame({name: column.copy() for name, column in self.columns.items()}).set_index("t")
+
+    def __repr__(self) -> str:
+        span = f"{self.t[0]:.3f} to {self.t[-1]:.3f} s, " if len(self) else ""
+        return f"Table({len(self)} rows, {span}{' '.join(self)})"
+
+    def _repr_html_(self) -> str:
+        return html_table(("column", "first", "lowest", "highest"), [_extent(self, name) for name in self])
+
     def __getstate__(self) -> dict[str, Any]:
         return {"columns": dict(self.columns), "t_ns": self.t_ns}
 
@@ -85,6 +109,14 @@ class Table:
         object.__setattr__(self, "columns", state["columns"])
         object.__setattr__(self, "t_ns", state["t_ns"])
         self.__post_init__()
+
+
+def _extent(table: Table, name: str) -> tuple[str, ...]:
+    column = table[name]
+    known = column[np.isfinite(column)]
+    if not len(known):
+        return name, "", "", ""
+    return name, *(f"{value:.6g}" for value in (known[0], known.min(), known.max()))
 
 
 @dataclass(frozen=True)
@@ -136,6 +168,9 @@ class Recording:
         """The tables of the CSV folder by file name without suffix, nodes first."""
         named = {name: getattr(self, name) for name in RESERVED}
         return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
+
+    def __repr__(self) -> str:
+        return f"Recording({', '.join(f'{name}: {len(table)}' for name, table in self.files().items())})"
 
 
 RESERVED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

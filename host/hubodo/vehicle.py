@@ -16,6 +16,7 @@ Facing = Literal["left", "right"]
 
 RANGES = ("gyro_range", "accel_range")
 _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
+_LONGEST_NAME = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,7 @@ class Vehicle:
     antenna: tuple[float, float] | None = None
     latitude_deg: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
+    name: str = ""
 
     def on(self, side: Side) -> str | None:
         """The name of the first node on that wheel, None where there is none."""
@@ -80,7 +82,7 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
     body = as_table(table["vehicle"], f"{path}: [vehicle]")
     sizes_of = [item.name for item in fields(_Sizes)]
-    only_keys(body, (*sizes_of, "antenna", "latitude_deg"), f"{path}: [vehicle]")
+    only_keys(body, (*sizes_of, "antenna", "latitude_deg", "name"), f"{path}: [vehicle]")
     sizes = read_table({k: body[k] for k in body if k in sizes_of}, _Sizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
@@ -96,11 +98,16 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
     antenna = _antenna(body, f"{path}: [vehicle] antenna")
     latitude_deg = _latitude_deg(body, f"{path}: [vehicle] latitude_deg")
+    called = body.get("name", "")
+    if not isinstance(called, str) or len(called) > _LONGEST_NAME:
+        raise ConfigError(
+            f'{path}: [vehicle] name: write a text of {_LONGEST_NAME} letters at most, as "van 7"'
+        )
     topics = as_table(table.get("topics", {}), f"{path}: [topics]")
     for name, topic in topics.items():
         if not isinstance(topic, str) or not topic:
             raise ConfigError(f'{path}: [topics] {name} = {topic!r}: write a topic, such as "/imu/{name}"')
-    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics))
+    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics), called)
 
 
 @dataclass(frozen=True, slots=True)

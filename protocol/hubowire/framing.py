@@ -1,9 +1,8 @@
 """Frames on a byte stream: COBS and CRC-16, without I/O; damage is counted by cause, never raised."""
 
 import struct
+from binascii import crc_hqx
 from dataclasses import dataclass
-
-import crcmod.predefined
 
 DELIMITER = 0
 HEADER_FORMAT = "<BBH"
@@ -19,7 +18,10 @@ _HEADER = struct.Struct(HEADER_FORMAT)
 _CRC = struct.Struct("<H")
 _MIN_BODY = HEADER_SIZE + CRC_SIZE
 
-crc16 = crcmod.predefined.mkPredefinedCrcFun("crc-ccitt-false")
+
+def crc16(data: bytes) -> int:
+    """CRC-16/CCITT-FALSE."""
+    return crc_hqx(data, CRC_INITIAL)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Overlapping Allan deviation of 10 million samples at octave times, beside allantools: time and memory.
+"""Overlapping Allan deviation of 10 million samples, octaves, beside allantools: processor time and memory.
 
 python tests/bench/bench_allan.py [SAMPLES]
 """
@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 ROUNDS = 5
-RATIO = 0.6
+RATIO = 0.25
 
 _MEMORY = """
 import sys, tracemalloc
@@ -46,20 +46,20 @@ def main(argv=None):
     samples = np.random.default_rng(0).normal(0.02, 0.004, count)
     times = {"ours": [], "allantools": []}
     for _ in range(ROUNDS):
-        began = time.perf_counter()
+        began = time.process_time()
         ours = allan_deviation(samples, 0.01)
-        middle = time.perf_counter()
+        middle = time.process_time()
         tau, theirs, _, _ = allantools.oadev(samples, rate=100.0, data_type="freq", taus="octave")
         times["ours"].append(middle - began)
-        times["allantools"].append(time.perf_counter() - middle)
+        times["allantools"].append(time.process_time() - middle)
     same = np.isin(ours.factors, np.rint(tau * 100).astype(int))
     worst = float(np.max(np.abs(ours.adev[same] / theirs - 1)))
     medians = {who: statistics.median(taken) for who, taken in times.items()}
     memory = {who: peak_mib(who, count) for who in times}
     ratio = medians["ours"] / medians["allantools"]
     print(
-        f"overlapping Allan deviation, {count} samples, {len(ours.tau)} octaves, median of {ROUNDS} rounds "
-        "(seed 0)"
+        f"overlapping Allan deviation, processor time, {count} samples, {len(ours.tau)} octaves, "
+        f"median of {ROUNDS} rounds (seed 0)"
     )
     for who in times:
         print(f"  {who:11} {medians[who]:.3f} s   {memory[who]:.0f} MiB beyond the samples")

@@ -310,7 +310,8 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends) -> Node:
     accel = accel + (errors.noise * ACCEL_DENSITY * bandwidth + shake) * normal(accel.shape)
     gyro, accel = _words(gyro, ends.gyro), _words(accel, ends.accel)
     truth = {
-        "spin_scale": float(gyro_scale[2]),
+        # What is turned so is longer as well: a rotation would leave gz less of the spin.
+        "spin_scale": float((1.0 + gyro_scale[2]) * np.sqrt(1.0 + turn @ turn) - 1.0),
         "yaw_scale": float(0.5 * (gyro_scale[0] + gyro_scale[1])),
         "bias_x": float(bias[0]),
         "bias_y": float(bias[1]),

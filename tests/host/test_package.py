@@ -1,70 +1,124 @@
-"""What `pip install hubodo` brings: the firmware is in it, to flash and simulate without a checkout."""
+"""What `pip install hubodo` brings to an environment of its own: everything, without checkout or compiler."""
 
+import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
-import zipfile
+import sysconfig
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
 
+import hubodo
 from hubodo.flash.image import firmware_folder, sources
 
 ROOT = Path(__file__).resolve().parents[2]
-MODEL = """
-[vehicle]
-wheel_radius = 0.165
-track_width = 0.55
-[imu]
-gyro_noise = 0.002
-accel_noise = 0.02
-[nodes.left]
-side = "left"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+OPEN = """
+import hubodo
+from pathlib import Path
+(path,) = Path("demo").rglob("drive.mcap")
+log = hubodo.open(path)
+print(Path(hubodo.__file__).parent)
+print(list(log.nodes), len(log.fuse().t) > 50)
 """
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
-    """A folder with what the wheel of this tree holds."""
+def dist(tmp_path_factory):
+    """The folder with the source archive of this tree, and the wheel that was built from it alone."""
     tree = tmp_path_factory.mktemp("tree")
     for name in ("host", "protocol", "firmware"):
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "images")
         shutil.copytree(ROOT / name, tree / name, ignore=ignored)
     for name in ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
-    build = "from setuptools import build_meta; print(build_meta.build_wheel('dist'))"
-    subprocess.run([sys.executable, "-c", build], cwd=tree, check=True, capture_output=True)
-    (wheel,) = (tree / "dist").glob("*.whl")
-    site = tmp_path_factory.mktemp("site")
-    zipfile.ZipFile(wheel).extractall(site)
-    return site
+    build = [sys.executable, "-m", "build", "--no-isolation"]
+    done = subprocess.run(build, cwd=tree, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return tree / "dist"
 
 
-def run(site, folder, *words):
-    environment = dict(os.environ, PYTHONPATH=str(site), OPENBLAS_NUM_THREADS="1")
-    command = [sys.executable, *words]
+@pytest.fixture(scope="module")
+def fresh(dist, tmp_path_factory):
+    """A new environment with the wheel in it, which borrows the packages that it depends on from this one."""
+    home = tmp_path_factory.mktemp("fresh")
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
+    python = home / "bin" / "python"
+    (wheel,) = dist.glob("*.whl")
+    pip = [sys.executable, "-m", "pip", "--python", python, "install", "--quiet", "--no-index", "--no-deps"]
+    subprocess.run([*pip, wheel], check=True, capture_output=True)
+    (site,) = home.glob("lib/python*/site-packages")
+    (site / "borrowed.pth").write_text(sysconfig.get_paths()["purelib"] + "\n")
+    return home
+
+
+def run(fresh, folder, *words):
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+    environment["OPENBLAS_NUM_THREADS"] = "1"
+    command = [fresh / "bin" / words[0], *words[1:]]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
 
 
-def test_an_installed_package_holds_the_firmware_file_by_file(installed, tmp_path):
-    said = run(
-        installed, tmp_path, "-c", "from hubodo.flash.image import firmware_folder; print(firmware_folder())"
-    )
+def test_the_wheel_is_for_every_computer_and_needs_no_compiler(dist):
+    assert [path.name.partition("-py3")[2] for path in dist.glob("*.whl")] == ["-none-any.whl"]
+
+
+def test_an_installed_package_holds_the_firmware_file_by_file(fresh, tmp_path):
+    find = "from hubodo.flash.image import firmware_folder; print(firmware_folder())"
+    said = run(fresh, tmp_path, "python", "-c", find)
     folder = Path(said.stdout.strip())
-    assert folder == installed / "hubodo" / "firmware", said.stderr
+    assert folder.is_relative_to(fresh), said.stderr
     assert sources(folder) == sources(firmware_folder())
-
-
-def test_an_installed_package_flashes_and_runs_virtual_nodes_from_any_folder(installed, tmp_path):
-    (tmp_path / "model.toml").write_text(MODEL)
-    said = run(installed, tmp_path, "-m", "hubodo.cli", "flash", "--help")
+    said = run(fresh, tmp_path, "hubodo", "flash", "--help")
     assert said.returncode == 0 and "--roll-back" in said.stdout, said.stderr
-    words = ("simulate", "model.toml", "--virtual-node", "--interpreter", "cpython", "--duration", "8")
-    said = run(installed, tmp_path, "-m", "hubodo.cli", *words, "--rate", "104", "-o", "drive.mcap")
+
+
+def test_an_installed_package_drives_virtual_nodes_and_opens_their_log(fresh, tmp_path):
+    said = run(fresh, tmp_path, "hubodo", "demo", "--on", "cpython", "--moving", "5", "-o", "demo")
     assert said.returncode == 0, said.stderr
-    assert (tmp_path / "drive.mcap").stat().st_size > 10_000
+    said = run(fresh, tmp_path, "python", "-c", OPEN)
+    place, found = said.stdout.splitlines()
+    assert Path(place).is_relative_to(fresh) and found == "['left', 'right'] True", said.stderr
+
+
+def test_every_import_is_of_a_package_that_is_declared():
+    extras = PROJECT["optional-dependencies"]
+    used = [word for name, words in extras.items() if name not in ("dev", "docs") for word in words]
+    declared = {_plain(re.split(r"[\[<>=~; ]", word)[0]) for word in (*PROJECT["dependencies"], *used)}
+    owners = packages_distributions()
+    for path in (ROOT / "host" / "hubodo").rglob("*.py"):
+        if "interpreters" in path.parts:
+            continue
+        for name in _imported(path):
+            if name in sys.stdlib_module_names or name in ("hubodo", "hubowire"):
+                continue
+            of = {_plain(owner) for owner in owners.get(name, [name])}
+            assert of & declared, f"{path}: {name} is of {of}"
+
+
+def _plain(name):
+    return name.lower().replace("_", "-")
+
+
+def _imported(path):
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            yield node.module.partition(".")[0]
+
+
+def test_every_extra_is_explained():
+    page = (ROOT / "host" / "docs" / "reference" / "extras.md").read_text("utf-8")
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(PROJECT["optional-dependencies"])
+
+
+def test_the_version_is_the_same_wherever_it_stands():
+    newest = re.search(r"^## ([\d.]+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
+    assert newest[1] == cited[1] == hubodo.__version__

@@ -1,4 +1,4 @@
-"""What `hubodo --help`, the completion of a shell and `hubodo info` load: not what only others need."""
+"""What `hubodo --help`, completion, `hubodo info` and `import hubodo` load: not what only others need."""
 
 import json
 import os
@@ -34,17 +34,39 @@ for words in (["--help"], ["completion", "bash"], ["info", sys.argv[1]]):
     said.append(sorted({name.partition(".")[0] for name in sys.modules}))
 print(json.dumps(said))
 """
+IMPORTED = """
+import json, sys
+import hubodo
+said = [sorted(sys.modules)]
+log = hubodo.open(sys.argv[1])
+print(json.dumps([*said, sorted({name.partition(".")[0] for name in sys.modules})]))
+"""
+
+
+def small_log(folder):
+    t = np.arange(0.0, 1.0, 0.01)
+    node = {name: np.zeros(len(t)) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
+    write_recording(Recording(nodes={"left": Table({"t": t, **node})}), folder / "a.mcap")
+    return folder / "a.mcap"
+
+
+def loaded(script, log):
+    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
+    command = [sys.executable, "-c", script, str(log)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return done.stdout, [set(names) for names in json.loads(done.stdout.splitlines()[-1])]
 
 
 def test_help_completion_and_info_load_nothing_that_is_slow(tmp_path):
-    t = np.arange(0.0, 1.0, 0.01)
-    node = {name: np.zeros(len(t)) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
-    write_recording(Recording(nodes={"left": Table({"t": t, **node})}), tmp_path / "a.mcap")
-    environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
-    command = [sys.executable, "-c", LOADED, str(tmp_path / "a.mcap")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    help_, completion, info = (set(names) for names in json.loads(done.stdout.splitlines()[-1]))
-    assert "/left/imu" in done.stdout
+    said, (help_, completion, info) = loaded(LOADED, small_log(tmp_path))
+    assert "/left/imu" in said
     assert not help_ & (SLOW | {"numpy", "mcap", "zstandard", "argcomplete", "tomllib"})
     assert not completion & (SLOW | {"numpy", "mcap"})
     assert not info & SLOW
+
+
+def test_import_loads_nothing_and_open_what_reading_takes(tmp_path):
+    _, (imported, opened) = loaded(IMPORTED, small_log(tmp_path))
+    assert {name for name in imported if name.startswith("hubodo")} == {"hubodo"}
+    assert "numpy" not in imported
+    assert not opened & (SLOW | {"pandas"}) and "numpy" in opened

@@ -10,7 +10,6 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo import __version__
 from hubodo.demo.led_node import LedNode
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
@@ -25,6 +24,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.vehicle import load_vehicle
+from hubodo.version import __version__
 from hubowire import FINGERPRINT
 from hubowire.messages import NODE_IDS
 

@@ -50,7 +50,7 @@ class Chain:
     gyro, accel: what is read. facing: +1 where the z axis points left, else -1. angle rad, spin rad/s: of the
     wheel, spin_beside rad/s: of the one on the other side, zero off them; speed m/s, acceleration m/s²,
     yaw_rate rad/s, yaw_acceleration rad/s², heading rad from the log's start: of the vehicle; zero where
-    nobody needs them.
+    nobody needs them. terms: what was worked out of all this.
     """
 
     t: Array
@@ -69,6 +69,7 @@ class Chain:
     speed: Array | float = 0.0
     yaw_acceleration: Array | float = 0.0
     heading: Array | float = 0.0
+    terms: dict[str, list[Array]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,8 +127,9 @@ class Effect:
     name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
     has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
     scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
-    of samples; its stage is inverted then. alike: effect that a drive may not tell from this one -> the
-    manoeuvre that does; it stands in one of the two.
+    of samples; its stage is inverted then. remembers: whether what it makes of the motion hangs on earlier
+    motion, too. proportional: whether what it adds to a reading is in proportion to its coordinates. alike:
+    effect that a drive may not tell from this one -> the manoeuvre that does; it stands in one of the two.
     """
 
     name: ClassVar[str]
@@ -136,6 +138,8 @@ class Effect:
     shows: ClassVar[Shows] = "mean"
     follows: ClassVar[Follows | None] = None
     undone: ClassVar[bool] = False
+    remembers: ClassVar[bool] = False
+    proportional: ClassVar[bool] = False
     alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod

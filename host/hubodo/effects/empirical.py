@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from dataclasses import make_dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -68,8 +69,10 @@ def columns(expression: str, chain: Chain) -> list[Array]:
         elif match := _STEP.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            angles = [k * _full(chain, chain.angle) for k in range(1, HARMONICS + 1)]
-            periodic = [turn(angle) for angle in angles for turn in (np.cos, np.sin)]
+            turns = [np.exp(1j * _full(chain, chain.angle))]
+            while len(turns) < HARMONICS:
+                turns.append(turns[-1] * turns[0])
+            periodic = [np.ascontiguousarray(part) for turn in turns for part in (turn.real, turn.imag)]
         else:
             raise ValueError(
                 f"no such term: {factor!r}; known are {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
@@ -104,18 +107,22 @@ def _suffixes(expression: str) -> list[str]:
 
 
 class _Empirical(Effect):
+    proportional: ClassVar[bool] = True
     expression = "1"
     channels: tuple[str, ...] = ()
 
     def offset(self, chain: Chain) -> None:
         """Add the term to its channels."""
-        made = columns(self.expression, chain)
+        made = chain.terms.get(self.expression) or columns(self.expression, chain)
+        chain.terms[self.expression] = made
         values = iter(self.values().values())
         for channel in self.channels:
             row = CHANNELS.index(channel)
             target = chain.gyro[row] if row < 3 else chain.accel[row - 3]
             for column in made:
-                target += next(values) * column
+                amplitude = next(values)
+                if amplitude:
+                    target += amplitude * column
 
 
 @lru_cache(maxsize=256)

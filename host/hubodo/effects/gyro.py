@@ -48,6 +48,7 @@ class GyroLag(Effect):
     """A low-pass of one pole in the gyro."""
 
     name: ClassVar[str] = "gyro_lag"
+    remembers: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro answers late"
     alike: ClassVar[Mapping[str, str]] = {
         "time_offset": "change speed briskly: the accelerometer is late only with the clock",

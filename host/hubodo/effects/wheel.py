@@ -46,6 +46,7 @@ class TyreGrowth(Effect):
     """R (1 + k theta'²): the tyre grows with its spin."""
 
     name: ClassVar[str] = "tyre_growth"
+    remembers: ClassVar[bool] = True
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the tyre grows with its spin"
     alike: ClassVar[Mapping[str, str]] = {
@@ -62,6 +63,7 @@ class WheelSlip(Effect):
     """theta' = v_w / R (1 + k v_w'): the wheel turns faster than it rolls while it pulls."""
 
     name: ClassVar[str] = "wheel_slip"
+    remembers: ClassVar[bool] = True
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the wheel slips when it pulls or brakes"
     alike: ClassVar[Mapping[str, str]] = {

@@ -9,10 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from hubodo import __version__
 from hubodo.errors import LinkError
 from hubodo.flash.listen import Heard, listen
 from hubodo.flash.surroundings import Surroundings, UsbPort
+from hubodo.version import __version__
 from hubowire.budget import CONSOLE_BAUD
 from hubowire.messages import Board, node_name
 

@@ -7,8 +7,10 @@ from dataclasses import replace
 
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.held_out import Split, split
+from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.reconsider import Rounds, beyond_chance, reconsider
-from hubodo.gap.judge.search import Say, SearchResult, initial_state, search
+from hubodo.gap.judge.round import Say
+from hubodo.gap.judge.search import SearchResult, Watch, initial_state, search
 from hubodo.gap.problem.build import build
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.residual import floor, gap
@@ -33,23 +35,40 @@ def find_gap(
     reject: Collection[str] = (),
     where: str = "log",
     say: Say = lambda words, share: None,
+    journal: Journal | None = None,
 ) -> GapResult:
     """Where a log and a model disagree, what is missing, and the model with it.
 
     accept: names of effects that are added before anything is searched. reject: names not considered.
+    journal: keeps the rounds of the search, and has those of one that was stopped. A KeyboardInterrupt ends
+    the search with what it has found, where it has found anything.
     Raises InputError when the log has not what the model needs.
     """
     problem = build(recording, model, where)
     say("following the wheels", 0.02)
-    begin = initial_state(problem)
-    found = search(begin, accept, reject, say)
-    say("reconsidering each name", 0.8)
-    found, rounds = reconsider(found, accept, reject)
-    found, rounds = beyond_chance(found, rounds, accept)
+    begin, found = initial_state(problem), list[SearchResult]()
+    watch = Watch(journal or Journal(), say, found.append)
+    try:
+        found.append(search(begin, accept, reject, watch))
+        last, rounds = reconsider(found[-1], accept, reject, watch)
+        last, rounds = beyond_chance(last, rounds, accept)
+    except KeyboardInterrupt:
+        if not found:
+            raise
+        return _unfinished(begin, found[-1], say)
     say("measuring on what was not fitted", 0.9)
-    there = {term.effect.name for term in found.final.state.terms}
+    there = {term.effect.name for term in last.final.state.terms}
     unseen = [f"{name}: accepted, but nothing in this log shows it" for name in accept if name not in there]
-    return _result(begin, found, rounds, (*problem.warnings, *unseen))
+    return _result(begin, last, rounds, (*problem.warnings, *unseen))
+
+
+def _unfinished(begin: State, found: SearchResult, say: Say) -> GapResult:
+    """What a search had found when it was stopped, each name as it was found."""
+    say("stopped; measuring what was found so far", 0.9)
+    rounds = {made.best.label: made for made in found.rounds if made.best is not None}
+    here = replace(begin, problem=found.final.state.problem)
+    words = "the search was stopped: more may be missing, and no name was looked at a second time"
+    return replace(_result(here, found, rounds, (*begin.problem.warnings, words)), finished=False)
 
 
 def _result(begin: State, found: SearchResult, rounds: Rounds, warnings: tuple[str, ...]) -> GapResult:

@@ -36,9 +36,9 @@ from mcap.records import (
 )
 from numpy.typing import NDArray
 
-from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.log.descriptor import open_new
+from hubodo.version import __version__
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "ros2"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hubodo.errors import LogError
 from hubodo.log import topics
-from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, load, load_cut, walk
+from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, announced, load, load_cut, walk
 from hubodo.log.chunks import PREFIX
 from hubodo.log.descriptor import open_to_read
 from hubodo.log.scan import DamagedSpan, Scan, scan
@@ -125,7 +125,7 @@ class Log:
             self.found.note(place, f"chunk claims {place.size} bytes, more than such a file can hold")
             return None
         try:
-            messages = walk(load(self._fd, place))
+            messages = walk(load(self._fd, place), announced(self._fd, place))
         except DamagedChunk as error:
             self.found.note(place, f"chunk {error}")
             return None

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.recording import Recording, Table
 
 _GRAVITY = 9.80665
 _IN_G = (0.7, 1.4)
@@ -76,3 +78,17 @@ def doubtful(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | Non
             "per second; write them in rad/s, or say --unit deg/s"
         )
     return None
+
+
+def check_node_units(table: Table, where: str) -> None:
+    """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
+    words = doubtful(table.gyro, table.accel)
+    if words is not None:
+        raise InputError(f"{where}: {words}")
+
+
+def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:
+    """The same of those of these nodes that a recording has."""
+    for node in nodes:
+        if node in recording.nodes:
+            check_node_units(recording.nodes[node], f"{log}, node {node}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,14 +12,16 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.errors import InputError
 from hubodo.model.bench import Handled, Programme
-from hubodo.model.drive import path
+from hubodo.model.drive import loop_drive, path, random_drive
 from hubodo.model.forward import Carried, NodeForward, NodeStart
 from hubodo.model.inputs import Earth, Inputs
-from hubodo.model.model_file import Model
+from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
 from hubodo.vehicle import NodeMount
 
+DRIVES = ("random", "loop", "rest", "turntable", "poses")
+TWO_STOPS = Programme((0.0, np.pi), 20.0, 2.0)
 _TRUTH_HZ = 20
 
 
@@ -64,6 +67,43 @@ def poses(duration: float, rng: np.random.Generator, latitude: float | None) -> 
     handled = Handled(Rotation.random(count, rng=rng), latitude=latitude)
     still = constant(0.0, 0.0, duration)
     return Experiment("poses", Inputs(still, still), bench=True, carried=handled)
+
+
+def experiment_of(
+    kind: str,
+    model: Model,
+    duration: float,
+    seed: int,
+    *,
+    driven: Inputs | None = None,
+    earth: Earth | None = None,
+    programme: Programme = TWO_STOPS,
+    temperature: Sequence[float] = (),
+    settle: float | None = None,
+) -> Experiment:
+    """One of DRIVES for so many seconds, or what was driven elsewhere.
+
+    driven: the inputs of another kind. earth: what turns under a bench. programme: of a turntable.
+    temperature: °C, one or the first and the last; settle: s, as of `warming`. Raises InputError as `poses`.
+    """
+    rng = np.random.default_rng([seed, 1])
+    if driven is not None:
+        made = Experiment(kind, driven)
+    elif kind == "turntable":
+        made = turntable(duration, programme, earth)
+    elif kind == "poses":
+        made = poses(duration, rng, None if earth is None else earth.latitude)
+    elif kind == "random":
+        made = Experiment(kind, random_drive(rng, duration))
+    elif kind == "loop":
+        made = Experiment(kind, loop_drive(rng, rest=1.0, moving=duration - 5.0))
+    elif kind == "rest":
+        still = constant(0.0, 0.0, duration)
+        made = Experiment(kind, Inputs(still, still))
+    else:
+        raise InputError(f"drive {kind!r}: choose from {', '.join(DRIVES)}")
+    made = with_constants(made, model)
+    return warming(made, temperature[0], temperature[-1], settle) if len(temperature) else made
 
 
 def warming(experiment: Experiment, start: float, end: float, settle: float | None) -> Experiment:
@@ -134,6 +174,12 @@ def simulate(
         table=table,
         truth=truth(experiment) if experiment.drives else None,
     )
+
+
+def simulated(recording: Recording, kind: str, model: Model, seed: int) -> Recording:
+    """The same with a word in its metadata on how it was drawn."""
+    words = {"simulated": kind, "simulated.seed": str(seed), "simulated.model": model_toml(model)}
+    return replace(recording, metadata={**recording.metadata, **words})
 
 
 def reference(model: Model, experiment: Experiment, rate: float, seed: int) -> Table:

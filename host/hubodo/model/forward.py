@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -44,10 +44,11 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class _Moved:
-    """How a node moves, before what its sensor makes of that: from (body, geometry, start, phase).
+class Moved:
+    """How the middle of a node's wheel moves, or a node elsewhere: from (body, geometry, start, phase).
 
-    rate rad/s, its derivative `slope` rad/s² and specific force m/s², (3, N) each in node axes.
+    geometry: without the lever arm. rate rad/s, its derivative `slope` rad/s² and specific force m/s², (3, N)
+    each in node axes.
     """
 
     body: Body
@@ -77,7 +78,8 @@ class NodeForward:
     power_on: float = 0.0
     carried: Carried | None = None
     _bodies: dict[int, Body] = field(default_factory=dict, repr=False)
-    _last: _Moved | None = field(default=None, repr=False)
+    _corrected: tuple[MotionCorrection, Body, Body] | None = field(default=None, repr=False)
+    _moves: dict[bool, Moved] = field(default_factory=dict, repr=False)
 
     def mean(
         self,
@@ -144,27 +146,49 @@ class NodeForward:
         correction: MotionCorrection | None = None,
         late: Array | float = 0.0,
     ) -> tuple[Chain, Rolling | None, Body]:
-        body = self._body(effects, late)
-        if correction is not None:
-            body = correction.apply(body)
-        moved = self._moved(body, self.geometry(effects), start, phase)
+        chain, moved = self.reached(effects, start, phase, correction, late)
+        chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
+        for effect in effects:
+            effect.respond(chain)
+        for effect in effects:
+            effect.offset(chain)
+        return chain, moved.rolling, moved.body
+
+    def reached(
+        self,
+        effects: list[Effect],
+        start: NodeStart,
+        phase: Array | float = 0.0,
+        correction: MotionCorrection | None = None,
+        late: Array | float = 0.0,
+    ) -> tuple[Chain, Moved]:
+        """What reaches the sensor, before it answers; and how the node moves."""
+        body, geometry = self._body(effects, late, correction), self.geometry(effects)
+        moved = self._moved(body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, phase, correction)
         rolling, rate, force = moved.rolling, moved.rate, moved.force
+        if any(geometry.lever_arm):
+            force = force + _off_axle(rate, moved.slope, geometry.lever_arm)
         chain = Chain(body.t - self.power_on, body.temperature, rate, moved.slope, force, rate, force)
         self.place(chain, body, rolling)
         for effect in effects:
             effect.mount(chain)
         for effect in effects:
             effect.low_pass(chain)
-        chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
-        for effect in effects:
-            effect.respond(chain)
-        for effect in effects:
-            effect.offset(chain)
-        return chain, rolling, body
+        return chain, moved
 
-    def _moved(self, body: Body, geometry: Geometry, start: NodeStart, phase: Array | float) -> _Moved:
-        """How the node moves; the same again is not computed again, as most effects change nothing of it."""
-        last = self._last
+    def _moved(
+        self,
+        body: Body,
+        geometry: Geometry,
+        start: NodeStart,
+        phase: Array | float,
+        correction: MotionCorrection | None,
+    ) -> Moved:
+        """How the node moves; the same again is not computed again, as most effects change nothing of it.
+
+        With a correction and without are kept apart: where gyros measured the speed both come in turns.
+        """
+        last = self._moves.get(correction is not None)
         if (
             last
             and (last.body is body and last.phase is phase)
@@ -179,17 +203,25 @@ class NodeForward:
         else:
             rolling = roll(body, geometry, start.angle, phase)
             rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
-        if any(geometry.lever_arm):
-            force = force + _off_axle(rate, slope, geometry.lever_arm)
-        self._last = _Moved(body, geometry, start, phase, rolling, rate, slope, force)
-        return self._last
+        made = Moved(body, geometry, start, phase, rolling, rate, slope, force)
+        self._moves[correction is not None] = made
+        return made
 
-    def _body(self, effects: list[Effect], late: Array | float) -> Body:
-        """The vehicle at the true times of the samples; times that come again are not computed again."""
+    def _body(self, effects: list[Effect], late: Array | float, correction: MotionCorrection | None) -> Body:
+        """The vehicle at the true times of the samples, corrected; what comes again is not computed again."""
+        body = self._uncorrected(effects, late)
+        if correction is None:
+            return body
+        last = self._corrected
+        if last is None or last[0] is not correction or last[1] is not body:
+            last = self._corrected = correction, body, correction.apply(body)
+        return last[2]
+
+    def _uncorrected(self, effects: list[Effect], late: Array | float) -> Body:
         t = self.t - late if np.any(late) else self.t
         for effect in effects:
             t = effect.true_time(t)
-        key = hash(t.tobytes())
+        key = 0 if t is self.t else hash(t.tobytes())
         made = self._bodies.get(key)
         if made is None:
             while len(self._bodies) >= _KEPT:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -112,20 +113,54 @@ class Later:
 
 
 @dataclass(frozen=True, slots=True)
+class Driven:
+    """A little more speed, m/s, and acceleration, m/s², at all times alike. before: what is applied first."""
+
+    speed: float = 0.0
+    acceleration: float = 0.0
+    before: MotionCorrection | None = None
+
+    def apply(self, body: Body) -> Body:
+        """The body driven so; the way that it has gone stays what it is."""
+        if self.before is not None:
+            body = self.before.apply(body)
+        return replace(
+            body, speed=body.speed + self.speed, acceleration=body.acceleration + self.acceleration
+        )
+
+
+@dataclass(frozen=True)
 class SpeedCorrection:
     """What is to be added to a speed input that was itself measured: m/s at times t, s, (M,) each."""
 
     t: Array
     speed: Array
 
+    @cached_property
+    def acceleration(self) -> Array:
+        """(M,) m/s² that go with it."""
+        return np.asarray(np.gradient(self.speed, self.t))
+
+    @cached_property
+    def distance(self) -> Array:
+        """(M,) m that come of it."""
+        step = np.diff(self.t)
+        return np.concatenate([[0.0], np.cumsum(0.5 * step * (self.speed[1:] + self.speed[:-1]))])
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Speed, acceleration and distance at other times, (N,) each."""
+        made = self.speed, self.acceleration, self.distance
+        if np.array_equal(t, self.t):
+            return made
+        speed, acceleration, distance = (np.interp(t, self.t, one) for one in made)
+        return speed, acceleration, distance
+
     def apply(self, body: Body) -> Body:
         """The body with the speed corrected, and all that follows from it."""
-        step = np.diff(self.t)
-        slope = np.gradient(self.speed, self.t)
-        distance = np.concatenate([[0.0], np.cumsum(0.5 * step * (self.speed[1:] + self.speed[:-1]))])
+        speed, acceleration, distance = self.at(body.t)
         return replace(
             body,
-            speed=body.speed + np.interp(body.t, self.t, self.speed),
-            acceleration=body.acceleration + np.interp(body.t, self.t, slope),
-            distance=body.distance + np.interp(body.t, self.t, distance),
+            speed=body.speed + speed,
+            acceleration=body.acceleration + acceleration,
+            distance=body.distance + distance,
         )

@@ -224,6 +224,7 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
     noise, inputs, vehicle = model.noise, model.inputs, model.vehicle
     lines = [
         "[vehicle]",
+        *([f"name = {toml_text(vehicle.name)}"] if vehicle.name else []),
         _number("wheel_radius", vehicle.wheel_radius, "m"),
         _number("track_width", vehicle.track_width, "m, between contacts"),
         *_antenna(vehicle),

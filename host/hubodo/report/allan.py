@@ -11,7 +11,8 @@ from hubodo.report.drawing import drawing
 from hubodo.report.page import Grid, Section, page
 from hubodo.sensors.allan.characterise import AllanReport
 from hubodo.sensors.allan.datasheet import Datasheet
-from hubodo.sensors.allan.ieee952 import is_gyro, rate_unit, units
+from hubodo.sensors.allan.fit import NoiseTerm
+from hubodo.sensors.allan.ieee952 import Unit, is_gyro, rate_unit, units
 
 Named = tuple[str, AllanReport]
 """A result and the name of the channel it is of."""
@@ -138,28 +139,46 @@ def advice(report: AllanReport) -> list[str]:
     return lines
 
 
+def terms_grid(report: AllanReport) -> Grid:
+    """The terms that the record shows."""
+    rows = [
+        (
+            f"{key} {unit.name}",
+            f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
+            value_words(term.value * unit.factor, unit.customary),
+            meaning(key),
+        )
+        for key, unit, term in _terms(report)
+        if term.value is not None and term.sigma is not None
+    ]
+    return Grid(("term", "SI", "customary", "meaning"), rows)
+
+
+def missing_grid(report: AllanReport) -> Grid:
+    """The terms that it cannot show, and why."""
+    rows = [
+        (
+            f"{key} {unit.name}",
+            "" if term.limit is None else value_words(term.limit, unit.si),
+            "" if term.needed is None else duration_words(term.needed),
+            term.reason,
+        )
+        for key, unit, term in _terms(report)
+        if term.value is None or term.sigma is None
+    ]
+    return Grid(("term", "below (95 %)", "record needed", "why"), rows)
+
+
+def _terms(report: AllanReport) -> list[tuple[str, Unit, NoiseTerm]]:
+    return [(key, unit, report.fit.terms[key]) for key, unit in units(report.channel).items()]
+
+
 def allan_sections(
     report: AllanReport, title: str | None = None, sheets: Sequence[Datasheet] = ()
 ) -> list[Section]:
     """Terms, what to do, figure and an account of the record, for a page. sheets: drawn beside the points."""
     name = title or report.channel
-    names = units(report.channel)
-    rows, missing = [], []
-    for key, unit in names.items():
-        term = report.fit.terms[key]
-        if term.value is None or term.sigma is None:
-            limit = "" if term.limit is None else value_words(term.limit, unit.si)
-            needed = "" if term.needed is None else duration_words(term.needed)
-            missing.append((f"{key} {unit.name}", limit, needed, term.reason))
-        else:
-            rows.append(
-                (
-                    f"{key} {unit.name}",
-                    f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
-                    value_words(term.value * unit.factor, unit.customary),
-                    meaning(key),
-                )
-            )
+    shown, missing = terms_grid(report), missing_grid(report)
     record = report.record
     account = [
         ("samples", f"{int(np.count_nonzero(record.present))} of {len(record.values)}"),
@@ -171,9 +190,7 @@ def allan_sections(
         ("fit", f"chi-square {report.fit.chi2:.4g} for {report.fit.dof} degrees of freedom"),
     ]
     return [
-        Section(
-            "Noise terms", "IEEE 952 names; 1 sigma.", [Grid(("term", "SI", "customary", "meaning"), rows)]
-        ),
+        Section("Noise terms", "IEEE 952 names; 1 sigma.", [shown]),
         Section("What to do", advice=advice(report)),
         Section(
             "Allan deviation",
@@ -181,16 +198,6 @@ def allan_sections(
             "Below: what the fit leaves over, with 1 sigma; hollow points had no part in it.",
             figures=[drawing(lambda: allan_figure([(name, report)], name, sheets))],
         ),
-        *(
-            [
-                Section(
-                    "What this record cannot show",
-                    "",
-                    [Grid(("term", "below (95 %)", "record needed", "why"), missing)],
-                )
-            ]
-            if missing
-            else []
-        ),
+        *([Section("What this record cannot show", "", [missing])] if missing.rows else []),
         Section("The record", " ".join(f"{note}." for note in report.notes), [Grid(("", ""), account)]),
     ]

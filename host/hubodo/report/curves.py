@@ -34,6 +34,10 @@ class Curve:
     dots: bool = False
 
 
+Scale = tuple[str, Sequence[Curve]]
+"""Label and curves of a second scale."""
+
+
 def curves(
     shown: Sequence[Curve],
     x_label: str,
@@ -41,30 +45,42 @@ def curves(
     *,
     height: float = 3.2,
     equal: bool = False,
-    right: tuple[str, Sequence[Curve]] | None = None,
+    right: Scale | None = None,
 ) -> Drawing:
-    """The drawing; height: inches; equal: both axes to one scale, as a map; right: label and curves there."""
+    """`curves_figure` for a page."""
+    return drawing(lambda: curves_figure(shown, x_label, y_label, height=height, equal=equal, right=right))
 
-    def draw() -> Any:
-        figure = blank(_WIDTH, height)
-        axes = figure.subplots()
-        scales = [(axes, y_label, shown)]
-        if right is not None:
-            scales.append((axes.twinx(), *right))
-        for scale, label, some in scales:
-            for curve in some:
-                _curve(scale, curve)
-            scale.set_ylabel(label)
-        axes.set_xlabel(x_label)
-        axes.grid(True, lw=0.3, color="#d8dce0")
-        if equal:
-            axes.set_aspect("equal", adjustable="datalim")
-        handles = [handle for scale, _, _ in scales for handle in scale.get_legend_handles_labels()[0]]
-        if len(handles) > 1:
-            figure.legend(handles=handles, loc="outside upper left", ncols=6, fontsize=9, frameon=False)
-        return figure
 
-    return drawing(draw)
+def curves_figure(
+    shown: Sequence[Curve],
+    x_label: str,
+    y_label: str,
+    *,
+    height: float = 3.2,
+    equal: bool = False,
+    right: Scale | None = None,
+) -> Any:
+    """A matplotlib figure; height: inches; equal: both axes to one scale, as a map; right: a second scale.
+
+    Raises InputError where matplotlib cannot be loaded.
+    """
+    figure = blank(_WIDTH, height)
+    axes = figure.subplots()
+    scales = [(axes, y_label, shown)]
+    if right is not None:
+        scales.append((axes.twinx(), *right))
+    for scale, label, some in scales:
+        for curve in some:
+            _curve(scale, curve)
+        scale.set_ylabel(label)
+    axes.set_xlabel(x_label)
+    axes.grid(True, lw=0.3, color="#d8dce0")
+    if equal:
+        axes.set_aspect("equal", adjustable="datalim")
+    handles = [handle for scale, _, _ in scales for handle in scale.get_legend_handles_labels()[0]]
+    if len(handles) > 1:
+        figure.legend(handles=handles, loc="outside upper left", ncols=6, fontsize=9, frameon=False)
+    return figure
 
 
 def _curve(axes: Any, curve: Curve) -> None:

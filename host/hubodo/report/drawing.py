@@ -50,7 +50,7 @@ def drawing(draw: Callable[[], Any]) -> Drawing:
     Where matplotlib cannot be loaded the page is not lost: it says what to install instead.
     """
     try:
-        return Drawing(_svg(draw()))
+        return Drawing(svg(draw()))
     except InputError as error:
         return Drawing(f'<p class="dim">{html.escape(str(error))}</p>')
 
@@ -61,7 +61,7 @@ def save(figure: Any, path: Path) -> None:
         figure.savefig(part, dpi=150, format=path.suffix[1:].lower())
 
 
-def _svg(figure: Any) -> str:
+def svg(figure: Any) -> str:
     """The SVG element alone; words stay words, which is small and can be searched."""
     import matplotlib as mpl
 

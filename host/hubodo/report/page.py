@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hubodo.html_table import html_table
 from hubodo.report.drawing import Drawing
 
 if TYPE_CHECKING:
@@ -81,10 +82,7 @@ def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False
 
 
 def _grid(grid: Grid) -> str:
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in grid.headings)
-    rows = ("".join(f"<td>{html.escape(text)}</td>" for text in row) for row in grid.rows)
-    body = "".join(f"<tr>{row}</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    return f'<div class="scroll">{html_table(grid.headings, grid.rows)}</div>'
 
 
 def _figure(made: go.Figure | Drawing, name: str) -> str:

@@ -26,6 +26,8 @@ VERBS: dict[str, str] = {
     "gap": "what a model lacks to explain a log: the missing effects by name, and the model with them",
     "serve": "the recordings of a folder in the browser: what they hold, their reports, gap on a click",
     "report": "one self-contained HTML page of a log: content, losses, sensors, calibration, drive",
+    "batch": "what another verb does with one log, done with folders of them, here or on a Dask cluster",
+    "logs": "list, search and sum up the logs that `hubodo batch info` went through, none of which is read",
     "completion": "print the script with which a shell completes verbs, options, ports, nodes and files",
 }
 """Each with what it does, in one line. It is a module here (`import` with a trailing "_"): EXAMPLE,

@@ -28,9 +28,10 @@ from hubodo.report.drawing import drawing_path, save
 from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
+from hubodo.sensors.rest_channel import CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive
-from hubodo.verbs.standstill import CHANNELS, add_span_arguments, standstill
+from hubodo.verbs.standstill import add_span_arguments, standstill
 from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"

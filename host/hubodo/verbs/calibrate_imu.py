@@ -23,12 +23,13 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
+from hubodo.log.units import check_node_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import latitude, positive
 from hubodo.whole_files import write_whole
 

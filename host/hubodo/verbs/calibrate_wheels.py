@@ -30,9 +30,10 @@ from hubodo.fuse.wheel.node_times import check_times
 from hubodo.fuse.wheels import located, log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
+from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_units, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import number
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"

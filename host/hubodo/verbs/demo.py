@@ -28,6 +28,7 @@ from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.emulator.interpreters.interpreter import Kind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError
+from hubodo.fuse.fused import score_against_truth
 from hubodo.fuse.track import Score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
@@ -35,7 +36,6 @@ from hubodo.log.summary import Summary, summarise
 from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.fuse import score_against_truth
 from hubodo.verbs.numbers import number, seed
 from hubodo.whole_files import write_whole
 

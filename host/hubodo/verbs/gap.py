@@ -16,8 +16,8 @@ from rich.table import Table as TextTable
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import free_name
 from hubodo.errors import InputError
-from hubodo.gap.judge.round import EMPIRICAL
-from hubodo.gap.judge.search import Say
+from hubodo.gap.judge.journal import Journal, fingerprint
+from hubodo.gap.judge.round import EMPIRICAL, Say
 from hubodo.gap.problem.assumed import assumed_model
 from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
 from hubodo.gap.tell.account import (
@@ -48,6 +48,7 @@ from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 FILES = ("gap.json", "model.toml", "report.html")
+UNFINISHED = "unfinished.jsonl"
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write OUT/NAME.py: an effect of this name with the dependence that no known effect explains",
     )
     add_effects_option(parser)
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the search that was stopped in OUT; log, model and options have to be the same",
+    )
 
 
 def run(args: argparse.Namespace) -> GapReport | ChangeReport:
@@ -174,11 +180,18 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
     _free(args.output, args.model)
     with progress_line() as show:
         recording, model = _posed(args, show)
+        journal = _journal(args, recording, model)
         result = find_gap(
-            recording, model, accept=args.accept, reject=args.reject, where=str(args.log), say=show
+            recording,
+            model,
+            accept=args.accept,
+            reject=args.reject,
+            where=str(args.log),
+            say=show,
+            journal=journal,
         )
         made = None
-        if args.scaffold is not None:
+        if args.scaffold is not None and result.finished:
             show(f"looking for {args.scaffold}", 0.95)
             made = scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
@@ -191,6 +204,10 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
     with whole_files(*(args.output / name for name in contents), make_folder=True) as parts:
         for part, content in zip(parts, contents.values(), strict=True):
             part.write_text(content, "utf-8")
+    if not result.finished:
+        # As whoever pressed ctrl-C expects, after the files are written.
+        raise KeyboardInterrupt(f"{args.output} has what was found until then; --resume goes on")
+    journal.forget()
     return GapReport(
         result,
         str(args.output),
@@ -208,6 +225,12 @@ def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
     needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     recording = read_log(args.log, form=log_form(args, vehicle, needed=needed), progress=show)
     return recording, model or assumed_model(recording, vehicle, str(args.log))
+
+
+def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
+    """The rounds of the search, kept in the folder until it is finished."""
+    what = fingerprint(recording, model, sorted(args.accept), sorted(args.reject))
+    return Journal(args.output / UNFINISHED, what, args.resume)
 
 
 def gap_json(result: GapResult) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
 from hubodo.log.csv_table import write_table
+from hubodo.log.units import check_node_units
 from hubodo.recording import Recording, Table
 from hubodo.report.drawing import drawing_path
 from hubodo.report.heading import heading_figure, heading_lead, heading_sections, score_rows
@@ -26,9 +27,10 @@ from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_units, log_form
+from hubodo.sensors.rest_channel import CHANNELS, temperature_of
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
-from hubodo.verbs.standstill import CHANNELS, read_node, temperature_of
+from hubodo.verbs.standstill import read_node
 from hubodo.whole_files import whole_files, write_whole
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"

@@ -9,8 +9,7 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log.foreign import LogForm
 from hubodo.log.roles import ALL_ROLES, NODES, TYPES, TopicChoice
-from hubodo.log.units import doubtful
-from hubodo.recording import Recording, Table
+from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle
 from hubodo.verbs.numbers import positive
 
@@ -100,17 +99,3 @@ def check_nodes(recording: Recording, log: Path) -> None:
     """Raises InputError for a log without a node, which is another thing than one of another name."""
     if not recording.nodes:
         raise InputError(f"{log}: holds no samples of an IMU; hubodo info shows what it has")
-
-
-def check_node_units(table: Table, where: str) -> None:
-    """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
-    words = doubtful(table.gyro, table.accel)
-    if words is not None:
-        raise InputError(f"{where}: {words}")
-
-
-def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:
-    """The same of those of these nodes that a recording has."""
-    for node in nodes:
-        if node in recording.nodes:
-            check_node_units(recording.nodes[node], f"{log}, node {node}")

@@ -17,6 +17,7 @@ from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import node_ranges, of_node
 from hubodo.log.any_log import read_log
+from hubodo.log.units import check_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.report.drawing import drawing_path, save
@@ -29,7 +30,7 @@ from hubodo.sensors.north.plan import drift_of_allan
 from hubodo.sensors.north.seen import METHODS
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
-from hubodo.verbs.log_options import add_log_options, check_units, log_form
+from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth

@@ -15,7 +15,6 @@ import numpy as np
 import serial
 from numpy.typing import NDArray
 
-from hubodo import __version__
 from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
 from hubodo.errors import InputError, LinkError
@@ -27,6 +26,7 @@ from hubodo.sensors.north.find import North, horizontal_rate
 from hubodo.sensors.north.mount import Mount, mount_of
 from hubodo.sensors.north.table import HandTable, SerialTable, Turntable
 from hubodo.sensors.north.tally import Tally
+from hubodo.version import __version__
 
 Array = NDArray[np.float64]
 

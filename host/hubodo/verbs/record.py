@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 import platform
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hubodo import __version__
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
@@ -19,6 +16,7 @@ from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.watch_gap import watching_gap
 from hubodo.verbs.web_options import add_web_arguments, watched
+from hubodo.version import __version__
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
@@ -108,8 +106,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
 
-    if args.calibration is not None or args.config is not None:
-        know_effects(args)
+    know_effects(args)
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:
@@ -148,13 +145,8 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    if args.watch_gap and vehicle_path is None:
-        raise InputError("--watch-gap wants the geometry; give --vehicle TOML")
-    with ExitStack() as stack:
-        audience = stack.enter_context(watched(args, output, vehicle))
-        told: Callable[[], Sequence[str]] = tuple
-        if args.watch_gap and vehicle_path is not None:
-            told = stack.enter_context(watching_gap(output, vehicle_path))
+    gap_watched = watching_gap(args.watch_gap, output, vehicle_path, config.log_format)
+    with watched(args, output, vehicle) as audience, gap_watched as watch:
         return record(
             config,
             output,
@@ -162,8 +154,8 @@ def run(args: argparse.Namespace) -> RecordResult:
             calibration=calibration,
             metadata=_metadata(config),
             attachments=attachments,
+            watch=watch,
             audience=audience,
-            told=told,
         )
 
 

@@ -33,13 +33,11 @@ from hubodo.log.foreign import LogForm
 from hubodo.log.mcap import read_recording
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
-from hubodo.model.drive import loop_drive, random_drive
 from hubodo.model.experiments import Experiment
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.smooth import constant
 from hubodo.vehicle import Vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import add_topic_option, topic_choice
@@ -48,7 +46,7 @@ from hubowire.messages import NODE_IDS
 
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
 
-DRIVES = ("random", "loop", "reference", "gnss", "rest", "turntable", "poses")
+DRIVES = (*experiments.DRIVES, "reference", "gnss")
 _SHORTEST, _LONGEST = 5.0, 36000.0
 _RATES = (1.0, 10000.0)
 _VIRTUAL_RATES = (52, 104, 208, 416)
@@ -178,12 +176,7 @@ def run(args: argparse.Namespace) -> Simulated:
             rate = 200.0 if args.rate is None else args.rate
             recording = experiments.simulate(model, experiment, rate, args.reference_rate, args.seed)
             virtual = None
-        words = {
-            "simulated": args.drive,
-            "simulated.seed": str(args.seed),
-            "simulated.model": model_toml(model),
-        }
-        recording = dataclasses.replace(recording, metadata={**recording.metadata, **words})
+        recording = experiments.simulated(recording, args.drive, model, args.seed)
         if args.output.suffix == ".mcap":
             write_recording(recording, args.output, vehicle=model.vehicle, progress=show)
         else:
@@ -241,31 +234,22 @@ def _check(args: argparse.Namespace, model: Model) -> None:
 
 
 def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
-    rng = np.random.default_rng([args.seed, 1])
-    latitude = None if args.latitude_deg is None else math.radians(args.latitude_deg)
-    duration = args.duration
-    if args.drive == "turntable":
-        angles = tuple(math.radians(angle) for angle in args.angles_deg)
-        earth = None if latitude is None else Earth(latitude, math.radians(args.azimuth_deg))
-        made = experiments.turntable(duration, Programme(angles, args.stop, args.turn), earth)
-    elif args.drive == "poses":
-        made = experiments.poses(duration, rng, latitude)
-    else:
-        made = Experiment(args.drive, _drive(args, model.vehicle, rng))
-    made = experiments.with_constants(made, model)
-    if args.temperature:
-        made = experiments.warming(made, args.temperature[0], args.temperature[-1], args.settle)
-    return made
+    latitude = args.latitude_deg
+    return experiments.experiment_of(
+        args.drive,
+        model,
+        args.duration,
+        args.seed,
+        driven=None if args.source is None else _driven(args, model.vehicle),
+        earth=None if latitude is None else Earth(math.radians(latitude), math.radians(args.azimuth_deg)),
+        programme=Programme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
+        temperature=args.temperature or (),
+        settle=args.settle,
+    )
 
 
-def _drive(args: argparse.Namespace, vehicle: Vehicle, rng: np.random.Generator) -> Inputs:
-    if args.drive == "random":
-        return random_drive(rng, args.duration)
-    if args.drive == "loop":
-        return loop_drive(rng, rest=1.0, moving=args.duration - 5.0)
-    if args.drive == "rest":
-        still = constant(0.0, 0.0, args.duration)
-        return Inputs(still, still)
+def _driven(args: argparse.Namespace, vehicle: Vehicle) -> Inputs:
+    """The drive of --from."""
     needed = ("reference",) if args.drive == "reference" else ("gnss",)
     recording = read_log(args.source, form=LogForm(choice=topic_choice(args, vehicle, needed)))
     maker = drive_from_reference if args.drive == "reference" else drive_from_fixes

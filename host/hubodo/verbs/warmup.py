@@ -34,10 +34,11 @@ from hubodo.report.warmup import (
     whiteness_rows,
 )
 from hubodo.report.warmup_figure import warmup_figure
+from hubodo.sensors.rest_channel import CHANNELS
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.numbers import not_negative
-from hubodo.verbs.standstill import CHANNELS, add_standstill_arguments, read_standstill
+from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
 from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"

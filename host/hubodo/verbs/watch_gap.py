@@ -13,9 +13,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hubodo.errors import HubodoError, InputError
+from hubodo.ingest.live.view import json_line
+
+if TYPE_CHECKING:
+    from hubodo.ingest.live.snapshot import Snapshot, Watch
 
 # s between two looks at least; of its time it looks no more than this share.
 _AGAIN, _BUSY = 4.0, 0.2
@@ -24,8 +31,18 @@ _NICE = 10
 
 
 @contextmanager
-def watching_gap(output: Path, vehicle: Path) -> Iterator[Callable[[], list[str]]]:
-    """Gives what has been found since it was last asked. output: of the recording, a log or a folder."""
+def watching_gap(
+    wanted: bool, output: Path, vehicle: Path | None, log_format: str = "text"
+) -> Iterator[Sequence[Watch]]:
+    """Gives what `record` is to call each second, which says what was found meanwhile on stderr.
+
+    output: of the recording, a log or a folder. Raises InputError without a vehicle.
+    """
+    if not wanted:
+        yield ()
+        return
+    if vehicle is None:
+        raise InputError("--watch-gap wants the geometry; give --vehicle TOML")
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     command = [sys.executable, "-m", "hubodo.verbs.watch_gap", str(vehicle), str(output)]
     child = subprocess.Popen(
@@ -37,18 +54,18 @@ def watching_gap(output: Path, vehicle: Path) -> Iterator[Callable[[], list[str]
         for line in source:
             lines.put(line.rstrip("\n"))
 
-    reader = threading.Thread(target=listen, args=(iter(child.stdout),), daemon=True)
-    reader.start()
-
-    def told() -> list[str]:
-        made = []
-        with suppress(queue.Empty):
+    def say(snapshot: Snapshot) -> None:
+        with suppress(queue.Empty, OSError):
             while True:
-                made.append(lines.get_nowait())
-        return made
+                line = lines.get_nowait()
+                if log_format == "json":
+                    print(json_line(snapshot.t_ns, "warning", "gap_seen", line, {}), file=sys.stderr)
+                else:
+                    print(f"hubodo record: {line}", file=sys.stderr)
 
+    threading.Thread(target=listen, args=(iter(child.stdout),), daemon=True).start()
     try:
-        yield told
+        yield (say,)
     finally:
         child.kill()
         child.wait()
@@ -69,7 +86,6 @@ def main() -> int:
     os.nice(_NICE)
     threading.Thread(target=_end_with_the_recording, daemon=True).start()
     # Not at the top: whoever records need not wait for all of the gap.
-    from hubodo.errors import HubodoError
     from hubodo.gap.watch import GapWatch
     from hubodo.log.any_log import read_log
     from hubodo.vehicle import load_vehicle

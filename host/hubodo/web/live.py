@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hubodo import __version__
 from hubodo.ingest.live.snapshot import Audience
 from hubodo.vehicle import Vehicle
+from hubodo.version import __version__
 from hubodo.web.actions import Actions
 from hubodo.web.address import Address
 from hubodo.web.app import make_app

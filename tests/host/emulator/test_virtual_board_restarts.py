@@ -17,7 +17,7 @@ from board_runs import WHO, printed, run
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.chips.faults import BrownOut, Reset
 from hubodo.emulator.chips.registers import ChipAccessError
-from hubodo.emulator.interpreters import find
+from hubodo.emulator.interpreters import find, interpreter
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
@@ -105,6 +105,27 @@ def test_flash_holds_the_firmwares_own_bytes(tmp_path: Path) -> None:
     node.stop()
     same = [hashlib.sha256((tmp_path / d / "main.py").read_bytes()).digest() for d in ("fw", "flash")]
     assert same[0] == same[1]
+
+
+def test_an_interpreter_that_had_a_board_before_knows_nothing_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reset in the middle of a loop that catches all there is; the next board starts no process."""
+    program = """
+import builtins, os, time
+print(hasattr(builtins, 'left'), sorted(os.listdir('/')), time.ticks_us() < 1_000_000)
+builtins.left = True
+while True:
+    try:
+        open('/left', 'w').close()
+        time.sleep_ms(10)
+    except BaseException:
+        open('/struck', 'w').close()
+"""
+    run(tmp_path / "first", program, 0.5, flash=Flash(folder=tmp_path / "flash")).stop()
+    assert sorted(path.name for path in (tmp_path / "flash").iterdir()) == ["left", "main.py"]
+    monkeypatch.setattr(interpreter, "_start_process", lambda *_: pytest.fail("a process was started"))
+    assert printed(run(tmp_path / "second", program, 0.5)) == ["False ['main.py'] True"]
 
 
 def test_missing_node_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hubodo.gap.process_noise.innovations import Share, Walk, innovations
+from hubodo.gap.process_noise.innovations import innovations
 from hubodo.gap.process_noise.walk import scores, smoothed, walked
+from hubodo.gap.process_noise.window_sums import Share, Walk
 
 WINDOW, BLOCK, COLUMNS = 0.5, 3, 2
 # A wheel whose first angle is unknown, something slow, and something that is new in each window.

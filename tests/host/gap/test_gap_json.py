@@ -1,73 +1,74 @@
-"""gap.json has the form that other programs read."""
+"""gap.json has the form that its schema publishes, and nothing beside it."""
 
-import numbers
+import copy
+import json
+from importlib import resources
 
+import jsonschema
+import pytest
+
+from gap_runs import gap
 from hubodo.effects import BY_NAME
-
-NUMBER = numbers.Real
-
-
-def check(value, form, where="gap.json"):
-    """value has the form: a type, {key: form}, [form of each], or a tuple of forms of which one must fit."""
-    if isinstance(form, tuple):
-        assert any(fits(value, one) for one in form), f"{where}: {value!r}"
-    elif isinstance(form, dict):
-        assert isinstance(value, dict), where
-        for key, inner in form.items():
-            assert key in value, f"{where}: {key} is missing"
-            check(value[key], inner, f"{where}.{key}")
-    elif isinstance(form, list):
-        assert isinstance(value, list), where
-        for k, item in enumerate(value):
-            check(item, form[0], f"{where}[{k}]")
-    else:
-        assert isinstance(value, form), f"{where}: {value!r} is no {form}"
-        assert not isinstance(value, bool), where
+from hubodo.gap.tell.result import VERSION
 
 
-def fits(value, form):
-    try:
-        check(value, form)
-    except AssertionError:
-        return False
-    return True
+def schema():
+    text = resources.files("hubodo.gap.tell").joinpath("gap.schema.json").read_text("utf-8")
+    return json.loads(text)
 
 
-STEP = {"before": NUMBER, "after": NUMBER}
-FORM = {
-    "verdict": str,
-    "gap": {**STEP, "floor": NUMBER},
-    "held_out_gap": STEP,
-    "found": [
-        {
-            "effect": str,
-            "scope": str,
-            "parameters": dict,
-            "gap": STEP,
-            "held_out_gap": STEP,
-            "p_value": NUMBER,
-            "confidence": NUMBER,
-            "where": str,
-            "runner_up": (type(None), {"effect": str, "confidence": NUMBER}),
-            "inseparable_from": [str],
-        }
-    ],
-    "remaining": [{"channel": str, "where": str, "looks_like": str}],
-}
-VERDICTS = ("no_gap", "explained", "partly_explained", "unexplained")
+def strict(made):
+    """The schema without leave for fields that it does not name: a test sees what nobody wrote down."""
+    if isinstance(made, dict):
+        made = {key: strict(value) for key, value in made.items()}
+        if "properties" in made and isinstance(made["properties"], dict):
+            made.setdefault("additionalProperties", False)
+    return [strict(item) for item in made] if isinstance(made, list) else made
 
 
-def test_the_result_has_the_fixed_form(named):
+def check(result):
+    jsonschema.Draft202012Validator(strict(schema())).validate(result)
+
+
+def test_the_schema_is_one_and_of_this_version():
+    jsonschema.Draft202012Validator.check_schema(schema())
+    assert schema()["properties"]["version"] == {"const": VERSION, "description": "of this form"}
+
+
+def test_a_result_has_the_published_form(named):
     made = named.result
-    check(made, FORM)
-    assert made["verdict"] in VERDICTS
+    check(made)
+    assert made["finished"] is True
     assert made["found"]
     for found in made["found"]:
         assert found["effect"] in BY_NAME or found["effect"].startswith("empirical:")
         assert found["scope"] in ("left", "right", "all", "vehicle")
-        assert 0.0 <= found["p_value"] <= 1.0
-        assert 0.0 <= found["confidence"] <= 1.0
-        for parameter in found["parameters"].values():
-            check(parameter, {"value": NUMBER, "sigma": (NUMBER, type(None))})
     before = [made["gap"]["before"], *(it["gap"]["after"] for it in made["found"])]
     assert [it["gap"]["before"] for it in made["found"]] == before[:-1]
+
+
+def test_a_result_without_a_finding_has_it_too(nothing, tmp_path):
+    made = gap(tmp_path / "out", nothing / "model.toml", nothing).result
+    check(made)
+    assert made["found"] == []
+    assert made["verdict"] == "no_gap"
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda made: made.pop("version"),
+        lambda made: made.update(version=VERSION + 1),
+        lambda made: made.update(verdict="perhaps"),
+        lambda made: made.update(beside=1),
+        lambda made: made["gap"].pop("after"),
+        lambda made: made["found"][0].update(confidence=1.5),
+        lambda made: made["found"][0].update(runner_up="nobody"),
+        lambda made: made["found"][0]["parameters"]["angle"].pop("unit"),
+    ],
+)
+def test_what_has_another_form_is_refused(named, spoil):
+    made = copy.deepcopy(named.result)
+    spoil(made)
+    with pytest.raises(jsonschema.ValidationError):
+        check(made)

@@ -1,10 +1,12 @@
 """A drive that is still being recorded: what is wrong is said once, and nothing of a sound vehicle."""
 
 import io
+import json
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -64,14 +66,17 @@ def test_of_a_sound_vehicle_nothing_is_said(drives):
 
 
 @pytest.mark.real_time
-def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives):
-    with watching_gap(drives / "arm.mcap", drives / "vehicle.toml") as told:
-        lines, until = [], time.monotonic() + 150.0
-        while not lines and time.monotonic() < until:
+@pytest.mark.parametrize("log_format", ["text", "json"])
+def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, log_format, capsys):
+    second, said = SimpleNamespace(t_ns=1_000_000_000), ""
+    with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml", log_format) as (say,):
+        until = time.monotonic() + 150.0
+        while not said and time.monotonic() < until:
             time.sleep(0.2)
-            lines += told()
-    assert lines == ["left: the IMU sits 0.15 m off the hub"]
-    assert told() == []
+            say(second)
+            said = capsys.readouterr().err
+    told = json.loads(said)["text"] if log_format == "json" else said.removeprefix("hubodo record: ").rstrip()
+    assert told == "left: the IMU sits 0.15 m off the hub"
 
 
 def test_the_log_that_is_being_written_is_found(tmp_path):

@@ -7,10 +7,13 @@ import random
 import threading
 from collections import Counter
 from collections.abc import Callable
+from typing import TypeVar
 
+from hubodo.emulator.chips.espnow import EspNow
 from hubodo.emulator.chips.nrf24 import Nrf24, Weather
 
 _CALM = Weather()
+Done = TypeVar("Done")
 
 
 class Ether:
@@ -31,6 +34,9 @@ class Ether:
         self._wanted: list[float] = []
         """The times that boards wait for."""
         self.radios: list[Nrf24] = []
+        self.stations: list[EspNow] = []
+        self.busy_until = 0.0
+        """When what is on the air of the stations is over, ns."""
 
     def join(self, board: object) -> None:
         """A board that takes part from now on, with its time at 0."""
@@ -52,7 +58,7 @@ class Ether:
                 if any(before < wanted <= t for wanted in self._wanted):
                     self._turn.notify_all()
 
-    def act(self, board: object, t: float, do: Callable[[], bytes]) -> bytes:
+    def act(self, board: object, t: float, do: Callable[[], Done]) -> Done:
         """What a board does at t, ns, in its turn."""
         with self._turn:
             self.reached(board, t)

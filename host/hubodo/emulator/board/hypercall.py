@@ -27,6 +27,8 @@ FLAG_OPEN = 8
 """A host has the port open."""
 FLAG_PLUGGED = 16
 """The cable is in, the terminal there."""
+FLAG_OVER = 32
+"""Instead of an answer: the board is off or restarts, nothing more happens here."""
 
 COUNT_MASK, COUNT_ROOM = 0x3FFF, 0x4000
 
@@ -98,6 +100,8 @@ class Op(IntEnum):
     """[; JSON] What the processor did so far."""
     SPI = 31
     """[unit; bytes] answers as many bytes: what came in while these went out."""
+    ESPNOW = 32
+    """[-; u8 what, its arguments] of ESP-NOW; answers what was asked for, see `chips.espnow`."""
 
 
 def op_codes() -> dict[str, int]:

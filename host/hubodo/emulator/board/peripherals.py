@@ -20,12 +20,16 @@ _CORE_V = 0.706 - 0.001721 * (25.0 - 27.0)
 _DIVIDER_OFF_V = 0.0306
 
 
-class SpiModule(Protocol):
-    """What hangs on SPI and some pins; `t` in ns."""
+class RadioParts(Protocol):
+    """What hangs on SPI and some pins, and ESP-NOW; `t` in ns."""
 
     def pin(self, t: float, number: int, level: int) -> None: ...
 
     def transfer(self, t: float, data: bytes) -> bytes: ...
+
+    def espnow(self, t: float, request: bytes) -> tuple[int, bytes]: ...
+
+    def reset(self) -> None: ...
 
 
 class Peripherals:
@@ -37,15 +41,17 @@ class Peripherals:
         bus: I2cBus,
         battery_mv: float,
         radio_on: Callable[[], bool],
-        spi: SpiModule | None = None,
+        radio: RadioParts | None = None,
     ) -> None:
-        self._spi = spi
+        self._radio = radio
         self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
         self.pins = Pins(bus)
 
     def reset(self) -> None:
         """The processor restarts: its pins are as at power-on."""
         self.pins = Pins(self._bus)
+        if self._radio is not None:
+            self._radio.reset()
 
     def handlers(self) -> dict[int, Handler]:
         """What each call does here."""
@@ -64,6 +70,7 @@ class Peripherals:
             Op.PIN_GET: self._pin_get,
             Op.ADC_READ: self._adc,
             Op.SPI: self._transfer,
+            Op.ESPNOW: self._espnow,
         }
 
     def _i2c_init(self, a: int, payload: bytes, t: float) -> Reply:
@@ -102,13 +109,17 @@ class Peripherals:
 
     def _pin_set(self, a: int, payload: bytes, t: float) -> Reply:
         self.pins.set(t * 1e-9, a, payload[0])
-        if self._spi is not None:
-            self._spi.pin(t, a, payload[0])
+        if self._radio is not None:
+            self._radio.pin(t, a, payload[0])
         return Reply(t)
 
     def _transfer(self, a: int, payload: bytes, t: float) -> Reply:
-        came = bytes(len(payload)) if self._spi is None else self._spi.transfer(t, payload)
+        came = bytes(len(payload)) if self._radio is None else self._radio.transfer(t, payload)
         return Reply(t + len(payload) * SPI_BYTE_NS, len(came), came)
+
+    def _espnow(self, a: int, payload: bytes, t: float) -> Reply:
+        status, answer = (0, b"") if self._radio is None else self._radio.espnow(t, payload)
+        return Reply(t, status, answer)
 
     def _pin_get(self, a: int, payload: bytes, t: float) -> Reply:
         return Reply(t, self.pins.get(t * 1e-9, a))

@@ -70,7 +70,9 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         wiring=sensors.wiring,
         wait_for_host=host.wait,
         faults=spec.faults,
-        radio=None if spec.ether is None else RadioModule(spec.ether),
+        radio=None
+        if spec.ether is None
+        else RadioModule(spec.ether, bytes.fromhex(spec.board.unique_id)[:6]),
     )
     if host.log:
         board.streams.log = []

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import select
-import tempfile
 from typing import NamedTuple, NoReturn
 
 from hubodo.emulator.board.clock import NS, BoardClock
-from hubodo.emulator.board.hypercall import REQUEST, RESPONSE, op_codes
+from hubodo.emulator.board.hypercall import FLAG_OVER, REQUEST, RESPONSE, op_codes
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.reset_registers import ResetRegisters, Why
 from hubodo.emulator.board.settings import BoardSettings, Flash
@@ -45,6 +44,7 @@ class Processor:
         self._pico: Pico | None = None
         self._interpreter: Interpreter | None = None
         self._buffer = bytearray()
+        self._answered = True
         self._cpu = 0.0
 
     def power_on(self) -> None:
@@ -65,9 +65,9 @@ class Processor:
     def boot(self, *, raw: bool, run_main: bool) -> None:
         """Starts an interpreter; raw: at the raw prompt, without main.py. Raises InterpreterMissing."""
         self._buffer.clear()
+        self._answered = True
         told = self._for_runner(raw, run_main)
-        log = tempfile.TemporaryFile()  # noqa: SIM115  the interpreter closes it
-        self._interpreter = start(self._settings.interpreter, told, log)
+        self._interpreter = start(self._settings.interpreter, told)
         self._poll.register(self._interpreter.requests, select.POLLIN)
 
     def _for_runner(self, raw: bool, run_main: bool) -> dict[str, object]:
@@ -123,12 +123,18 @@ class Processor:
         return self._cpu + self._own_cpu()
 
     def kill(self) -> None:
-        """Ends it at once, as a reset does."""
-        if self._interpreter is not None:
-            self._poll.unregister(self._interpreter.requests)
-            self._cpu += self._own_cpu()
-            self._interpreter.kill()
-            self._interpreter = None
+        """Ends it at once, as a reset does: one that waits for an answer by that, to begin anew later."""
+        interpreter = self._interpreter
+        if interpreter is None:
+            return
+        self._poll.unregister(interpreter.requests)
+        self._cpu += self._own_cpu()
+        if self._settings.interpreter == "micropython" and not self._answered and not self._buffer:
+            self.answer(0, FLAG_OVER, b"", 0.0, 0.0)
+            interpreter.let_go()
+        else:
+            interpreter.kill()
+        self._interpreter = None
 
     def owns(self, fd: int) -> bool:
         """Whether requests come through this descriptor."""
@@ -153,11 +159,13 @@ class Processor:
             return None
         payload = bytes(buffer[REQUEST.size : end])
         del buffer[:end]
+        self._answered = False
         return Request(op, interrupt_char, a, payload, t)
 
     def answer(self, status: int, flags: int, payload: bytes, t: float, quiet: float) -> None:
         """Answers the last call, which is over at t; quiet: see RESPONSE."""
         assert self._interpreter is not None
+        self._answered = True
         try:
             head = RESPONSE.pack(status, flags, 0, len(payload), t, quiet)
             os.write(self._interpreter.responses, head + payload)

@@ -1,19 +1,21 @@
-"""An nRF24L01+ on a board: its pins and its SPI, in the time of the ether."""
+"""The radios of a board in the time of the ether: an nRF24L01+ on its pins, and ESP-NOW of an ESP32."""
 
 from __future__ import annotations
 
 from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.chips.espnow import EspNow
 from hubodo.emulator.chips.nrf24 import Nrf24
 
 CSN_PIN, CE_PIN = 17, 20
 
 
 class RadioModule:
-    """What hangs on a board's SPI, its select pin and its enable pin; times in ns."""
+    """What hangs on a board's SPI, its select pin and its enable pin, and its own radio; times in ns."""
 
-    def __init__(self, ether: Ether) -> None:
+    def __init__(self, ether: Ether, mac: bytes) -> None:
         self._ether = ether
         self.chip = Nrf24(ether)
+        self._own = EspNow(ether, mac)
         ether.join(self)
 
     def reached(self, t: float) -> None:
@@ -22,7 +24,7 @@ class RadioModule:
 
     def end(self) -> None:
         """The board is switched off."""
-        self.chip.silent = True
+        self.chip.silent = self._own.silent = True
         self._ether.leave(self)
 
     def pin(self, t: float, number: int, level: int) -> None:
@@ -35,6 +37,14 @@ class RadioModule:
     def transfer(self, t: float, data: bytes) -> bytes:
         """Bytes out, as many in."""
         return self._ether.act(self, t, lambda: self.chip.transfer(t, data))
+
+    def espnow(self, t: float, request: bytes) -> tuple[int, bytes]:
+        """A call of ESP-NOW: (status, what it answers)."""
+        return self._ether.act(self, t, lambda: self._own.call(t, request))
+
+    def reset(self) -> None:
+        """The processor restarts."""
+        self._own.reset()
 
     def _select(self, t: float, level: int) -> bytes:
         self.chip.select(t, selected=not level)

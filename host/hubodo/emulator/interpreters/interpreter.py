@@ -5,8 +5,11 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import struct
 import subprocess
 import sys
+import tempfile
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,19 +24,29 @@ Kind = Literal["micropython", "cpython", "rp2040"]
 _HERE = Path(__file__).parent
 
 
+_LENGTH = struct.Struct("<I")
+_idle: defaultdict[tuple[str, ...], list[Interpreter]] = defaultdict(list)
+"""Those that wait for another board, by what they were started with: the next starts four times as fast."""
+
+
 class InterpreterDied(HubodoError):
     """The interpreter ended by itself in a way no firmware can bring about."""
 
 
 @dataclass
 class Interpreter:
-    """A running interpreter and the two pipes to it."""
+    """A running interpreter and the two pipes to it.
 
+    alike: what it was started with, of those that more than one board can have; log: its last words.
+    """
+
+    alike: tuple[str, ...]
     process: subprocess.Popen[bytes]
     requests: int
     responses: int
     lifeline: int
     log: IO[bytes]
+    _cpu_before: float = 0.0
 
     def kill(self) -> None:
         """End it at once, as a reset does, and give the pipes back."""
@@ -49,14 +62,29 @@ class Interpreter:
         self.log.close()
         return status
 
+    def let_go(self) -> None:
+        """It was told that its board is off: another one may have it."""
+        self._cpu_before += self.cpu()
+        _idle[self.alike].append(self)
+
+    def begin(self, settings: Mapping[str, object]) -> bool:
+        """Tells it of its next board; False when it is gone."""
+        told = json.dumps(settings).encode()
+        try:
+            os.write(self.responses, _LENGTH.pack(len(told)) + told)
+        except BrokenPipeError:
+            return False
+        return True
+
     def cpu(self) -> float:
-        """Processor time that it has taken, s; 0 once it is gone."""
+        """Processor time that it has taken for its board, s; 0 once it is gone."""
         try:
             stat = Path(f"/proc/{self.process.pid}/stat").read_text()
         except OSError:
             return 0.0
         fields = stat.rpartition(")")[2].split()
-        return float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        taken = float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return taken - self._cpu_before
 
     def last_words(self) -> str:
         """The last lines it wrote to standard error."""
@@ -81,23 +109,38 @@ def require(kind: Kind, image: Path | None = None, bootrom: Path | None = None) 
         find_image(image, bootrom)
 
 
-def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpreter:
-    """Start the interpreter with `settings` (see the runners); its standard error goes to `log`."""
+def start(kind: Kind, settings: Mapping[str, object]) -> Interpreter:
+    """Start the interpreter with `settings` (see the runners)."""
+    if kind != "micropython":
+        runner = "rp2040/runner.mjs" if kind == "rp2040" else "cpython/runner.py"
+        program = [find_node()] if kind == "rp2040" else [sys.executable, "-I", "-S"]
+        return _start_process((*program, str(_HERE / runner)), settings)
+    # It starts a tenth sooner without threads that would compile and collect for it.
+    command = (find_node(), "--single-threaded", str(_HERE / "wasm" / "runner.mjs"))
+    micropython = find_micropython().as_uri()
+    alike = (*command, micropython)
+    told = dict(settings, rom=str(_HERE / "modules"))
+    while True:
+        try:
+            interpreter = _idle[alike].pop()
+        except IndexError:
+            interpreter = _start_process(command, {"micropython": micropython}, alike)
+        if interpreter.begin(told):
+            return interpreter
+        interpreter.kill()
+
+
+def _start_process(
+    command: tuple[str, ...], settings: Mapping[str, object], alike: tuple[str, ...] = ()
+) -> Interpreter:
+    """A new process, which is told the settings and its pipes in its last argument."""
     request_read, request_write = os.pipe()
     response_read, response_write = os.pipe()
     life_read, life_write = os.pipe()
     theirs = (request_write, response_read, life_read)
-    full = dict(settings, pipes=(request_write, response_read))
-    if kind == "micropython":
-        full |= {"micropython": find_micropython().as_uri(), "rom": str(_HERE / "modules")}
-        # It starts a tenth sooner without threads that would compile and collect for it.
-        command = [find_node(), "--single-threaded", str(_HERE / "wasm" / "runner.mjs"), json.dumps(full)]
-    elif kind == "rp2040":
-        command = [find_node(), str(_HERE / "rp2040" / "runner.mjs"), json.dumps(full)]
-    else:
-        command = [sys.executable, "-I", "-S", str(_HERE / "cpython" / "runner.py"), json.dumps(full)]
+    log = tempfile.TemporaryFile()  # noqa: SIM115  closed with the pipes
     process = subprocess.Popen(
-        command,
+        [*command, json.dumps(dict(settings, pipes=(request_write, response_read)))],
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,
@@ -109,4 +152,4 @@ def start(kind: Kind, settings: Mapping[str, object], log: IO[bytes]) -> Interpr
     fcntl.fcntl(life_read, fcntl.F_SETFL, os.O_ASYNC)
     for fd in theirs:
         os.close(fd)
-    return Interpreter(process, request_read, response_write, life_write, log)
+    return Interpreter(alike, process, request_read, response_write, life_write, log)

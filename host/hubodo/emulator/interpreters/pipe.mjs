@@ -2,7 +2,11 @@
 import fs from "node:fs";
 
 const ANSWER = 24;
+const FLAG_OVER = 32;
 export const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4, FLAG_OPEN = 8, FLAG_PLUGGED = 16;
+
+/** What is thrown where the board is switched off instead of an answer. */
+export class Over extends Error {}
 
 export function die(error) {
   if (error !== undefined) fs.writeSync(2, `${error?.name === "PythonError" ? error.message : error?.stack ?? error}\n`);
@@ -25,6 +29,7 @@ export class Pipe {
     this.time = 0; // ns at which the call was over
     this.quiet = 0; // ns up to which there is nothing to ask for, as far as is known
     this._then = null;
+    this._ahead = 0; // bytes of the next board's settings that have come already
   }
 
   /** Sends a request at `t` ns with `n` payload bytes already at request[HEADER..]; `then(status)` once it is settled. */
@@ -53,6 +58,11 @@ export class Pipe {
     this.length = this.answer.getUint32(4, true);
     this._readAll(ANSWER + this.length, have);
     this.flags = this.response[2];
+    if (this.flags & FLAG_OVER) {
+      this._ahead = have - ANSWER;
+      this.response.copyWithin(0, ANSWER, have);
+      throw new Over();
+    }
     this.time = this.answer.getFloat64(8, true);
     this.quiet = this.answer.getFloat64(16, true);
     then(this.answer.getInt16(0, true));
@@ -65,6 +75,14 @@ export class Pipe {
       have += got;
     }
     return have;
+  }
+
+  /** Waits for what the next board has to tell at its start. */
+  start() {
+    const have = this._readAll(4, this._ahead), end = 4 + this.response.readUInt32LE(0);
+    this._readAll(end, have);
+    this._ahead = 0;
+    return JSON.parse(this.response.toString("utf8", 4, end));
   }
 
   /** The payload of the last answer, valid until the next one. */

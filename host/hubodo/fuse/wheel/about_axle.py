@@ -2,10 +2,13 @@
 
 A node turned by the small vector m reads Omega - m x Omega, so gz = w_z - m_x w_y + m_y w_x. On a fast wheel
 what is felt across the axle goes round many times in a curve, and the mean of it is nothing. On a slow one it
-stays: 2 degrees of tilt in a curve of 0.6 rad/s are 0.02 rad/s of spin that the wheel does not make.
+stays: 2 degrees of tilt in a curve of 0.6 rad/s are 0.02 rad/s of spin that the wheel does not make. The spin
+is what there is along the axle, n = (m_y, -m_x, sqrt(1 - m_x^2 - m_y^2)) in the node's axes.
 """
 
 from __future__ import annotations
+
+import math
 
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.state import Wheel
@@ -18,5 +21,6 @@ def about_the_axle(x: list[float], wheel: Wheel, window: Window) -> Window:
         return window
     at, across = wheel.at, window.raw_across
     over_x, over_y = across.real - x[at[GYRO_BIAS_X]] * WINDOW, across.imag - x[at[GYRO_BIAS_Y]] * WINDOW
-    felt = x[at[MISALIGNMENT_Y]] * over_x - x[at[MISALIGNMENT_X]] * over_y
-    return window._replace(spin=window.spin - felt)
+    tilt_x, tilt_y = x[at[MISALIGNMENT_X]], x[at[MISALIGNMENT_Y]]
+    upright = math.sqrt(max(0.0, 1.0 - tilt_x * tilt_x - tilt_y * tilt_y))
+    return window._replace(spin=upright * window.spin - tilt_y * over_x + tilt_x * over_y)

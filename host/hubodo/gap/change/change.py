@@ -11,7 +11,8 @@ import numpy as np
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
 from hubodo.gap.change.joint import compare
-from hubodo.gap.judge.search import Say, initial_state
+from hubodo.gap.judge.round import Say
+from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.point import Point

@@ -5,28 +5,33 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from hubodo.gap.judge.round import DECIDED, Round, look
-from hubodo.gap.judge.search import SearchResult
+from hubodo.gap.judge.round import DECIDED, Round
+from hubodo.gap.judge.search import SearchResult, Watch
 from hubodo.gap.refit.refit import refit_with_weights
 
 # Changes at most: two names that take each other's place would go on for ever. Of more names than so many,
 # each stays as it was found: a turn costs a round for each.
 _TIMES = 3
 _MANY = 4
+# Of the progress, where this begins, and what it is.
+_FROM, _SHARE = 0.75, 0.15
 
 Rounds = Mapping[tuple[str, str], Round]
 """By effect and scope, the round that judged it."""
 
 
 def reconsider(
-    found: SearchResult, accept: Collection[str] = (), reject: Collection[str] = ()
+    found: SearchResult,
+    accept: Collection[str] = (),
+    reject: Collection[str] = (),
+    watch: Watch | None = None,
 ) -> tuple[SearchResult, Rounds]:
     """Each effect that was found is taken out and looked for again beside all the others.
 
     What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
     accept: names that stay all the same, as sure as they are. reject: names not considered.
     """
-    rounds: dict[tuple[str, str], Round] = {}
+    watch, rounds = watch or Watch(), dict[tuple[str, str], Round]()
     as_found = {made.best.label: made for made in found.rounds if made.best is not None}
     terms = [term for term in found.final.state.terms if term.fitted]
     if (len(terms) == 1 and not found.decimated and not accept) or len(terms) > _MANY:
@@ -39,7 +44,8 @@ def reconsider(
             without = [other for other in final.state.terms if other.key != term.key]
             swapped = final.state.afresh(without)
             also = [term.key] if term.moves and term.effect.name in accept else []
-            made = look(final.point.at(swapped), reject, also)
+            watch.say(f"reconsidering {term.words}", _FROM + _SHARE * turn / (_TIMES + 1))
+            made = watch.journal.look(final.point.at(swapped), reject, also)
             rounds[term.key] = made
             best = made.best
             stays = term.effect.name in accept or (best is not None and best.label == term.key)
@@ -71,7 +77,7 @@ def beyond_chance(
     by_chance = set()
     for key, made in rounds.items():
         own = made.rival(key)
-        if own is not None and own.refit is not None and own.p_value(null) >= 1.0 - DECIDED:
+        if own is not None and own.state is not None and own.p_value(null) >= 1.0 - DECIDED:
             by_chance.add(key)
     kept = [it for it in found.final.state.terms if it.key not in by_chance or it.effect.name in accept]
     if len(kept) == len(found.final.state.terms):

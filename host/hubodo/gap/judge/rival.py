@@ -13,6 +13,7 @@ from hubodo.gap.screen.evidence import WIDE, log_evidence
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import Screened
 from hubodo.gap.screen.unlisted import Structure
+from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
 # A refit that gains this many times what the linear model promised, and so much of ln likelihood beside, has
@@ -25,14 +26,14 @@ class Rival:
     """One candidate of a round.
 
     gain: in ln likelihood. evidence: ln Bayes factor against its absence. probability: among all of its
-    round, and nothing. refit: with it; proposal: of a look at scatter.
+    round, and nothing. state: where its refit ended; proposal: of a look at scatter.
     """
 
     term: ModelTerm
     gain: float
     evidence: float
     probability: float
-    refit: Refit | None = None
+    state: State | None = None
     proposal: Proposal | None = None
 
     @property
@@ -49,7 +50,7 @@ def named_rival(before: Refit, screened: Screened, made: Refit, tempering: float
     term = next(term for term in made.free if term.key == screened.candidate.term.key)
     gain = _believed(gain_over(before, made), screened.gain)
     evidence = _evidence(screened, made.information(term), gain, tempering) - term.effect.surprise()
-    return Rival(term, gain, evidence, 0.0, made.bare())
+    return Rival(term, gain, evidence, 0.0, made.point.bare().state)
 
 
 def scattered_rival(before: Refit, proposal: Proposal, walker: Refit | None, tempering: float) -> Rival:
@@ -64,7 +65,7 @@ def unnamed_rival(before: Refit, structure: Structure, made: Refit, tempering: f
     term = next(term for term in made.free if term.key == structure.term.key)
     gain = _believed(gain_over(before, made), structure.gain)
     evidence = gain / tempering - (structure.gain - structure.evidence)
-    return Rival(term, gain, evidence, 0.0, made.bare())
+    return Rival(term, gain, evidence, 0.0, made.point.bare().state)
 
 
 def _believed(gain: float, promised: float) -> float:

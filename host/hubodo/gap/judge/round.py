@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hubodo.gap.judge.posterior import judged
@@ -29,17 +29,22 @@ _LOST, _STRICT = 30.0, 3
 # Structures without a name that are fitted; the share of the best gain and the evidence, in ln Bayes factor,
 # that each has to promise.
 _STRUCTURES, _SHARE, _LEAST = 2, 0.4, 3.0
+# Of the time of a round, what is behind it when all is screened, fitted, and weighed alike.
+_SCREENED, _FITTED, _BESIDE = 0.15, 0.6, 0.9
+
+Say = Callable[[str, float], None]
+"""Gets what is tried, in words, and the share of it all that is done."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round: the fit it began with, its rivals, the most probable first, and the chance of nothing.
+    """One round: where it began, its rivals, the most probable first, and the chance of nothing.
 
     screened: every candidate as the linear model saw it, the best first. null: what the best of them would
     gain by chance.
     """
 
-    before: Refit
+    before: Point
     rivals: tuple[Rival, ...]
     nothing: float
     screened: tuple[Screened, ...]
@@ -55,22 +60,33 @@ class Round:
         return next((rival for rival in self.rivals if rival.label == label), None)
 
 
-def look(point: Point, reject: Collection[str] = (), also: Collection[tuple[str, str]] = ()) -> Round:
+def look(
+    point: Point,
+    reject: Collection[str] = (),
+    also: Collection[tuple[str, str]] = (),
+    say: Say = lambda words, share: None,
+) -> Round:
     """One round from a point.
 
     reject: names that are not considered, `empirical` for all without a name. also: effects and scopes that
-    are judged however little they promise.
+    are judged however little they promise. say: gets what is tried, and the share of the round behind it.
     """
+    say("every effect in every scope", 0.0)
     before = refit(point, rounds=1)
     screening = screen(before.point)
     screened = [it for it in screening.candidates if it.candidate.name not in reject]
     worth = _worth_a_refit(before, screened, reject, also)
-    refits = [refit(before.point.at(before.state.with_term(it.candidate.term))) for it in worth]
+    refits = []
+    for k, it in enumerate(worth):
+        say(it.candidate.term.words, _SCREENED + (_FITTED - _SCREENED) * k / len(worth))
+        refits.append(refit(before.point.at(before.state.with_term(it.candidate.term))))
+    say("the best beside each other", _FITTED)
     if refits:
         tracked = [track_wheel_phase(it.state) for it in refits]
         weights = _strictest(before.point.weights, [walks for _, walks in tracked])
         before = refit(Point(before.state, weights), rounds=0)
         refits = [fit_tracked(Point(state, weights), rounds=1) for state, _ in tracked]
+    say("scatter, steps, limits, terms without a name", _BESIDE)
     proposals, walkers = _scattered(before, reject)
     best = max([gain_over(before, it) for it in [*refits, *walkers.values()]], default=0.0)
     structures = [] if EMPIRICAL in reject else unlisted(before.point)
@@ -82,7 +98,7 @@ def look(point: Point, reject: Collection[str] = (), also: Collection[tuple[str,
     rivals = [named_rival(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rivals += [scattered_rival(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rivals += [unnamed_rival(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    return Round(before.bare(), *judged(rivals), tuple(screened), screening.null)
+    return Round(before.point.bare(), *judged(rivals), tuple(screened), screening.null)
 
 
 def _worth_a_refit(

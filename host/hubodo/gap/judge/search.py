@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.round import EMPIRICAL, Round, look
+from hubodo.gap.judge.journal import Journal
+from hubodo.gap.judge.round import EMPIRICAL, Round, Say
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.residual import gap
 from hubodo.gap.refit.refit import Refit, refit_with_weights
@@ -26,8 +28,6 @@ _NO_WORSE = 1.25
 # Of the progress, what the search is.
 _SHARE = 0.75
 
-Say = Callable[[str, float], None]
-
 
 @dataclass(frozen=True)
 class SearchResult:
@@ -42,11 +42,24 @@ class SearchResult:
     decimated: bool = False
 
 
+@dataclass(frozen=True)
+class Watch:
+    """What is told of a search while it goes on.
+
+    journal: its rounds. say: what is tried, and the share of it all that is done. reached: what is found so
+    far, after each effect.
+    """
+
+    journal: Journal = field(default_factory=Journal)
+    say: Say = lambda words, share: None
+    reached: Callable[[SearchResult], None] = lambda found: None
+
+
 def search(
     state: State,
     accept: Collection[str] = (),
     reject: Collection[str] = (),
-    say: Say = lambda words, share: None,
+    watch: Watch | None = None,
 ) -> SearchResult:
     """Add effects until nothing earns its place.
 
@@ -54,23 +67,34 @@ def search(
     that are not to be added. A log that is sampled faster than needed is searched with some of its samples
     first, and with all of them for what is left.
     """
+    watch = watch or Watch()
     light = state.problem.decimated()
     if light is None:
-        return _search(state, accept, reject, say)
-    first = _search(replace(state, problem=light), accept, {*reject, *_FROM_ALL}, say)
-    second = _search(state.with_terms(first.final.state.terms), (), reject, say)
-    return replace(second, rounds=(*first.rounds[:-1], *second.rounds), decimated=True)
+        return _search(state, accept, reject, watch)
+    first = _search(replace(state, problem=light), accept, {*reject, *_FROM_ALL}, watch)
+    second = _search(state.with_terms(first.final.state.terms), (), reject, watch, first.rounds[:-1])
+    return replace(second, decimated=True)
 
 
-def _search(state: State, accept: Collection[str], reject: Collection[str], say: Say) -> SearchResult:
+def _search(
+    state: State,
+    accept: Collection[str],
+    reject: Collection[str],
+    watch: Watch,
+    behind: tuple[Round, ...] = (),
+) -> SearchResult:
+    """behind: rounds that came before, of which the state has what they added."""
     current = refit_with_weights(state)
     rounds: list[Round] = []
     wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
     begun = sum(term.fitted for term in state.terms)
     for number in range(begun, _MOST + 1):
-        say(f"round {number + 1}: every effect in every scope", _SHARE * number / (_MOST + 1))
         others = {name for name in BY_NAME if name != wanted[0]} if wanted else set[str]()
-        made = look(current.point, {*reject, *others, *([EMPIRICAL] if wanted else [])})
+        made = watch.journal.look(
+            current.point,
+            {*reject, *others, *([EMPIRICAL] if wanted else [])},
+            say=partial(_in_round, watch.say, number),
+        )
         best = made.best
         if wanted and best is None and made.rivals:
             best = made.rivals[0]
@@ -81,7 +105,7 @@ def _search(state: State, accept: Collection[str], reject: Collection[str], say:
         asked, wanted = bool(wanted), wanted[1:]
         if best is None or number == _MOST:
             break
-        state = (current.state if best.refit is None else best.refit.state).with_term(best.term)
+        state = (best.state or current.state).with_term(best.term)
         tried = refit_with_weights(state)
         if best.term.moves and not asked and _grown(current, tried):
             # The wheel was lost on the way: what needs that is no explanation.
@@ -89,7 +113,12 @@ def _search(state: State, accept: Collection[str], reject: Collection[str], say:
             reject = {*reject, best.term.effect.name}
             continue
         current = tried
-    return SearchResult(tuple(rounds), current)
+        watch.reached(SearchResult((*behind, *rounds), current))
+    return SearchResult((*behind, *rounds), current)
+
+
+def _in_round(say: Say, number: int, words: str, share: float) -> None:
+    say(f"round {number + 1}: {words}", _SHARE * (number + share) / (_MOST + 1))
 
 
 def _grown(before: Refit, after: Refit) -> bool:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.sensitivity import Direction, columns
+from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.point import NodeColumns, Point
+from hubodo.gap.state.state import State
 
 # Of what a column said before anything was taken out: less than this is rounding.
 _ROUNDING = 1e-5
@@ -44,23 +46,21 @@ def linearise(point: Point, directions: Sequence[Direction]) -> Linearised:
 
     Nuisances are the attitudes of nodes on the body.
     """
-    state, problem = point.state, point.problem
-    everything = columns(state, directions)
-    bodies = [node for node in problem.nodes if not node.on_wheel]
-    nuisances = 3 * len(bodies)
-    own = {}
-    for node in problem.nodes:
-        felt = [
-            k for k in range(len(directions)) if problem.measured_by or directions[k].node in ("", node.name)
-        ]
-        made = everything[node.name][felt]
-        if not node.on_wheel:
-            made = np.concatenate([made, state.attitude_columns(node).astype(np.float32)])
-            first = len(directions) + 3 * bodies.index(node)
-            felt += range(first, first + 3)
-        own[node.name] = NodeColumns(made, felt)
-    found = point.innovations(own, len(directions) + nuisances)
+    nuisances = 3 * sum(not node.on_wheel for node in point.problem.nodes)
+    found = point.innovations(_columns(point.state, directions), len(directions) + nuisances)
     return Linearised(tuple(directions), nuisances, found.grams, found.raw, found.logs)
+
+
+def _columns(state: State, directions: Sequence[Direction]) -> Iterator[tuple[NodeData, NodeColumns]]:
+    """Those of each node, the attitude of one on the body after its directions."""
+    bodies = [node for node in state.problem.nodes if not node.on_wheel]
+    for node, felt, made in columns(state, directions):
+        if node.on_wheel:
+            yield node, NodeColumns(made, felt)
+            continue
+        turned = state.attitude_columns(node).astype(np.float32)
+        first = len(directions) + 3 * bodies.index(node)
+        yield node, NodeColumns(np.concatenate([made, turned]), [*felt, *range(first, first + 3)])
 
 
 def solved(inner: Array, raw: Array) -> Array:

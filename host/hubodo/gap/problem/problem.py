@@ -82,6 +82,11 @@ class Problem:
     measured_by: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    @cached_property
+    def sources(self) -> tuple[NodeData, ...]:
+        """The nodes whose gyros measured the speed."""
+        return tuple(node for node in self.nodes if node.name in self.measured_by and node.on_wheel)
+
     def decimated(self) -> Problem | None:
         """The same with nodes at 100 to 200 Hz, to be searched first; None where none is faster.
 

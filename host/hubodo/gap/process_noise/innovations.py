@@ -8,54 +8,17 @@ quadratic forms that simply add up.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
+from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Walk, WindowSums
 
-# Residuals beyond this many times the noise, and beyond what is usual in their channel, count as that much.
-_CLIP, _USUAL = 6.0, 8.0
-_UNKNOWN = 1e2
-# What is left where a free walk does all that a column does is rounding: this share of its squares counts on.
-_ROUNDED = 1e-6
-# Numbers of one node that are looked at together: what is made of them stays in the processor's cache.
-_AT_ONCE = 1 << 18
-
-
-@dataclass(frozen=True)
-class Walk:
-    """Something that wanders. intensity: unit² per second. start: variance at first.
-
-    white: it begins anew in each window, and `start` is its variance there.
-    """
-
-    intensity: float
-    start: float = _UNKNOWN
-    white: bool = False
-
-
-@dataclass(frozen=True)
-class Share:
-    """What one node has to do with the columns and the walks.
-
-    edges: (K+1,) its first sample in each window, and the end. columns: (P, 6, N). at: (P,) their places
-    among all columns. residual: (6, N). weight: (6, N), one over sigma, 0 for samples that do not count.
-    answers: (C, 6, N), change of the channels per unit of each walk it feels. feels: (C,) places of those.
-    paths: (C, K) where each was thought to be when residual and columns were taken.
-    """
-
-    edges: NDArray[np.intp]
-    columns: Array
-    at: Sequence[int]
-    residual: Array
-    weight: Array
-    answers: Array
-    feels: Sequence[int]
-    paths: Array
+# Blocks of windows whose walks are kept together.
+_AT_ONCE = 32
 
 
 @dataclass(frozen=True)
@@ -75,78 +38,6 @@ class Innovations:
     mean: Array
 
 
-class _Block:
-    """The share of one node in a few windows, in units of the noise, one reading after the other."""
-
-    def __init__(self, share: Share, walks: Sequence[Walk], size: int, window: float) -> None:
-        self.share = share
-        self.free = [k for k, place in enumerate(share.feels) if walks[place].start >= _UNKNOWN]
-        felt = [walks[share.feels[k]] for k in self.free]
-        self.growth = np.array([[walk.intensity * window] for walk in felt]).reshape(-1, 1)
-        self.stripped = np.zeros((len(self.free), len(share.columns)))
-        self.residual = winsorised(share.residual * share.weight)
-        self.feels = np.array(share.feels, np.intp)
-        self.count = len(share.columns) + 1
-        self.at = np.array([*share.at, size])
-
-    def enter(self, windows: range, raw: Array) -> None:
-        """Go to these windows; raw: gets what stands in them, walks not yet taken out."""
-        share, edges = self.share, self.share.edges[windows.start : windows.stop + 1]
-        inside = slice(edges[0], edges[-1])
-        weight = share.weight[:, inside]
-        made = np.empty((weight.shape[1], 6, self.count + len(self.feels)), np.float32)
-        made[:, :, : self.count - 1] = (share.columns[:, :, inside] * weight.astype(np.float32)).T
-        made[:, :, self.count - 1] = self.residual[:, inside].T
-        made[:, :, self.count :] = (share.answers[:, :, inside] * weight).T
-        self.rows = made.reshape(-1, made.shape[2])
-        whole = self.rows[:, : self.count - 1]
-        raw[self.at[:-1]] += _ROUNDED * np.einsum("nk,nk->k", whole, whole)
-        self.ends = 6 * (edges - inside.start)
-        self.windows = [self.rows[start:end] for start, end in pairwise(self.ends)]
-        self.moves = np.array([self._strip(window) for window in self.windows])
-        if not windows.start:
-            # Where a walk begins is free.
-            self.moves[0] = 0.0
-
-    def add_squares(self, windows: range, gram: Array, raw: Array) -> None:
-        """Add what stands in some of the windows that were entered, counted from the first of those."""
-        rows = self.rows[self.ends[windows.start] : self.ends[windows.stop], : self.count]
-        squares = (rows.T @ rows).astype(np.float64)
-        gram[np.ix_(self.at, self.at)] += squares
-        raw[self.at] += np.diag(squares)
-
-    def _strip(self, rows: NDArray[np.float32]) -> Array:
-        """Take out of the columns of a window what a walk without bounds does for them.
-
-        Gives how much further that is than before, (free, P). What a column turned a wheel by since the log
-        began may be many turns: beside that, what tells it from the walk would drown in rounding.
-        """
-        before, columns = self.stripped.copy(), rows[:, : self.count - 1]
-        for k, free in enumerate(self.free):
-            answer = rows[:, self.count + free]
-            power = float(answer @ answer)
-            if power > 0.0 and columns.size:
-                there = (answer @ columns).astype(float) / power
-                columns -= answer[:, None] * there.astype(np.float32)
-                self.stripped[k] = there
-        return self.stripped - before
-
-    def moved(self, shift: Array, raw: Array) -> None:
-        """Add how far the columns moved with their free walks, window by window; shift: (K, C, P+1)."""
-        shift[:, self.feels[self.free][:, None], self.at[:-1]] += self.moves
-        raw[self.at[:-1]] += (self.moves**2 / self.growth).sum(axis=(0, 1))
-
-    def add_answers(self, cross: Array, own: Array) -> None:
-        """Add the products of the answers to the walks with the columns and each other, window by window.
-
-        cross: (K, C, P+1). own: (K, C, C).
-        """
-        products = np.array([rows[:, self.count :].T @ rows for rows in self.windows])
-        feels = self.feels[:, None]
-        cross[:, feels, self.at] += products[:, :, : self.count]
-        own[:, feels, self.feels] += products[:, :, self.count :]
-
-
 @dataclass(frozen=True)
 class _Step:
     """The walks in one window: (C,) before it was seen, (C, C) its variance, and both after."""
@@ -158,62 +49,84 @@ class _Step:
 
 
 def innovations(
-    shares: Sequence[Share], walks: Sequence[Walk], size: int, window: float, block: int, smooth: bool = False
+    shares: Iterable[Share], walks: Sequence[Walk], size: int, window: float, block: int, smooth: bool = False
 ) -> Innovations:
-    """size: P columns in all. window: s. block: windows whose grams are added up. smooth: ask for `mean`."""
-    nodes = [_Block(share, walks, size, window) for share in shares]
-    windows, count = len(shares[0].edges) - 1, len(walks)
-    paths = np.zeros((count, windows))
-    for share, node in zip(shares, nodes, strict=True):
-        paths[node.feels] = share.paths
-    white = np.array([walk.white for walk in walks], bool)
-    start = np.array([walk.start for walk in walks])
-    growth = np.diag([0.0 if walk.white else walk.intensity * window for walk in walks])
+    """size: P columns in all. window: s. block: windows whose grams are added up. smooth: ask for `mean`.
+
+    shares: each is asked for when the one before it has been summed up: not all need be there at once.
+    """
+    nodes = [WindowSums(share, walks, size, window, block) for share in shares]
+    windows, count = len(nodes[0].cross), len(walks)
+    paths, raw = np.zeros((count, windows)), np.zeros(size + 1)
+    grams = np.zeros((len(nodes[0].squares), size + 1, size + 1))
+    for node in nodes:
+        paths[node.feels] = node.paths
+        raw[node.at] += node.raw
+        grams[:, node.at[:, None], node.at] += node.squares
     moves = np.diff(paths, axis=1, prepend=0.0)
-    moves[:, 0] = np.where(start >= _UNKNOWN, 0.0, paths[:, 0])
-    lasting, anew, one = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0)), np.eye(count)
-    carried = np.where(white, 0.0, 1.0)[:, None]
-    known = np.zeros((count, size + 1))
-    variance: Array = np.diag(start)
-    grams, logs, raw = np.zeros((-(-windows // block), size + 1, size + 1)), 0.0, np.zeros(size + 1)
-    steps: list[_Step] = []
-    numbers = max(node.count * share.weight.size for share, node in zip(shares, nodes, strict=True))
-    portion = block * max(1, _AT_ONCE * windows // (numbers * block))
-    for first in range(0, windows, portion):
-        inside = range(first, min(first + portion, windows))
+    start = np.array([walk.start for walk in walks])
+    moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
+    filtered = _Filter(walks, size, window, smooth)
+    for first in range(0, windows, _AT_ONCE * block):
+        inside = slice(first, min(first + _AT_ONCE * block, windows))
+        shift, cross = np.zeros((2, inside.stop - first, count, size + 1))
+        own = np.zeros((inside.stop - first, count, count))
         for node in nodes:
-            node.enter(inside, raw)
-        shift, cross = np.zeros((2, len(inside), count, size + 1))
-        own = np.zeros((len(inside), count, count))
-        for node in nodes:
-            node.moved(shift, raw)
-            node.add_answers(cross, own)
+            feels = node.feels[:, None]
+            shift[:, node.feels[node.free][:, None], node.at[:-1]] += node.shift[inside]
+            cross[:, feels, node.at] += node.cross[inside]
+            own[:, feels, node.feels] += node.own[inside]
         # The residual was taken about the path: where that moves, the walk has to be paid for it.
         shift[:, :, -1] += moves[:, inside].T
-        left, right, spreads = [], [], []
-        for k, m, g, by in zip(inside, cross, own, shift, strict=True):
-            known = (known - by) * carried
-            if k:
-                variance = (variance + growth) * lasting + anew
+        taken = filtered.take(cross, own, shift, block)
+        grams[first // block : first // block + len(taken)] -= taken
+    white = np.array([walk.white for walk in walks], bool)
+    return Innovations(grams, filtered.logs, raw, _smoothed(filtered.steps, white, count))
+
+
+class _Filter:
+    """The walks carried from window to window: (C, P+1), what they do for each column, and their variance."""
+
+    def __init__(self, walks: Sequence[Walk], size: int, window: float, smooth: bool) -> None:
+        white = np.array([walk.white for walk in walks], bool)
+        start, count = np.array([walk.start for walk in walks]), len(walks)
+        self._growth = np.diag([0.0 if walk.white else walk.intensity * window for walk in walks])
+        self._lasting, self._anew = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0))
+        self._carried = np.where(white, 0.0, 1.0)[:, None]
+        self._known, self._variance = np.zeros((count, size + 1)), np.diag(start)
+        self._smooth, self._begun = smooth, False
+        self.logs, self.steps = 0.0, list[_Step]()
+
+    def take(self, cross: Array, own: Array, shift: Array, block: int) -> Array:
+        """(B, P+1, P+1): what the walks do, to be taken out of the products of each `block` windows.
+
+        cross: (K, C, P+1), own: (K, C, C), shift: (K, C, P+1), as in `WindowSums`, of all nodes together.
+        """
+        one = np.eye(len(self._variance))
+        left, right = np.empty((2, len(cross), 2, *self._known.shape))
+        spreads = np.empty_like(own)
+        known, variance = self._known, self._variance
+        for k, (m, g, by) in enumerate(zip(cross, own, shift, strict=True)):
+            known = (known - by) * self._carried
+            if self._begun:
+                variance = (variance + self._growth) * self._lasting + self._anew
+            self._begun = True
             u = m - g @ known
-            spread = one + variance @ g
+            spreads[k] = spread = one + variance @ g
             gain = np.asarray(np.linalg.solve(spread, variance), float)
             after = known + gain @ u
-            left.append([known, u])
-            right.append([m, after])
-            spreads.append(spread)
-            if smooth:
-                steps.append(_Step(known[:, -1], variance, after[:, -1], gain))
+            left[k, 0], left[k, 1], right[k, 0], right[k, 1] = known, u, m, after
+            if self._smooth:
+                self.steps.append(_Step(known[:, -1], variance, after[:, -1], gain))
             known, variance = after, gain
-        logs += float(np.linalg.slogdet(np.array(spreads))[1].sum())
-        for at in range(0, len(inside), block):
-            part, gram = slice(at, at + block), grams[(first + at) // block]
-            for node in nodes:
-                node.add_squares(range(at, min(at + block, len(inside))), gram, raw)
-            # known' m + m' known - known' g known + u' gain u, with u = m - g known.
-            taken = np.reshape(left[part], (-1, size + 1)).T @ np.reshape(right[part], (-1, size + 1))
-            gram -= 0.5 * (taken + taken.T)
-    return Innovations(grams, logs, raw, _smoothed(steps, white, count))
+        self._known, self._variance = known, variance
+        self.logs += float(np.linalg.slogdet(spreads)[1].sum())
+        # known' m + m' known - known' g known + u' gain u, with u = m - g known.
+        size, made = self._known.shape[1], []
+        for at in range(0, len(cross), block):
+            one = left[at : at + block].reshape(-1, size).T @ right[at : at + block].reshape(-1, size)
+            made.append(0.5 * (one + one.T))
+        return np.array(made)
 
 
 def _smoothed(steps: Sequence[_Step], white: NDArray[np.bool_], count: int) -> Array:
@@ -228,10 +141,3 @@ def _smoothed(steps: Sequence[_Step], white: NDArray[np.bool_], count: int) -> A
             lead = np.linalg.solve(ahead.wide / np.outer(size, size), lead) / size
             made[k] += steps[k].variance @ np.where(white, 0.0, lead)
     return made
-
-
-def winsorised(z: Array) -> Array:
-    """(6, N) residuals in sigma; wild ones pulled in, so that no sample decides alone."""
-    usual = _USUAL * np.median(np.abs(z), axis=1, keepdims=True)
-    bound = np.maximum(_CLIP, usual)
-    return np.clip(z, -bound, bound)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.innovations import Innovations, Share, Walk, innovations
+from hubodo.gap.process_noise.innovations import Innovations, innovations
 from hubodo.gap.process_noise.process_noise import (
     Felt,
     ProcessNoise,
@@ -24,6 +24,7 @@ from hubodo.gap.process_noise.process_noise import (
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.weights import Weights
 from hubodo.gap.process_noise.wheel_phase import WINDOW
+from hubodo.gap.process_noise.window_sums import Share, Walk
 from hubodo.gap.state.noise import input_noise, sensor_noise
 from hubodo.gap.state.state import State
 
@@ -33,7 +34,7 @@ BLOCK = 8
 
 @dataclass(frozen=True)
 class NodeColumns:
-    """NodeColumns of one node, (P, 6, N), and their places among all, (P,)."""
+    """Columns of one node, (P, 6, N), and their places among all, (P,)."""
 
     made: Array
     at: Sequence[int]
@@ -58,10 +59,10 @@ class Point:
         """Without what was worked out: for keeping, as a state of a long log takes much memory."""
         return Point(replace(self.state), self.weights)
 
-    def innovations(self, columns: Mapping[str, NodeColumns], size: int) -> Innovations:
+    def innovations(self, columns: Iterable[tuple[NodeData, NodeColumns]], size: int) -> Innovations:
         """Of all nodes, and of their columns; size: of those in all."""
         noise = process_noise(self.state, self.weights.walks)
-        shares = [self._share(node, noise, columns[node.name]) for node in self.problem.nodes]
+        shares = (self._share(node, noise, own) for node, own in columns)
         return innovations(shares, noise.walks, size, WINDOW, BLOCK)
 
     def smoothed(self) -> Iterator[tuple[NodeData, Felt, Walk, Array]]:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.innovations import Walk
 from hubodo.gap.process_noise.wheel_phase import WINDOW
+from hubodo.gap.process_noise.window_sums import Walk
 from hubodo.gap.state.state import State
 from hubodo.vehicle import side_sign
 

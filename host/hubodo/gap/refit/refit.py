@@ -21,8 +21,11 @@ _ROUNDS = 6
 _LONGEST = 8.0
 # A step of so many sigma is as good as none; a deviance that grows by so much has not grown.
 _ARRIVED, _SLACK = 0.2, 3.0
-# A step is taken when it brings at least half of what it promised.
+# Parts of a step that are tried; one is taken when it brings at least half of what it promised.
+_PARTS = (1.0, 0.3, 0.1)
 _KEPT = 0.5
+# Where a round leaves more than this of the step there was, and brings no likelihood, a fit goes in circles.
+_CIRCLES = 0.7
 # Rounds in which weights and fit may come to agree.
 _AGREED = 5
 
@@ -96,22 +99,30 @@ def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
 
 
 def fit_tracked(point: Point, rounds: int = _ROUNDS) -> Refit:
-    """As `refit`, from a state whose wheels have been tracked."""
+    """As `refit`, from a state whose wheels have been tracked. rounds: 1 for the whole step, or none."""
     best, step = _look(point)
+    size = _sigmas(best, step)
     for _ in range(rounds):
-        size = float(np.sqrt(step @ np.linalg.pinv(best.whole_covariance) @ step)) if len(step) else 0.0
         if size < _ARRIVED:
             break
         # The deviance counts the step already; when it grows, the step left the linear range.
-        for part in (1.0, 0.3, 0.1):
+        for part in _PARTS if rounds > 1 else _PARTS[:1]:
             further, _walks = track_wheel_phase(_stepped(best, part * step))
             made, next_step = _look(point.at(further))
             if made.deviance < best.deviance + _SLACK + _KEPT * size**2:
                 break
         else:
             break
-        best, step = made, next_step
+        before, was = best.deviance, size
+        best, step, size = made, next_step, _sigmas(made, next_step)
+        if best.deviance > before - _SLACK and size > _CIRCLES * was:
+            break
     return best
+
+
+def _sigmas(made: Refit, step: Array) -> float:
+    """How long a step is."""
+    return float(np.sqrt(step @ np.linalg.pinv(made.whole_covariance) @ step)) if len(step) else 0.0
 
 
 def refit_with_weights(state: State) -> Refit:

@@ -16,7 +16,7 @@ HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": t
 
 
 @dataclass(frozen=True)
-class Place:
+class ShapePlace:
     """A parameter of a shape that is no amplitude: a frequency, a time, an angle. scale: its usual error."""
 
     name: str
@@ -38,7 +38,7 @@ class Shape:
     per: str
     waves: tuple[tuple[str, str], ...]
     words: str
-    places: tuple[Place, ...] = ()
+    places: tuple[ShapePlace, ...] = ()
     shared: bool = True
 
     def columns(self, chain: Chain) -> Array:
@@ -152,20 +152,20 @@ def waves(angle: str) -> tuple[tuple[str, str], ...]:
 
 def tone(frequency: float, duration: float) -> Shape:
     """At a frequency, Hz, that a log of so many s shows to about a part of a cycle."""
-    place = Place("frequency", "Hz", frequency, 0.1 / duration)
+    place = ShapePlace("frequency", "Hz", frequency, 0.1 / duration)
     angle = "2.0 * np.pi * self.frequency * chain.t"
     return Shape("1.0", "", waves(angle), f"as a tone at {frequency:.4g} Hz", (place,))
 
 
 def step(at: float) -> Shape:
     """From a time on, s."""
-    place = Place("since", "s", at, 1.0, fitted=False)
+    place = ShapePlace("since", "s", at, 1.0, fitted=False)
     return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {at:.1f} s on", (place,))
 
 
 def bump(angle: float, width: float, weight: str) -> Shape:
     """Once per revolution, where the wheel's angle is so many rad."""
-    places = (Place("place", "rad", angle, 0.05), Place("width", "rad", width, 0.05))
+    places = (ShapePlace("place", "rad", angle, 0.05), ShapePlace("width", "rad", width, 0.05))
     per, words = _TURNING[weight]
     text = (("", "pulse(chain.angle - self.place, self.width)"),)
     return Shape(weight, per, text, f"in one place of every revolution{words}", places, shared=False)

@@ -16,7 +16,7 @@ from hubodo.gap.process_noise.residual import gap
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.refit.refit import Refit, fit_tracked, gain_over, refit, refit_with_weights
 from hubodo.gap.scaffold.scan import Dependence, scan
-from hubodo.gap.scaffold.source import Seen, Summand, as_class, source
+from hubodo.gap.scaffold.source import SeenIn, Summand, as_class, source
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.gap.tell.account import with_sigma
@@ -107,7 +107,7 @@ def scaffold(found: SearchResult, name: str, log: Path) -> Scaffold | None:
     usual = {key: abs(it.value) + (it.sigma or 0.0) for key, it in values.items()}
     places = {f"{key}=": it.value for key, it in values.items()}
     told = {key: f"{with_sigma(it.value, it.sigma)} {it.unit}" for key, it in values.items()}
-    seen = Seen(log.absolute(), term.scope, words, told, {**usual, **places})
+    seen = SeenIn(log.absolute(), term.scope, words, told, {**usual, **places})
     return Scaffold(
         name,
         term.scope,

@@ -12,8 +12,8 @@ from hubodo.arrays import Array
 from hubodo.effects.base import Chain
 from hubodo.effects.dependence import pulse
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.innovations import winsorised
 from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.window_sums import winsorised
 from hubodo.gap.scaffold.library import (
     CHANNELS,
     HELPERS,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hubodo.effects import Effect
 from hubodo.effects.loaded import run_effects
-from hubodo.gap.scaffold.library import HELPERS, STAMP, Place, Shape, Target
+from hubodo.gap.scaffold.library import HELPERS, STAMP, Shape, ShapePlace, Target
 
 _WIDE = 106
 _SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
@@ -25,7 +25,7 @@ class Summand:
 
 
 @dataclass(frozen=True)
-class Seen:
+class SeenIn:
     """What a log showed of an effect, in words. values: of each parameter, with its sigma, by name."""
 
     log: Path
@@ -35,7 +35,7 @@ class Seen:
     usual: Mapping[str, float]
 
 
-def source(name: str, summands: Sequence[Summand], seen: Seen | None = None) -> str:
+def source(name: str, summands: Sequence[Summand], seen: SeenIn | None = None) -> str:
     """The text of the file. seen: None while it is being fitted."""
     named = [_Named(summand, "" if not k else f"_{k + 1}") for k, summand in enumerate(summands)]
     body = [*_fields(named, seen), *_offset(named), *_true_time(named)]
@@ -74,7 +74,7 @@ class _Named:
 
     def __init__(self, summand: Summand, end: str) -> None:
         self.shape, self.targets = summand.shape, summand.targets
-        self.places: dict[str, Place] = {f"{place.name}{end}": place for place in self.shape.places}
+        self.places: dict[str, ShapePlace] = {f"{place.name}{end}": place for place in self.shape.places}
         self.amplitudes = {
             target.name: [(f"{target.name}{suffix}{end}", wave) for suffix, wave in self.shape.waves]
             for target in self.targets
@@ -109,7 +109,7 @@ class _Named:
         return weight if simple else f"({weight})", " + ".join(parts)
 
 
-def _head(name: str, seen: Seen | None) -> list[str]:
+def _head(name: str, seen: SeenIn | None) -> list[str]:
     if seen is None:
         return [f'"""The effect `{name}`."""']
     values = "; ".join(f"{key} {value}" for key, value in seen.values.items())
@@ -135,7 +135,7 @@ def _formula(named: Sequence[_Named]) -> str:
     return f'"""{text}"""' if len(parts) == 1 and "\n" not in text else f'"""{text}\n"""'
 
 
-def _fields(named: Sequence[_Named], seen: Seen | None) -> list[str]:
+def _fields(named: Sequence[_Named], seen: SeenIn | None) -> list[str]:
     lines = []
     usual = seen.usual if seen else {}
     for one in named:
@@ -185,7 +185,7 @@ def _channel(row: int) -> str:
     return f"chain.gyro[{row}]" if row < 3 else f"chain.accel[{row - 3}]"
 
 
-def _test(name: str, seen: Seen) -> list[str]:
+def _test(name: str, seen: SeenIn) -> list[str]:
     return [
         "def test_the_log_shows_it_where_it_was_not_fitted() -> None:",
         "    from hubodo.gap.scaffold.proof import held_out_gaps",

@@ -8,9 +8,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
-from hubodo.gap.process_noise.innovations import winsorised
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.wheel_phase import WINDOW, windows
+from hubodo.gap.process_noise.window_sums import winsorised
 from hubodo.gap.scatter.base import Proposal, shared, single_cost
 from hubodo.gap.state.terms import ModelTerm
 

@@ -17,8 +17,8 @@ from hubodo.arrays import Array
 from hubodo.effects.base import Chain
 from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
 from hubodo.gap.problem.problem import CHANNELS, NodeData
-from hubodo.gap.process_noise.innovations import winsorised
 from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.window_sums import winsorised
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import Reading
 

@@ -46,7 +46,7 @@ def channel_noise(problem: Problem, node: NodeData, reading: Reading, residual: 
         for row in range(6):
             inside = members[free[row, members]]
             enough = len(inside) > _LEAST_IN_BIN // 4
-            found[row, members] = _scatter(residual[row : row + 1], inside)[0] if enough else whole[row]
+            found[row, members] = _scatter(residual[[row]], inside)[0] if enough else whole[row]
     floor = _floor(problem, node)
     return ChannelNoise(np.maximum(found, floor[:, None]), fresh)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -10,12 +10,13 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
+from hubodo.effects.base import Chain
 from hubodo.gap.problem.problem import NodeData, Problem
+from hubodo.gap.state.measured_speed import SpeedError, joined, speed_error
 from hubodo.gap.state.noise import InputAnswers, input_answers
 from hubodo.gap.state.terms import ModelTerm, effects_on
 from hubodo.model.forward import NodeStart, Reading
 from hubodo.model.inputs import Later, MotionCorrection, SpeedCorrection
-from hubodo.vehicle import facing_sign
 
 # rad, or of ATTITUDE_SCALE: half of a central difference; its cube is below the rounding of a log.
 _STEP = 1e-3
@@ -63,9 +64,30 @@ class State:
         return {node.name: effects_on(node, self.terms) for node in self.problem.nodes}
 
     @cached_property
+    def speed_errors(self) -> Mapping[str, SpeedError]:
+        """Of each node whose gyro measured the speed."""
+        return self._speed_errors(self.effects, [node.name for node in self.problem.sources])
+
+    @cached_property
     def correction(self) -> SpeedCorrection | None:
         """Of the speed input, where gyros measured it."""
-        return speed_correction(self.problem, self.effects)
+        return self.corrected(self.effects, ())
+
+    def corrected(self, effects: Effects, changed: Collection[str]) -> SpeedCorrection | None:
+        """The same with other effects; changed: the names of the nodes that have others."""
+        sources = self.problem.sources
+        if not sources:
+            return None
+        errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
+        return SpeedCorrection(sources[0].t, joined(sources, {name: it.value for name, it in errors.items()}))
+
+    def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
+        sources = self.problem.sources
+        return {
+            node.name: speed_error(node, effects[node.name], len(sources) == 1)
+            for node in sources
+            if node.name in names
+        }
 
     @cached_property
     def readings(self) -> Mapping[str, Reading]:
@@ -119,6 +141,12 @@ class State:
         path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
         return node.forward.mean(effects, self.start(node), path, correction, late)
 
+    def reached(self, node: NodeData) -> Chain:
+        """What reaches the sensor of a node, before it answers."""
+        path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
+        own = list(self.effects[node.name].values())
+        return node.forward.reached(own, self.start(node), path, self.correction, late)[0]
+
     def _further(self, name: str, path: Array, by: float) -> State:
         return replace(self, paths={**self.paths, name: path + by})
 
@@ -136,31 +164,3 @@ class State:
 def stacked(reading: Reading) -> Array:
     """(6, N): gyro over accel."""
     return np.concatenate([reading.gyro, reading.accel])
-
-
-def speed_correction(problem: Problem, effects: Effects) -> SpeedCorrection | None:
-    """Where gyros measured the speed: what the errors that the model gives them did to it.
-
-    The input took nominal radius times what the z gyros read for the speed.
-    """
-    if not problem.measured_by:
-        return None
-    sources = [node for node in problem.nodes if node.name in problem.measured_by]
-    parts = []
-    for node in sources:
-        reading = node.forward.mean(
-            [e for e in effects[node.name].values() if e.shows == "mean"], NodeStart()
-        )
-        rolling, body = reading.rolling, reading.body
-        if rolling is None:
-            continue
-        nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
-        y = 0.5 * side * node.forward.track_width
-        beside = facing_sign(node.mount.facing or "left") * reading.gyro[2] - rolling.spin
-        contact = body.speed - body.yaw_rate * y
-        turning = np.abs(rolling.spin) > 1e-2
-        radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
-        wrong = (radius / nominal - 1.0) * contact - radius * beside
-        parts.append((node.t, wrong if len(sources) > 1 else wrong + body.yaw_rate * y))
-    t = parts[0][0]
-    return SpeedCorrection(t, np.mean([np.interp(t, *part) for part in parts], axis=0))

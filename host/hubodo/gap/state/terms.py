@@ -33,6 +33,11 @@ class ModelTerm:
         """Whether a fit of the channels moves it: what shows only in scatter has a fit of its own."""
         return self.fitted and self.effect.shows == "mean"
 
+    @property
+    def words(self) -> str:
+        """As in `wheel_camber (left)`."""
+        return f"{self.effect.name} ({self.scope})"
+
     def at(self, coordinates: Array) -> ModelTerm:
         return replace(self, effect=self.effect.at(coordinates))
 

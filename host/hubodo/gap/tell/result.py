@@ -12,6 +12,8 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.model.model_file import Model
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
+# Of the form of gap.json, whose schema is gap.schema.json beside this file.
+VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,11 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class GapResult:
-    """The whole result. model: with what was added. steps: residuals at first and after each effect found."""
+    """The whole result.
+
+    model: with what was added. steps: residuals at first and after each effect found. finished: whether the
+    search came to its end.
+    """
 
     verdict: Verdict
     gap: BeforeAfter
@@ -101,10 +107,13 @@ class GapResult:
     model: Model
     search: SearchResult
     steps: tuple[Mapping[str, Residual], ...]
+    finished: bool = True
 
     def as_json(self) -> dict[str, Any]:
-        """`gap.json`; the form that other programs read is fixed, what is beside it is ours."""
+        """`gap.json`, as its schema has it."""
         return {
+            "version": VERSION,
+            "finished": self.finished,
             "verdict": self.verdict,
             "gap": self.gap.as_json(),
             "held_out_gap": self.held_out_gap.as_json(),

@@ -19,7 +19,7 @@ from hubodo.ingest.live.loop import Loop
 from hubodo.ingest.live.loop import stop as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import Audience, LogNow, Snapshot, Watch, Watched
+from hubodo.ingest.live.snapshot import Audience, LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, make_result
 from hubodo.ingest.live.view import make_view
 from hubodo.ingest.stopping import stop_on_signals
@@ -44,13 +44,11 @@ def record(
     console: Console | None = None,
     watch: Sequence[Watch] = (),
     audience: Audience | None = None,
-    told: Callable[[], Sequence[str]] = tuple,
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
 
     computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
-    snapshot each second, in this thread; must return at once; audience: watches closely; told: gives what
-    others have to tell the user, one line each, and must return at once, too. Unless config.wait,
+    snapshot each second, in this thread; must return at once; audience: watches closely. Unless config.wait,
     every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
     opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
     which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
@@ -82,14 +80,7 @@ def record(
             localizer=localizer,
         )
         view = stack.enter_context(make_view(config, now_ns, console))
-
-        def say_told(snapshot: Snapshot) -> None:
-            for line in told():
-                view.say(line)
-
-        watched = _watched(
-            config, recorder, log, series, [*watch, view.show, say_told], audience, now_ns, stack
-        )
+        watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)

@@ -8,8 +8,8 @@ from prometheus_client import CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from hubodo import __version__
 from hubodo.ingest.live.snapshot import Snapshot
+from hubodo.version import __version__
 from hubowire import FINGERPRINT
 
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"

@@ -118,8 +118,8 @@ class BulkDecoder(StreamAccount):
             self._lose("crc", lengths[~sound])
             starts, ends, sizes = starts[sound], ends[sound], sizes[sound]
         for size, rows in _by_value(sizes):
-            self.bytes_framed += len(rows) * (size + 2)
             bodies = _rows(stream, starts[rows] + 1, size)
+            self.bytes_framed += len(bodies) * (size + 2)
             header = bodies[:, :HEADER_SIZE].copy().view("<u2")
             end = ends[rows] + (origin + 1)
             for key, members in _by_value(header[:, 0]):
@@ -132,12 +132,12 @@ class BulkDecoder(StreamAccount):
             self.damage.bytes_lost += int(lengths.sum()) + len(lengths)
 
 
-def _by_value(values: npt.NDArray[Any]) -> Iterator[tuple[int, Indices]]:
-    """Each value that occurs, with the ascending indices of where."""
+def _by_value(values: npt.NDArray[Any]) -> Iterator[tuple[int, Indices | slice]]:
+    """Each value that occurs, with the ascending indices of where; a slice of all where there is but one."""
     if not len(values):
         return
     if (values == values[0]).all():
-        yield int(values[0]), np.arange(len(values))
+        yield int(values[0]), slice(None)
         return
     order = np.argsort(values, kind="stable")
     ranked = values[order]
@@ -183,10 +183,11 @@ def _crc_matches(stream: Bytes, starts: Indices, sizes: Bytes) -> npt.NDArray[np
     """Whether the body of each frame ends in the CRC of what is before."""
     sound = np.empty(len(sizes), dtype=bool)
     for size, rows in _by_value(sizes):
-        if len(rows) >= _FEW:
-            sound[rows] = _crc_matches_equal(stream, starts[rows], size)
+        at = starts[rows]
+        if len(at) >= _FEW:
+            sound[rows] = _crc_matches_equal(stream, at, size)
             continue
-        for row in rows:
+        for row in np.arange(len(sizes))[rows]:
             body = stream[starts[row] + 1 : starts[row] + 1 + size].tobytes()
             sound[row] = crc16(body[:-CRC_SIZE]) == int.from_bytes(body[-CRC_SIZE:], "little")
     return sound

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import assert_never
 
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_seen
 from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, samples_lost
-from hubodo.ingest.node.gaps import GapLedger, LinkCounts, WireGap
+from hubodo.ingest.node.gaps import GapLedger, GapsSeen, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
     AnswerSeen,
@@ -24,7 +24,8 @@ from hubodo.ingest.node.samples import (
     SignalSeen,
     TimeReplySeen,
 )
-from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
+from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
+from hubodo.ingest.node.wire_batch import WireBatch, in_si, read_batch
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, PayloadError, decode
 from hubowire.messages import (
@@ -55,12 +56,15 @@ _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
 _CLOCK_JUMP_US = 3_000_000
 _GONE_NS = 15_000_000_000  # three of the periods in which a node says Hello by itself
-_OVERRUN_FLAGS = BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN
+# Plain integers: an enumeration's members take as long to combine as the rest of a frame.
+_OVERRUN_FLAGS = int(BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN)
+_RATE_CHANGED, _SATURATED = int(BatchFlag.RATE_CHANGED), int(BatchFlag.SATURATED)
+_COUNTS = np.arange(256)
 _NAMES = {
     message.type_id: message.__name__ for message in (Hello, ImuBatch, Mag, Filter, Health, TimeReply, Signal)
 }
 
-Output = Sample | Event
+Output = Sample | GapsSeen | Event
 
 
 class NodeDecoder:
@@ -83,6 +87,7 @@ class NodeDecoder:
         self._gaps = GapLedger(name)
         self._heard: dict[bytes, int] = {}  # serials on this line, and when each last said Hello
         self._downs = 0
+        self._told = b""  # the newest Hello as it came
         self._shared = False  # two nodes answer to one id
 
     @property
@@ -126,6 +131,20 @@ class NodeDecoder:
         if len(frame.payload) < _HELLO_HEAD.size:
             self.counts.frames_unread += 1
             return
+        hello = self.hello
+        if hello is None or self.refusal is not None or frame.payload != self._told:
+            hello = yield from self._read_hello(frame, t_ns)
+        if hello is None:
+            return
+        self._told = frame.payload
+        self.refusal = None
+        yield from self._alone(hello, t_ns, link)
+        if self._shared:
+            return
+        yield from self._settled(hello, t_ns, link)
+
+    def _read_hello(self, frame: Frame, t_ns: int) -> Generator[Output, None, Hello | None]:
+        """What a Hello says; None where it cannot be read, or is of another table."""
         fingerprint, *version = _HELLO_HEAD.unpack_from(frame.payload)
         if fingerprint != FINGERPRINT:
             if self.refusal is None:
@@ -137,15 +156,15 @@ class NodeDecoder:
                 self.counts.frames_unread += len(self._pending)
                 self._pending.clear()
                 yield Refused(text, t_ns)
-            return
+            return None
         hello = _decoded(frame)
-        if not isinstance(hello, Hello):
-            self.counts.frames_unread += 1
-            return
-        self.refusal = None
-        yield from self._alone(hello, t_ns, link)
-        if self._shared:
-            return
+        if isinstance(hello, Hello):
+            return hello
+        self.counts.frames_unread += 1
+        return None
+
+    def _settled(self, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
+        """It is known now which start of the node the frames belong to."""
         before = self._boot
         restarted = before is not None and before.hello.boot_id != hello.boot_id
         if before is None or restarted:
@@ -218,7 +237,7 @@ class NodeDecoder:
         if message is None:
             self.counts.frames_unread += 1
             return
-        if isinstance(message, ImuBatch):
+        if isinstance(message, WireBatch):
             if not sure and (self._jumped(boot, message, t_ns) or not boot.hello.gyro_lsb_ndps):
                 self._suspect(frame, t_ns, link)
                 return
@@ -227,7 +246,7 @@ class NodeDecoder:
                 return
         boot.streams[frame.type_id] = StreamPlace(frame.seq, t_ns, link)
         self.counts.frames_lost += lost
-        if isinstance(message, ImuBatch):
+        if isinstance(message, WireBatch):
             yield from self._batch(boot, message, t_ns, stream, lost, link)
             return
         if lost and stream is not None:
@@ -239,7 +258,7 @@ class NodeDecoder:
         self._doubt = True
         self._keep(frame, t_ns, link)
 
-    def _jumped(self, boot: Boot, batch: ImuBatch, t_ns: int) -> bool:
+    def _jumped(self, boot: Boot, batch: WireBatch, t_ns: int) -> bool:
         """Whether the node's clock is not where the host's says it must be."""
         if boot.tail is None:
             return False
@@ -248,13 +267,13 @@ class NodeDecoder:
     def _batch(
         self,
         boot: Boot,
-        batch: ImuBatch,
+        batch: WireBatch,
         t_ns: int,
         stream: StreamPlace | None,
         frames_lost: int,
         link: LinkCounts,
     ) -> Iterator[Output]:
-        count = len(batch.samples)
+        count = batch.samples
         if not count:
             return
         period = batch.period_ns or round(1e12 / max(boot.hello.rate_mhz, 1))
@@ -262,29 +281,29 @@ class NodeDecoder:
         tail = boot.tail
         if tail is not None and stream is not None:
             overrun = bool(batch.flags & _OVERRUN_FLAGS)
-            missing = samples_lost(tail, batch.index, first_ns, period, overrun)
+            missing = samples_lost(tail, batch.first, first_ns, period, overrun)
             if missing or overrun or frames_lost:
                 self.counts.samples_lost += missing or 0
                 self.counts.gaps += 1
                 between = (tail.next_device_ns - tail.period_ns, first_ns)
                 gap = WireGap("ImuBatch", stream.t_ns, t_ns, frames_lost, missing, between)
                 yield from self._gaps.add(gap, stream.link, link, overrun=overrun)
-        if batch.flags & BatchFlag.RATE_CHANGED:
+        if batch.flags & _RATE_CHANGED:
             rate = 1e9 / period
             text = f"{self.name}: samples at {rate:.0f} Hz from here on"
             yield Event(t_ns, "rate", self.name, text, {"node": self.name, "rate_hz": round(rate, 2)})
-        boot.tail = BatchTail((batch.index + count) & 0xFFFF, first_ns + count * period, period, t_ns)
+        boot.tail = BatchTail((batch.first + count) & 0xFFFF, first_ns + count * period, period, t_ns)
         self.counts.samples += count
-        self.counts.saturated_batches += bool(batch.flags & BatchFlag.SATURATED)
-        raw = np.array(batch.samples, np.int16)
+        self.counts.saturated_batches += bool(batch.flags & _SATURATED)
         hello = boot.hello
+        gyro, accel = in_si(batch.rows, hello)
         yield ImuBlock(
-            device_ns=first_ns + period * np.arange(count, dtype=np.int64),
-            gyro=raw[:, :3].astype(np.float64) * (hello.gyro_lsb_ndps * RAD_PER_NANO_DEG),
-            accel=raw[:, 3:].astype(np.float64) * (hello.accel_lsb_ng * 1e-9 * G),
+            device_ns=first_ns + period * _COUNTS[:count],
+            gyro=gyro,
+            accel=accel,
             temperature=(batch.temperature_raw * hello.temperature_lsb_udegc + hello.temperature_offset_udegc)
             * 1e-6,
-            raw=raw,
+            raw=batch.rows,
             received_ns=t_ns,
         )
 
@@ -320,7 +339,9 @@ class NodeDecoder:
                 assert_never(message)
 
 
-def _decoded(frame: Frame) -> AnyMessage | None:
+def _decoded(frame: Frame) -> AnyMessage | WireBatch | None:
+    if frame.type_id == ImuBatch.type_id:
+        return read_batch(frame.payload)
     try:
         return decode(frame.type_id, frame.payload)
     except PayloadError:

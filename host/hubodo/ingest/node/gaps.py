@@ -6,6 +6,9 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hubodo.recording import Event
 
 RESTART = "node restarted"
@@ -18,6 +21,8 @@ ON_THE_AIR = "lost on the air"
 
 _HEALTHS_TO_WAIT = 2
 _WAIT_NS = 6_000_000_000
+
+Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +50,47 @@ class WireGap:
     device_ns: tuple[int, int] | None = None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
+class WireGaps:
+    """Many gaps of a node's samples, (n,) each and as of `WireGap`; device_ns: (n, 2)."""
+
+    start_ns: Times
+    end_ns: Times
+    frames_lost: Times
+    samples_lost: Times
+    device_ns: Times
+
+    def __len__(self) -> int:
+        return len(self.start_ns)
+
+    def take(self, rows: NDArray[np.bool_] | slice) -> WireGaps:
+        """Those of them."""
+        columns = (self.start_ns, self.end_ns, self.frames_lost, self.samples_lost, self.device_ns)
+        return WireGaps(*(column[rows] for column in columns))
+
+    def __iter__(self) -> Iterator[WireGap]:
+        times = zip(self.start_ns.tolist(), self.end_ns.tolist(), self.device_ns.tolist(), strict=True)
+        lost = zip(self.frames_lost.tolist(), self.samples_lost.tolist(), strict=True)
+        for (start_ns, end_ns, (last_ns, first_ns)), (frames, samples) in zip(times, lost, strict=True):
+            yield WireGap("ImuBatch", start_ns, end_ns, frames, samples, (last_ns, first_ns))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GapsSeen:
+    """Gaps of one cause."""
+
+    node: str
+    cause: str
+    gaps: WireGaps
+
+    def events(self) -> Iterator[Event]:
+        """The event of each."""
+        return (_event(self.node, gap, self.cause) for gap in self.gaps)
+
+
+@dataclass(slots=True, eq=False)
 class _Waiting:
-    gap: WireGap
+    gaps: WireGaps | tuple[WireGap]
     healths: int = 0
 
 
@@ -75,15 +118,23 @@ class GapLedger:
     ) -> Iterator[Event]:
         """A gap has been seen; yields its event once the cause is plain."""
         if restart:
-            yield self._event(gap, RESTART)
+            yield _event(self._node, gap, RESTART)
         elif now.downs != before.downs:
-            yield self._event(gap, LINK_DOWN)
+            yield _event(self._node, gap, LINK_DOWN)
         elif now.damaged != before.damaged and gap.frames_lost:
-            yield self._event(gap, f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE)
+            yield _event(self._node, gap, f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE)
         elif overrun:
-            yield self._event(gap, OVERRUN)
+            yield _event(self._node, gap, OVERRUN)
         else:
-            self._waiting.append(_Waiting(gap))
+            self._waiting.append(_Waiting((gap,)))
+
+    def add_many(self, gaps: WireGaps, before: Times, now: Times) -> Iterator[GapsSeen]:
+        """Gaps with frames lost, none overrun; before, now: (n,) damaged pieces at the frames beside each."""
+        damaged = now != before
+        if damaged.any():
+            yield GapsSeen(self._node, DAMAGE, gaps.take(damaged))
+        if not damaged.all():
+            self._waiting.append(_Waiting(gaps.take(~damaged)))
 
     def health(self, frames_dropped: int) -> Iterator[Event]:
         """The node's counter of frames it gave up."""
@@ -93,9 +144,9 @@ class GapLedger:
         for waiting in list(self._waiting):
             waiting.healths += 1
             if grew:
-                yield self._settle(waiting, DROPPED)
+                yield from self._settle(waiting, DROPPED)
             elif waiting.healths >= _HEALTHS_TO_WAIT:
-                yield self._settle(waiting, ON_THE_WAY)
+                yield from self._settle(waiting, ON_THE_WAY)
 
     def radio(self, frames_lost: int) -> Iterator[Event]:
         """The counter of a receiver, of frames that did not come whole by radio."""
@@ -103,7 +154,7 @@ class GapLedger:
         self._on_air = frames_lost
         if grew:
             for waiting in list(self._waiting):
-                yield self._settle(waiting, ON_THE_AIR)
+                yield from self._settle(waiting, ON_THE_AIR)
 
     def restarted(self) -> None:
         """The node's counters have started anew."""
@@ -111,39 +162,49 @@ class GapLedger:
 
     def tick(self, now_ns: int) -> Iterator[Event]:
         """Names what has waited too long for a `Health`."""
-        while self._waiting and now_ns - self._waiting[0].gap.end_ns > _WAIT_NS:
-            yield self._settle(self._waiting[0], ON_THE_WAY)
+        while self._waiting:
+            first = self._waiting[0]
+            if isinstance(first.gaps, WireGaps):
+                young = np.flatnonzero(now_ns - first.gaps.end_ns <= _WAIT_NS)
+                if len(young):
+                    yield from (
+                        _event(self._node, gap, ON_THE_WAY) for gap in first.gaps.take(slice(young[0]))
+                    )
+                    first.gaps = first.gaps.take(slice(young[0], None))
+                    return
+            elif now_ns - first.gaps[0].end_ns <= _WAIT_NS:
+                return
+            yield from self._settle(first, ON_THE_WAY)
 
     def close(self) -> Iterator[Event]:
         """Names all that still waits."""
         while self._waiting:
-            yield self._settle(self._waiting[0], ON_THE_WAY)
+            yield from self._settle(self._waiting[0], ON_THE_WAY)
 
-    def _settle(self, waiting: _Waiting, cause: str) -> Event:
+    def _settle(self, waiting: _Waiting, cause: str) -> Iterator[Event]:
         self._waiting.remove(waiting)
-        return self._event(waiting.gap, cause)
+        return (_event(self._node, gap, cause) for gap in waiting.gaps)
 
-    def _event(self, gap: WireGap, cause: str) -> Event:
-        first, last = gap.device_ns or (gap.start_ns, gap.end_ns)
-        seconds = (last - first) * 1e-9
-        if gap.stream == "ImuBatch":
-            lost = (
-                "an unknown number of samples" if gap.samples_lost is None else f"{gap.samples_lost} samples"
-            )
-        else:
-            lost = f"{gap.frames_lost} {gap.stream} frames"
-        return Event(
-            t_ns=gap.start_ns,
-            kind="gap",
-            source=self._node,
-            text=f"{self._node}: {lost} lost in {seconds:.3f} s: {cause}",
-            data={
-                "node": self._node,
-                "stream": gap.stream,
-                "samples_lost": gap.samples_lost,
-                "frames_lost": gap.frames_lost,
-                "cause": cause,
-                "duration_s": seconds,
-                "device_ns": list(gap.device_ns) if gap.device_ns else None,
-            },
-        )
+
+def _event(node: str, gap: WireGap, cause: str) -> Event:
+    first, last = gap.device_ns or (gap.start_ns, gap.end_ns)
+    seconds = (last - first) * 1e-9
+    if gap.stream == "ImuBatch":
+        lost = "an unknown number of samples" if gap.samples_lost is None else f"{gap.samples_lost} samples"
+    else:
+        lost = f"{gap.frames_lost} {gap.stream} frames"
+    return Event(
+        t_ns=gap.start_ns,
+        kind="gap",
+        source=node,
+        text=f"{node}: {lost} lost in {seconds:.3f} s: {cause}",
+        data={
+            "node": node,
+            "stream": gap.stream,
+            "samples_lost": gap.samples_lost,
+            "frames_lost": gap.frames_lost,
+            "cause": cause,
+            "duration_s": seconds,
+            "device_ns": list(gap.device_ns) if gap.device_ns else None,
+        },
+    )

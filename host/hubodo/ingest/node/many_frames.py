@@ -41,7 +41,9 @@ class Batches:
 
     first: where the samples of each begin in rows. end, t_ns, damaged: see `Arrival`. follows: whether a
     batch goes on where the one before it ended, with nothing lost, flagged or out of time between them;
-    spaced: the same, but frames are missing between them, and `missing` samples.
+    spaced: the same, but frames are missing between them, and `missing` samples. began_ns, (n,): the node's
+    time at each batch, and device_ns, (N,), at each sample, from the first batch on; both hold from one batch
+    to the next where that follows or is spaced.
     """
 
     end: Times
@@ -59,6 +61,8 @@ class Batches:
     follows: NDArray[np.bool_]
     spaced: NDArray[np.bool_]
     missing: Times
+    began_ns: Times
+    device_ns: Times
 
     def __len__(self) -> int:
         return len(self.end)
@@ -119,33 +123,44 @@ def by_node(groups: Iterable[FrameGroup], arrival: Arrival) -> dict[int, NodeFra
 
 
 def _batches(groups: list[FrameGroup], arrival: Arrival) -> Batches:
-    heads = [group.payload[:, : _FIELDS.itemsize].copy().view(_FIELDS).reshape(-1) for group in groups]
+    heads = [_heads(group) for group in groups]
     head = np.concatenate(heads) if heads else np.empty(0, _FIELDS)
     end = np.concatenate([group.end for group in groups]) if groups else np.empty(0, np.int64)
-    seq = np.concatenate([group.seq for group in groups]) if groups else np.empty(0, np.uint16)
+    numbers = np.concatenate([group.seq for group in groups]) if groups else np.empty(0, np.uint16)
+    rows = [_rows(group, some["count"]) for group, some in zip(groups, heads, strict=True)]
+    samples = rows[0] if len(rows) == 1 else np.concatenate([np.empty((0, 6), np.int16), *rows])
     count = head["count"].astype(np.int64)
     first = np.cumsum(count) - count
-    rows = [_rows(group, some["count"]) for group, some in zip(groups, heads, strict=True)]
-    order = np.argsort(end, kind="stable")
     if len(groups) > 1:
-        head, end, seq, count, first = head[order], end[order], seq[order], count[order], first[order]
+        order = np.argsort(end, kind="stable")
+        head, end, numbers, count, came = head[order], end[order], numbers[order], count[order], first[order]
+        first = np.cumsum(count) - count
+        samples = samples[np.repeat(came - first, count) + np.arange(len(samples))]
     t_ns, damaged = arrival(end)
     columns = {name: head[name].astype(np.int64) for name in _FIELDS.names or () if name != "count"}
-    numbers = seq.astype(np.int64)
-    follows, spaced, missing = _neighbours(numbers, t_ns, count, columns)
+    seq = numbers.astype(np.int64)
+    steps_us = np.diff(columns["t_us"], prepend=columns["t_us"][:1]) % PERIOD_US
+    follows, spaced, missing = _neighbours(seq, t_ns, count, steps_us, columns)
+    began_ns = 1000 * np.cumsum(steps_us)
     return Batches(
         end=end,
         t_ns=t_ns,
         damaged=damaged,
-        seq=numbers,
+        seq=seq,
         **columns,
         count=count,
         first=first,
-        rows=np.concatenate(rows) if rows else np.empty((0, 6), np.int16),
+        rows=samples,
         follows=follows,
         spaced=spaced,
         missing=missing,
+        began_ns=began_ns,
+        device_ns=_sample_times(began_ns, columns["period_ns"], count, first),
     )
+
+
+def _heads(group: FrameGroup) -> NDArray[np.void]:
+    return np.ascontiguousarray(group.payload[:, : _FIELDS.itemsize]).view(_FIELDS).reshape(-1)
 
 
 def _rows(group: FrameGroup, count: NDArray[np.uint8]) -> NDArray[np.int16]:
@@ -160,16 +175,28 @@ def _rows(group: FrameGroup, count: NDArray[np.uint8]) -> NDArray[np.int16]:
     return rows[np.arange(most) < count[:, None]]
 
 
+def _sample_times(began_ns: Times, period_ns: Times, count: Times, first: Times) -> Times:
+    """The node's time at each sample of batches of these counts, (N,)."""
+    most = int(count.max(initial=1))
+    if bool((count == most).all()):
+        return (began_ns[:, None] + period_ns[:, None] * np.arange(most)).reshape(-1)
+    within = np.arange(int(count.sum())) - np.repeat(first, count)
+    return np.repeat(began_ns, count) + np.repeat(period_ns, count) * within
+
+
 def _neighbours(
-    seq: Times, t_ns: Times, count: Times, columns: Mapping[str, Times]
+    seq: Times, t_ns: Times, count: Times, steps_us: Times, columns: Mapping[str, Times]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Times]:
-    """follows, spaced and missing of `Batches`: what lies between each batch and the one before it."""
+    """follows, spaced and missing of `Batches`: what lies between each batch and the one before it.
+
+    steps_us: what the node's clock went on by since the batch before.
+    """
     follows, spaced = np.zeros(len(seq), bool), np.zeros(len(seq), bool)
     missing = np.zeros(len(seq), np.int64)
     if len(seq) < 2:
         return follows, spaced, missing
     period_ns, flags = columns["period_ns"], columns["flags"]
-    step_us = np.diff(columns["t_us"]) % PERIOD_US
+    step_us = steps_us[1:]
     late_us = step_us - np.diff(t_ns) // 1000
     missing[1:] = (np.diff(columns["index"]) - count[:-1]) % 0x10000
     beside_ns = step_us * 1000 - (count * period_ns)[:-1] - missing[1:] * period_ns[1:]

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from hubodo.ingest.node.boot import BatchTail, Boot, StreamPlace
-from hubodo.ingest.node.clock import PERIOD_US
 from hubodo.ingest.node.decoder import NodeDecoder, Output
-from hubodo.ingest.node.gaps import LinkCounts, WireGap
-from hubodo.ingest.node.many_frames import STEP_US, Batches, NodeFrames
+from hubodo.ingest.node.gaps import LinkCounts, WireGaps
+from hubodo.ingest.node.many_frames import STEP_US, Batches, NodeFrames, Times
 from hubodo.ingest.node.samples import ImuRun
-from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
+from hubodo.ingest.node.wire_batch import in_si
 from hubowire.messages import BatchFlag, ImuBatch
 
 
@@ -24,25 +23,28 @@ class RunDecoder(NodeDecoder):
         """The same for many frames at once, of which the link was lost so many times before.
 
         What they become is what `frame` gives for each, to the last bit; but batches that follow each other
-        without a gap come as one `ImuRun`.
+        come as one `ImuRun`, and the gaps between them behind it as arrays.
         """
+        batches, others = some.batches, some.others
+        breaks = deque(np.flatnonzero(~(batches.follows | batches.spaced)).tolist())
+        breaks.append(len(batches))
         at = 0
-        for other in some.others:
-            end = int(np.searchsorted(some.batches.end, other.end))
-            yield from self._batches(some, at, end, downs)
+        edges = np.searchsorted(batches.end, [other.end for other in others]).tolist()
+        for other, end in zip(others, edges, strict=True):
+            yield from self._batches(some, at, end, breaks, downs)
             yield from self.frame(other.frame, other.t_ns, LinkCounts(other.damaged, downs))
             at = end
-        yield from self._batches(some, at, len(some.batches), downs)
+        yield from self._batches(some, at, len(batches), breaks, downs)
 
-    def _batches(self, some: NodeFrames, at: int, end: int, downs: int) -> Iterator[Output]:
-        """Batches at to end, those that follow the one before as a run."""
+    def _batches(
+        self, some: NodeFrames, at: int, end: int, breaks: deque[int], downs: int
+    ) -> Iterator[Output]:
+        """Batches at to end; those up to a break, which does not go on from the one before it, as a run."""
         batches = some.batches
-        goes_on = batches.follows[at:end] | batches.spaced[at:end]
-        breaks = deque(np.append(at + np.flatnonzero(~goes_on), end).tolist())
         while at < end:
             while breaks[0] < at:
                 breaks.popleft()
-            stop = breaks[0]
+            stop = min(breaks[0], end)
             boot = None if self._doubt or self.refusal is not None else self._boot
             if boot is not None and stop > at > 0 and _stands_before(boot, batches, at):
                 yield from self._run(boot, batches, at, stop, downs)
@@ -53,7 +55,7 @@ class RunDecoder(NodeDecoder):
             at += 1
 
     def _run(self, boot: Boot, batches: Batches, at: int, end: int, downs: int) -> Iterator[Output]:
-        """Batches at to end at once; where frames are missing between two, the gap stands between them."""
+        """Batches at to end at once, then the gaps between them."""
         before = boot.tail
         assert before is not None
         before_ns = before.next_device_ns - before.period_ns
@@ -62,26 +64,27 @@ class RunDecoder(NodeDecoder):
         self.counts.samples += len(run.device_ns)
         saturated = batches.flags[at:end] & BatchFlag.SATURATED
         self.counts.saturated_batches += int(np.count_nonzero(saturated))
-        begin = 0
-        for k in (at + np.flatnonzero(batches.spaced[at:end])).tolist():
-            here = k - at
-            if here > begin:
-                yield run.part(begin, here)
-                begin = here
-            last_ns = int(run.device_ns[run.first[here] - 1]) if here else before_ns
-            yield from self._missing(batches, k, (last_ns, int(run.device_ns[run.first[here]])), downs)
-        yield run.part(begin, end - at)
+        yield run
+        spaced = np.flatnonzero(batches.spaced[at:end])
+        if len(spaced):
+            yield from self._missing(batches, at + spaced, run.device_ns, run.first[spaced], before_ns)
 
-    def _missing(self, batches: Batches, k: int, between: tuple[int, int], downs: int) -> Iterator[Output]:
-        """The gap before batch k, between these device times."""
-        frames, samples = int(batches.seq[k] - batches.seq[k - 1] - 1) & 0xFFFF, int(batches.missing[k])
-        self.counts.frames_lost += frames
-        self.counts.samples_lost += samples
-        self.counts.gaps += 1
-        start_ns, end_ns = batches.t_ns[k - 1 : k + 1].tolist()
-        before, link = (LinkCounts(n, downs) for n in batches.damaged[k - 1 : k + 1].tolist())
-        gap = WireGap("ImuBatch", start_ns, end_ns, frames, samples, between)
-        yield from self._gaps.add(gap, before, link)
+    def _missing(
+        self, batches: Batches, behind: Times, device_ns: Times, first: Times, before_ns: int
+    ) -> Iterator[Output]:
+        """The gaps before some batches of a run; first: where those begin in its times."""
+        last_ns = np.where(first > 0, device_ns[first - 1], before_ns)
+        gaps = WireGaps(
+            start_ns=batches.t_ns[behind - 1],
+            end_ns=batches.t_ns[behind],
+            frames_lost=(batches.seq[behind] - batches.seq[behind - 1] - 1) & 0xFFFF,
+            samples_lost=batches.missing[behind],
+            device_ns=np.stack((last_ns, device_ns[first]), axis=1),
+        )
+        self.counts.frames_lost += int(gaps.frames_lost.sum())
+        self.counts.samples_lost += int(gaps.samples_lost.sum())
+        self.counts.gaps += len(gaps)
+        yield from self._gaps.add_many(gaps, batches.damaged[behind - 1], batches.damaged[behind])
 
 
 def _stands_before(boot: Boot, batches: Batches, at: int) -> bool:
@@ -105,33 +108,26 @@ def _stands_before(boot: Boot, batches: Batches, at: int) -> bool:
 def _take_run(boot: Boot, batches: Batches, at: int, end: int, downs: int) -> ImuRun:
     """Batches at to end, each of which goes on from the one before; `boot` stands at the last then."""
     assert boot.tail is not None
-    run, last = slice(at, end), end - 1
-    count, period, t_us = batches.count[run], batches.period_ns[run], batches.t_us[run]
-    before_ns = boot.tail.next_device_ns - int(batches.count[at - 1] * batches.period_ns[at - 1])
-    steps_us = np.diff(t_us, prepend=batches.t_us[at - 1]) % PERIOD_US
-    first_ns = before_ns + 1000 * np.cumsum(steps_us)
-    t_ns = int(batches.t_ns[last])
-    boot.ticks.unwrap(int(t_us[-1]), t_ns)
+    run, last, before = slice(at, end), end - 1, at - 1
+    before_ns = boot.tail.next_device_ns - int(batches.count[before] * batches.period_ns[before])
+    shift_ns = before_ns - int(batches.began_ns[before])
+    count, period, t_ns = int(batches.count[last]), int(batches.period_ns[last]), int(batches.t_ns[last])
+    boot.ticks.unwrap(int(batches.t_us[last]), t_ns)
     link = LinkCounts(int(batches.damaged[last]), downs)
     boot.streams[ImuBatch.type_id] = StreamPlace(int(batches.seq[last]), t_ns, link)
-    next_index = int(batches.index[last] + count[-1]) & 0xFFFF
-    boot.tail = BatchTail(next_index, int(first_ns[-1] + count[-1] * period[-1]), int(period[-1]), t_ns)
-    first = np.cumsum(count) - count
-    total = int(count.sum())
-    rows = batches.first[run]
-    if bool((np.diff(rows) == count[:-1]).all()):
-        raw = batches.rows[rows[0] : rows[0] + total]
-    else:
-        raw = batches.rows[np.repeat(rows - first, count) + np.arange(total)]
-    within = np.arange(total) - np.repeat(first, count)
-    hello = boot.hello
+    next_index = int(batches.index[last] + count) & 0xFFFF
+    next_ns = int(batches.began_ns[last]) + shift_ns + count * period
+    boot.tail = BatchTail(next_index, next_ns, period, t_ns)
+    rows = slice(int(batches.first[at]), int(batches.first[last]) + count)
+    raw, hello = batches.rows[rows], boot.hello
+    gyro, accel = in_si(raw, hello)
     steps = batches.temperature_raw[run] * hello.temperature_lsb_udegc + hello.temperature_offset_udegc
     return ImuRun(
-        device_ns=np.repeat(first_ns, count) + np.repeat(period, count) * within,
-        gyro=raw[:, :3].astype(np.float64) * (hello.gyro_lsb_ndps * RAD_PER_NANO_DEG),
-        accel=raw[:, 3:].astype(np.float64) * (hello.accel_lsb_ng * 1e-9 * G),
+        device_ns=batches.device_ns[rows] + shift_ns,
+        gyro=gyro,
+        accel=accel,
         raw=raw,
-        first=first,
+        first=batches.first[run] - rows.start,
         temperature=steps.astype(np.float64) * 1e-6,
         received_ns=batches.t_ns[run],
     )

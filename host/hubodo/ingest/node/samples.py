@@ -32,7 +32,7 @@ class ImuBlock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImuRun:
-    """Blocks of one node that follow each other without a gap, as one.
+    """Blocks of one node that follow each other, as one; what is missing between them is told apart.
 
     device_ns, gyro, accel, raw: of all N samples, as of `ImuBlock`. first: (B,) the first sample of each
     block; temperature: (B,) degC; received_ns: (B,).
@@ -45,23 +45,6 @@ class ImuRun:
     first: NDArray[np.int64]
     temperature: NDArray[np.float64]
     received_ns: NDArray[np.int64]
-
-    def part(self, begin: int, end: int) -> ImuRun:
-        """Blocks begin to end."""
-        if begin == 0 and end == len(self.first):
-            return self
-        first = self.first[begin]
-        last = self.first[end] if end < len(self.first) else len(self.device_ns)
-        rows = slice(first, last)
-        return ImuRun(
-            self.device_ns[rows],
-            self.gyro[rows],
-            self.accel[rows],
-            self.raw[rows],
-            self.first[begin:end] - first,
-            self.temperature[begin:end],
-            self.received_ns[begin:end],
-        )
 
     def blocks(self) -> Iterator[ImuBlock]:
         """The blocks one by one."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import assert_never
@@ -12,7 +13,7 @@ from hubodo.ingest.node.bias_filter import filter_columns
 from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.decoder import Output
 from hubodo.ingest.node.exchanges import Exchanges
-from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.gaps import GapsSeen, LinkCounts
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
 from hubodo.ingest.node.many_frames import NodeFrames
@@ -124,9 +125,9 @@ class NodeSession:
                 self._ask(GetHello())  # it may be another start, or another board
         yield from self._take(self.decoder.frame(frame, t_ns, link))
 
-    def many(self, some: NodeFrames, downs: int) -> Iterator[Published]:
-        """Frames that a log has kept; downs: how often their link had been lost before."""
-        yield from self._take(self.decoder.many(some, downs))
+    def many(self, some: NodeFrames, downs: int) -> None:
+        """Frames that a log has kept go into another; downs: how often their link had been lost before."""
+        deque(self._take(self.decoder.many(some, downs)), maxlen=0)
 
     def settle(self, now_ns: int) -> Iterator[Published]:
         """Lets go of what waited long enough for a report of the node."""
@@ -234,6 +235,9 @@ class NodeSession:
                     yield from self._block(output)
                 case ImuRun():
                     yield from self._run(output)
+                case GapsSeen():
+                    for event in output.events():
+                        self._sink.event(self._gap(event))
                 case MagSample():
                     yield from self._hold(output)
                 case FilterSeen():
@@ -261,7 +265,7 @@ class NodeSession:
         yield from self._hold(block)
 
     def _run(self, run: ImuRun) -> Iterator[Published]:
-        """The blocks of a run, in one go where their clock is known and nothing waits."""
+        """The blocks of a run: into the log in one go where their clock is known and nothing waits."""
         if not self._clock_known or self._held or self._boot is not None:
             for block in run.blocks():
                 yield from self._block(block)
@@ -272,8 +276,6 @@ class NodeSession:
         self._sink.imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
         self._sink.temperature(self.name, t_ns[run.first], log_ns, run.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
-        for block, begin in zip(run.blocks(), run.first.tolist(), strict=True):
-            yield Published(self.name, t_ns[begin : begin + len(block.raw)], block, self.power_on_ns)
 
     def radio(self, signal: Signal) -> Iterator[Published]:
         """What a receiver on the same link says of this node."""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo import __version__
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED
@@ -27,6 +26,7 @@ from hubodo.log.mcap import events_of
 from hubodo.log.own_messages import own_bytes, own_text
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
+from hubodo.version import __version__
 from hubodo.whole_files import whole_new_file
 from hubowire import FrameDecoder, PayloadError, decode
 from hubowire.messages import Hello
@@ -278,7 +278,7 @@ class _Link:
                 session.asked(token, t_ns)
         self.last_ns, self._damaged = int(times[-1]), int(damaged[-1])
         for node_id, some in found.items():
-            _ = list(self.sessions[node_id].many(some, self._downs))
+            self.sessions[node_id].many(some, self._downs)
         for session in self.sessions.values():
             _ = list(session.settle(self.last_ns))
         self._pieces, self._times, self._marks, self._asked = [], [], [], []

@@ -13,8 +13,10 @@ from hubodo.errors import InputError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Doubles of each of the three streams that fit into a second-level cache together with the work space.
-_BLOCK = 8192
+# Pairs taken at a time: few enough for a cache, so a window's end is there for octaves that begin there.
+_BLOCK = 1 << 15
+# A longer dot product is spread over threads by a BLAS, and waits there for a busy core.
+_DOT = 1 << 13
 _MIN_COVERAGE = 0.9
 
 
@@ -67,13 +69,13 @@ def allan_deviation(
     chosen = chosen[(chosen >= 1) & (2 * chosen <= count)]
     if present is None or bool(present.all()):
         phase = _integral(samples, None)
-        found = [_complete(phase, int(m)) for m in chosen]
+        sums, pairs = _complete(phase, chosen), len(phase) - 2 * chosen
     else:
         phase = _integral(samples, present)
         held = np.concatenate(([0], np.cumsum(present, dtype=np.int64)))
         found = [_with_gaps(phase, held, int(m)) for m in chosen]
-    sums = np.array([total for total, _ in found])
-    pairs = np.array([number for _, number in found], np.int64)
+        sums = np.array([total for total, _ in found])
+        pairs = np.array([number for _, number in found], np.int64)
     kept = pairs > 0
     adev = np.sqrt(sums[kept] / (2.0 * pairs[kept]))
     tau = np.asarray(chosen[kept] * dt, np.float64)
@@ -94,20 +96,22 @@ def _integral(samples: FloatArray, present: NDArray[np.bool_] | None) -> FloatAr
     return phase
 
 
-def _complete(phase: FloatArray, m: int) -> tuple[float, int]:
-    """Sum of squared differences of adjacent window means, and their number; block by block, in cache."""
-    pairs = len(phase) - 2 * m
-    work = np.empty(min(_BLOCK, pairs))
-    total = 0.0
-    for start in range(0, pairs, _BLOCK):
-        stop = min(start + _BLOCK, pairs)
-        second = work[: stop - start]
-        np.add(phase[start:stop], phase[start + 2 * m : stop + 2 * m], out=second)
-        second -= phase[start + m : stop + m]
-        second -= phase[start + m : stop + m]
-        # Not a dot product: a threaded BLAS beside a busy core waits longer than this whole block takes.
-        total += float(np.einsum("i,i->", second, second))
-    return total / m**2, pairs
+def _complete(phase: FloatArray, factors: IntArray) -> FloatArray:
+    """(P,) sums of squared differences of adjacent window means; all averaging times in each block."""
+    sums, work = np.zeros(len(factors)), np.empty(_BLOCK)
+    for start in range(0, len(phase), _BLOCK):
+        for row, m in enumerate(factors.tolist()):
+            stop = min(start + _BLOCK, len(phase) - 2 * m)
+            if stop <= start:
+                continue
+            middle = phase[start + m : stop + m]
+            second = np.add(phase[start:stop], phase[start + 2 * m : stop + 2 * m], out=work[: stop - start])
+            second -= middle
+            second -= middle
+            for at in range(0, len(second), _DOT):
+                part = second[at : at + _DOT]
+                sums[row] += part @ part
+    return np.asarray(sums / factors.astype(np.float64) ** 2)
 
 
 def _with_gaps(phase: FloatArray, held: IntArray, m: int) -> tuple[float, int]:

@@ -35,7 +35,7 @@ class BoardCalls:
         self.aim = (0, 0, 0, 1)
         self.port, self.timeout = 0, 0
         self.socket, self.peer = 0, bytes(6)
-        self.spi_unit, self.spi_came = 0, b""
+        self.spi_unit = 0
 
     def now(self):
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0

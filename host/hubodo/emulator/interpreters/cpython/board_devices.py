@@ -46,15 +46,18 @@ class SerialDevice:
         return board.ask("WRITE", board.port, _part(buf, part))[0]
 
 
-class SpiDevice:
-    """/dev/spi of runner.mjs: what is written goes out, what came in meanwhile is read."""
+class ExchangeDevice:
+    """/dev/spi, /dev/espnow of runner.mjs: what is written goes out, what came in or answers it is read."""
+
+    def __init__(self, op):
+        self._op, self._came = op, b""
 
     def write(self, buf, *part):
-        _, board.spi_came = board.ask("SPI", board.spi_unit, _part(buf, part))
-        return len(board.spi_came)
+        board.status, self._came = board.ask(self._op, board.spi_unit, _part(buf, part))
+        return len(self._came)
 
     def readinto(self, buf):
-        data = board.spi_came[: len(buf)]
+        data = self._came[: len(buf)]
         memoryview(buf).cast("B")[: len(data)] = data
         return len(data)
 

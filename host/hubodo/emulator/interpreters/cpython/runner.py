@@ -21,7 +21,7 @@ for _name in ("array", "binascii", "collections", "errno", "hashlib", "math", "r
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 from board_calls import CONFIG, TICKS_PERIOD, board  # noqa: E402
-from board_devices import I2cDevice, Poll, SerialDevice, SpiDevice, Text, UdpDevice  # noqa: E402
+from board_devices import ExchangeDevice, I2cDevice, Poll, SerialDevice, Text, UdpDevice  # noqa: E402
 
 sys.path.remove(str(HERE))
 
@@ -75,9 +75,11 @@ def _install():
         "/dev/i2c": I2cDevice,
         "/dev/serial": SerialDevice,
         "/dev/udp": UdpDevice,
-        "/dev/spi": SpiDevice,
+        "/dev/spi": lambda: ExchangeDevice("SPI"),
+        "/dev/espnow": lambda: ExchangeDevice("ESPNOW"),
     }
-    for name in ("time", "machine", "network", "socket"):
+    own = ("espnow",) if CONFIG["platform"] == "esp32" else ()
+    for name in ("time", "machine", "network", "socket", *own):
         source = HERE.parent / "modules" / f"_{name}.py"
         module = types.ModuleType(name)
         module.__dict__["open"] = lambda path, mode: devices[path]()

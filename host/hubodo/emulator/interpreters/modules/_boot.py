@@ -9,7 +9,8 @@ import _board
 
 
 def start():
-    for name in ("time", "machine", "network", "socket", "select", "gc"):
+    own = ("espnow",) if _board.platform() == "esp32" else ()
+    for name in ("time", "machine", "network", "socket", "select", "gc") + own:
         sys.modules.pop(name, None)
         module = __import__("_" + name)
         sys.modules[name] = module

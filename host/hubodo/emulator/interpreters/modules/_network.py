@@ -39,7 +39,7 @@ class WLAN:
         for name in values:
             if name == "reconnects" and _ESP32:
                 _board.wlan(0x101 + values[name])
-            elif name != "pm":
+            elif name != "pm" and not (name == "channel" and _ESP32):
                 raise ValueError("unknown config param")
 
     def connect(self, ssid=None, key=None, **options):

@@ -1,11 +1,11 @@
 // The board as the interpreter asks it: one call at a time, at the clock's time; ctrl-C comes with the answers.
-import { FLAG_INPUT, FLAG_INTERRUPT, HEADER, Pipe } from "../pipe.mjs";
+import { FLAG_INPUT, FLAG_INTERRUPT, HEADER } from "../pipe.mjs";
 
 const CTRL_C = 3, NAP_NS = 10e6, MOST_BYTES = 32768, INPUT_BYTES = 256, NOTHING = Buffer.alloc(0);
 
 export class Board {
   /** config: see runner.mjs; `interpreter`, MicroPython, is given once it is loaded. */
-  constructor(config, clock) {
+  constructor(config, clock, pipe) {
     this.op = config.ops;
     this.clock = clock;
     this.interpreter = null;
@@ -15,7 +15,7 @@ export class Board {
     this._told = false;
     this._input = NOTHING;
     this._contact = -1e18;
-    this._pipe = new Pipe(config.pipes);
+    this._pipe = pipe;
     // Payload of the next call, from HEADER on.
     this.request = this._pipe.request;
     this.view = this._pipe.view;

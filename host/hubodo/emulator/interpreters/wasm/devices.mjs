@@ -39,7 +39,7 @@ export class Devices {
   }
 
   register(FS) {
-    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()], ["spi", this._spi()]].forEach(([name, device], k) => {
+    [["i2c", this._i2c()], ["serial", this._serial()], ["udp", this._udp()], ["spi", this._exchange("SPI")], ["espnow", this._exchange("ESPNOW")]].forEach(([name, device], k) => {
       FS.registerDevice(FS.makedev(64, k), { ...file, ...device });
       FS.mkdev(`/dev/${name}`, FS.makedev(64, k));
     });
@@ -81,8 +81,8 @@ export class Devices {
     };
   }
 
-  // What is written goes out at once; what came in meanwhile is read once.
-  _spi() {
+  // What is written goes out at once; what came in meanwhile, or answers it, is read once.
+  _exchange(name) {
     const { board } = this;
     let came = Buffer.alloc(0);
     return {
@@ -94,7 +94,7 @@ export class Devices {
       },
       write: (_stream, buffer, offset, length) => {
         board.request.set(buffer.subarray(offset, offset + length), HEADER);
-        board.ask(board.op.SPI, this.spiUnit, length);
+        this.result = board.ask(board.op[name], this.spiUnit, length);
         came = Buffer.from(board.payload);
         return length;
       },

@@ -1,12 +1,13 @@
-// The table of functions, looked up quickly: this build of MicroPython checks each call between its parts against it.
+// The tables of functions, looked up quickly: this build of MicroPython checks each call between its parts against them.
 const { get, set } = WebAssembly.Table.prototype;
-const known = [];
+const KNOWN = Symbol("known");
 
 WebAssembly.Table.prototype.get = function (index) {
+  const known = (this[KNOWN] ??= []);
   return (known[index] ??= get.call(this, index));
 };
 
 WebAssembly.Table.prototype.set = function (index, value) {
-  known[index] = undefined;
+  if (this[KNOWN]) this[KNOWN][index] = undefined;
   set.call(this, index, value);
 };

@@ -1,0 +1,123 @@
+"""What a receiver hears of its nodes by ESP-NOW, and tells them."""
+
+from time import ticks_diff
+
+from framing import START
+from micropython import const
+from outbox import Slot
+
+from radio.espnow_link import ANSWER, FIRST, HEAD, LAST, MOST, NODE, NUMBER, TO_ALL, open_radio, ours
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+_PER_TURN = const(8)
+_ROOM = const(8192)
+"""For what comes while the host is talked to: two nodes at 208 Hz fill it in some 0.6 s."""
+_STRONG_DBM = const(-64)
+_LATE_MS = const(200)
+"""A copy of a packet comes no later; a node takes longer to begin anew."""
+
+
+class Heard:
+    """How one node is heard; counters of `Signal`. lost: frames that did not come, by their numbers."""
+
+    def __init__(self):
+        self.frames = self.lost = self.heard = self.twice = self.strong = self.dropped = 0
+        self.address = None
+        self.number = -1
+        self.new_ms = 0
+
+    def new(self, number, ms):
+        """Whether a packet of that number has not come before; counts those between."""
+        self.heard += 1
+        last = self.number
+        ahead = (number - last) % LAST
+        if number == FIRST and ticks_diff(ms, self.new_ms) > _LATE_MS:
+            # The node has begun anew.
+            ahead = 1
+        elif last < 0:
+            ahead = 1
+        elif not 0 < ahead <= LAST - _PER_TURN or number == FIRST:
+            # It came twice, or late behind others.
+            self.twice += 1
+            return False
+        self.lost += ahead - 1
+        self.number, self.new_ms = number, ms
+        return True
+
+
+class EspNowAir:
+    """See `nrf24_air.Nrf24Air`, which is the same by another radio."""
+
+    def __init__(self, board, outbox):
+        settings = board.settings
+        self.ids = tuple(settings["radio_nodes"][:5])
+        self.nodes = tuple(Heard() for _ in self.ids)
+        self._outbox = outbox
+        self._radio = open_radio(settings, _ROOM)
+        self._net = bytes.fromhex(settings["radio_address"])
+        self._came: Any = [None, bytearray(MOST), 0, 0]
+        self._out = bytearray(MOST)
+        self._out[:NODE] = self._net
+        self._slot = Slot()
+
+    def hear(self, ms):
+        """Takes what has come; whether there may be more."""
+        for _ in range(_PER_TURN):
+            size = self._radio.recvinto(self._came, 0)
+            if not size:
+                return False
+            raw = self._came[1]
+            if size > HEAD and ours(raw, self._net) and raw[NODE] in self.ids:
+                self._take(self.nodes[self.ids.index(raw[NODE])], size, ms)
+        return True
+
+    def _take(self, node, size, ms):
+        sender, raw, rssi, _ = self._came
+        if node.address != sender:
+            self._meet(node, sender)
+        if raw[NUMBER] & TO_ALL:
+            self._send(sender, ANSWER)
+        node.strong += rssi > _STRONG_DBM
+        if not node.new(raw[NUMBER] & ~TO_ALL, ms):
+            return
+        node.frames += 1
+        slot = self._slot
+        for i in range(size - HEAD):
+            slot.raw[START + i] = raw[HEAD + i]
+        slot.end = START + size - HEAD + 1
+        slot.raw[slot.end - 1] = 0
+        self._slot = self._outbox.queue(slot)
+
+    def _meet(self, node, sender):
+        """Another board is that node from now on."""
+        try:
+            if node.address is not None:
+                self._radio.del_peer(node.address)
+            self._radio.add_peer(sender)
+        except OSError:
+            # It was known already.
+            pass
+        node.address = sender
+
+    def turn(self, ms):
+        """Nothing waits here for its rest."""
+
+    def answer(self, k, raw, end):
+        """Sends raw[START:end] to the node of ids[k]."""
+        node, size = self.nodes[k], end - START
+        if node.address is None or size > MOST - ANSWER:
+            node.dropped += 1
+            return
+        for i in range(size):
+            self._out[ANSWER + i] = raw[START + i]
+        if not self._send(node.address, ANSWER + size):
+            node.dropped += 1
+
+    def _send(self, address, size):
+        try:
+            return self._radio.send(address, memoryview(self._out)[:size], False)
+        except OSError:
+            return False

@@ -1,0 +1,151 @@
+"""By ESP-NOW to a receiver: a frame in one packet, requests in packets of their own.
+
+A packet is the four bytes of the net, the node, its number, and the frame without the zero at its end. One is
+on its way at a time: one that was not acknowledged is sent again, frames wait, the oldest is given up when
+there are too many, as on every link. A receiver's packet has 0 for the node, then bytes of requests. Nobody
+types addresses: a node that knows no receiver sends to all, the one that hears it answers with no bytes, and
+from then on the node sends to that one.
+"""
+
+from time import ticks_add, ticks_diff, ticks_ms
+
+import network
+from espnow import ESPNow
+from framing import START
+from link import Link
+from micropython import const
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
+
+MOST = const(250)
+HEAD = const(6)
+NODE = const(4)
+NUMBER = ANSWER = const(5)
+"""Where a node's packet has its number, and a receiver's its bytes."""
+TO_ALL = const(0x80)
+"""In the number of a packet: it was sent to all."""
+LAST = const(127)
+FIRST = const(0)
+"""The number after a start; the others follow from 1 to LAST, and again."""
+EVERYONE = b"\xff" * 6
+_ROOM = const(526)
+_AGAIN_MS = const(5)
+_LOST_MS = const(3000)
+_UNANSWERED_MS = const(500)
+
+
+def open_radio(settings, room):
+    """ESP-NOW, switched on on the net's channel of Wi-Fi. room: bytes of packets that wait to be taken."""
+    wlan = network.WLAN(network.STA_IF)
+    wlan.active(True)
+    for option in ({"channel": settings["espnow_channel"]}, {"pm": network.WLAN.PM_NONE}):
+        try:
+            wlan.config(**option)
+        except (OSError, TypeError, ValueError):
+            # Not every version has every option; the channel at power-on is 1.
+            pass
+    radio = ESPNow()
+    radio.config(rxbuf=room)
+    radio.active(True)
+    return radio
+
+
+def ours(raw, net):
+    """Whether a packet begins with the bytes of the net."""
+    for i in range(NODE):
+        if raw[i] != net[i]:
+            return False
+    return True
+
+
+class EspNowLink(Link):
+    """Frames to the receiver of the net that has answered."""
+
+    def __init__(self, board):
+        super().__init__()
+        settings = board.settings
+        self._radio = radio = open_radio(settings, _ROOM)
+        radio.add_peer(EVERYONE)
+        self._net = bytes.fromhex(settings["radio_address"])
+        self._out = bytearray(MOST)
+        self._outs = memoryview(self._out)
+        self._out[:NODE] = self._net
+        self._out[NODE] = settings["node_id"]
+        self._came: Any = [None, bytearray(MOST)]
+        self._at = self._end = 0
+        self._to = EVERYONE
+        self._number = FIRST
+        self._flying = False
+        self._sent = self._failed = 0
+        self._size = 0
+        self._again_ms = self._flew_ms = self._good_ms = ticks_ms()
+
+    def send(self, outbox):
+        ms = ticks_ms()
+        if self._flying:
+            if not self._landed(outbox, ms):
+                return
+        if outbox.count and ticks_diff(ms, self._again_ms) >= 0:
+            self._fly(outbox, ms)
+
+    def _fly(self, outbox, ms):
+        """Sends the oldest frame; the outbox keeps it for us."""
+        if outbox.sent < 0:
+            # The zero before the first frame is for streams.
+            outbox.took(-outbox.sent)
+        slot = outbox.oldest()
+        size = self._size = slot.end - START - 1
+        if size > MOST - HEAD:
+            outbox.dropped += 1
+            outbox.took(slot.end - START - outbox.sent)
+            return
+        if not outbox.sent:
+            outbox.took(1)
+        to_all = self._to is EVERYONE
+        out, raw = self._out, slot.raw
+        out[NUMBER] = self._number | (TO_ALL if to_all else 0)
+        for i in range(size):
+            out[HEAD + i] = raw[START + i]
+        try:
+            self._radio.send(self._to, self._outs[: HEAD + size], False)
+            self._flying = True
+            self._flew_ms = ms
+        except OSError:
+            self._again_ms = ticks_add(ms, _AGAIN_MS)
+
+    def _landed(self, outbox, ms):
+        """Whether the packet on its way is done with; one that nobody acknowledged goes again."""
+        sent, answered, failed, _, _ = self._radio.stats()
+        if answered != sent and ticks_diff(ms, self._flew_ms) < _UNANSWERED_MS:
+            return False
+        self._flying = False
+        if failed == self._failed and answered == sent:
+            self._good_ms = ms
+            self._number = self._number + 1 if self._number < LAST else 1
+            outbox.took(self._size)
+            return True
+        self._failed = failed
+        self._again_ms = ticks_add(ms, _AGAIN_MS)
+        if ticks_diff(ms, self._good_ms) >= _LOST_MS and self._to is not EVERYONE:
+            # Another board may be the receiver by now.
+            self._radio.del_peer(self._to)
+            self._to = EVERYONE
+        return True
+
+    def _byte(self):
+        if self._at == self._end:
+            size = self._radio.recvinto(self._came, 0)
+            sender, raw = self._came
+            if size < ANSWER or raw[NODE] or not ours(raw, self._net):
+                return -1
+            if self._to is EVERYONE:
+                self._to = sender
+                self._radio.add_peer(sender)
+                self._good_ms = ticks_ms()
+            if sender != self._to or size == ANSWER:
+                return -1
+            self._at, self._end = ANSWER, size
+        self._at += 1
+        return self._came[1][self._at - 1]

@@ -1,0 +1,159 @@
+"""All of a log fused into one result: odometry, absolute where it can be, scored where truth is known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hubodo.calibration.file import Calibration
+from hubodo.errors import InputError
+from hubodo.fuse.absolute import absolute_track
+from hubodo.fuse.track import Score, Track, score
+from hubodo.fuse.wheels import Method, wheel_odometry
+from hubodo.log.csv_table import write_table
+from hubodo.log.units import check_units
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import Vehicle
+from hubodo.whole_files import whole_files
+
+TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
+FILES = ("track.csv", "fuse.json")
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """What fusion made of a log; `score` only where the log has the truth, `learnt` as fuse.json has it.
+
+    lag: s after a pose that the wheel filter made it from, too; inf: the whole log. calibration: file and
+    hash of the one that was used.
+    """
+
+    log: str
+    track: Track
+    methods: tuple[str, ...]
+    lag: float
+    nodes: tuple[str, ...]
+    learnt: Mapping[str, Any]
+    calibration: Mapping[str, str] | None
+    score: Score | None
+    warnings: tuple[str, ...]
+
+    def as_json(self, output: str | None = None) -> dict[str, Any]:
+        """What fuse.json holds; output: the folder in which it is, None where it is in none."""
+        made: dict[str, Any] = {
+            "log": self.log,
+            **({} if output is None else {"output": output}),
+            "methods": list(self.methods),
+            "wheel_nodes": list(self.nodes),
+            "smoothing": _smoothing(self.lag),
+            # The graph, too, looks at the whole log for each pose.
+            "causal": self.lag == 0.0 and len(self.methods) == 1,
+            **self.learnt,
+            "calibration": None if self.calibration is None else dict(self.calibration),
+            "warnings": list(self.warnings),
+        }
+        if self.score is not None:
+            made["truth"] = {
+                k: v for k, v in asdict(self.score).items() if v is not None and math.isfinite(v)
+            }
+        return made
+
+    def facts(self) -> list[tuple[str, str]]:
+        """The result as rows of what and how much."""
+        track = self.track
+        last = f"{track.x[-1]:.3f}, {track.y[-1]:.3f} m, {math.degrees(track.heading[-1]):.2f}°"
+        sigma = f"{track.sigma_x[-1]:.3f}, {track.sigma_y[-1]:.3f} m"
+        rows = [
+            *(("method", method) for method in self.methods),
+            ("duration", f"{track.t[-1] - track.t[0]:.2f} s"),
+            ("distance", f"{self.learnt['distance']:.3f} m"),
+            ("end", last),
+            ("1σ at the end", f"{sigma}, {math.degrees(track.sigma_heading[-1]):.2f}°"),
+        ]
+        if self.score is not None:
+            found = self.score
+            rows += [
+                ("final error", f"{found.final_error:.3f} m, {found.final_percent:.2f} % of path"),
+                ("rms error", f"{found.rms_error:.3f} m, {found.rms_percent:.2f} %"),
+                ("largest error", f"{found.maximum_error:.3f} m, {found.maximum_percent:.2f} %"),
+            ]
+            if found.heading_rms is not None:
+                rows.append(("heading rms", f"{math.degrees(found.heading_rms):.2f}°"))
+        return rows
+
+
+def fuse_recording(
+    recording: Recording,
+    vehicle: Vehicle,
+    *,
+    log: str,
+    method: Method = "filter",
+    nodes: Sequence[str] | None = None,
+    calibration: Calibration | None = None,
+    calibration_from: Mapping[str, str] | None = None,
+    lag: float = 0.0,
+    graph: bool = True,
+    antenna: tuple[float, float] | None = None,
+) -> Fused:
+    """The track of a recording.
+
+    calibration_from: its file and hash, for the account. graph: whether GNSS and headings of the log take
+    part. antenna: m forward and left of midway between the wheels, None: the vehicle's. Raises InputError
+    and CalibrationError as `wheel_odometry` and `absolute_track` do, and for samples in wrong units.
+    """
+    check_units(recording, vehicle.nodes, log)
+    odometry = wheel_odometry(
+        recording, vehicle, log=log, method=method, nodes=nodes, calibration=calibration, lag=lag
+    )
+    antenna = antenna or vehicle.antenna or (0.0, 0.0)
+    absolute = absolute_track(recording, odometry, antenna) if graph else None
+    track = absolute.track if absolute else odometry.track
+    return Fused(
+        log,
+        track,
+        (odometry.method, absolute.method) if absolute else (odometry.method,),
+        lag,
+        odometry.nodes,
+        {**odometry.learnt, **absolute.learnt} if absolute else odometry.learnt,
+        calibration_from,
+        score_against_truth(track, recording),
+        recording.warnings + odometry.warnings + (absolute.warnings if absolute else ()),
+    )
+
+
+def track_table(track: Track) -> Table:
+    """The columns of track.csv."""
+    return Table({name: getattr(track, name) for name in TRACK_COLUMNS})
+
+
+def check_free(folder: Path) -> None:
+    """Raises InputError for a folder that holds a result already."""
+    taken = next((folder / name for name in FILES if (folder / name).exists()), None)
+    if taken is not None:
+        raise InputError(f"{taken}: exists; name another folder or say --force")
+
+
+def write_fused(fused: Fused, folder: Path) -> None:
+    """Both files, whole, in a folder that is made where it is missing."""
+    with whole_files(*(folder / name for name in FILES), make_folder=True) as (track, told):
+        write_table(track, track_table(fused.track))
+        text = json.dumps(fused.as_json(str(folder)), indent=2, allow_nan=False)
+        told.write_text(text + "\n", "utf-8")
+
+
+def _smoothing(lag: float) -> dict[str, Any]:
+    if lag == 0.0:
+        return {"kind": "none"}
+    return {"kind": "fixed lag", "lag": lag} if math.isfinite(lag) else {"kind": "full"}
+
+
+def score_against_truth(track: Track, recording: Recording) -> Score | None:
+    """How far a track is from the truth in its log; None where there is none."""
+    truth = recording.truth
+    if truth is None:
+        return None
+    return score(track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))

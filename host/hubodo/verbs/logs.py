@@ -1,0 +1,113 @@
+"""`hubodo logs`: which logs there are, by vehicle, date and what they say, from the index beside them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+EXAMPLE = (
+    "hubodo batch info drives/ -o index/\n"
+    "  hubodo logs index/ --vehicle van-7 --from 2026-06-01 --search reset"
+)
+
+_SHOWN = 40
+
+
+@dataclass(frozen=True)
+class Listed:
+    """The logs that were asked for. months: name, logs, hours, gaps."""
+
+    index: str
+    logs: pd.DataFrame
+    months: Sequence[tuple[str, int, float, int]]
+
+    def as_json(self) -> dict[str, Any]:
+        """As `--json` prints it; duration in s, start in ISO 8601, null where it is not known."""
+        return {
+            "index": self.index,
+            "logs": len(self.logs),
+            "hours": float(self.logs.duration.sum()) / 3600.0,
+            "size_bytes": int(self.logs["size"].sum()),
+            "gaps": int(self.logs.gaps.sum()),
+            "vehicles": sorted(set(self.logs.vehicle)),
+            "months": [
+                {"month": month, "logs": logs, "hours": hours, "gaps": gaps}
+                for month, logs, hours, gaps in self.months
+            ],
+            "list": [
+                {
+                    "log": row.log,
+                    "vehicle": row.vehicle,
+                    "start": _when(row.start) or None,
+                    "duration": row.duration if row.duration >= 0.0 else None,
+                    "gaps": int(row.gaps) if row.gaps >= 0 else None,
+                    "nodes": row.nodes.split(),
+                    "size": int(row.size),
+                    "error": row.error if row.status != "done" else None,
+                }
+                for row in self.logs.itertuples(index=False)
+            ],
+        }
+
+    def render(self, console: Console) -> None:
+        """The sums, the months, the newest logs."""
+        logs = self.logs
+        hours, size = logs.duration.sum() / 3600.0, logs["size"].sum() / 1e9
+        console.print(
+            f"{len(logs)} logs of {logs.vehicle.nunique()} vehicles, {hours:.1f} h, {size:.2f} GB, "
+            f"{int(logs.gaps.sum())} gaps",
+            highlight=False,
+        )
+        by_month = Table("month", "logs", "hours", "gaps", box=None)
+        for month, count, duration, gaps in self.months:
+            by_month.add_row(month, str(count), f"{duration:.1f}", str(gaps))
+        console.print(by_month)
+        table = Table("start", "vehicle", "s", "gaps", "nodes", "log", box=None)
+        for row in logs.head(_SHOWN).itertuples(index=False):
+            good = row.status == "done"
+            numbers = (f"{row.duration:.0f}", f"{row.gaps:.0f}") if good else ("", "")
+            table.add_row(_when(row.start), row.vehicle, *numbers, row.nodes, row.log)
+        console.print(table)
+        if len(logs) > _SHOWN:
+            console.print(f"and {len(logs) - _SHOWN} earlier ones (--json shows all)", highlight=False)
+
+
+def _when(start: pd.Timestamp) -> str:
+    return "" if start != start else start.isoformat(timespec="seconds")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `hubodo logs`."""
+    parser.add_argument("index", metavar="INDEX", help="folder or URL that `hubodo batch info ... -o` wrote")
+    parser.add_argument("--vehicle", metavar="NAME", help="of this vehicle alone")
+    for option, dest, words in (("--from", "first", "not before"), ("--to", "last", "not after")):
+        parser.add_argument(
+            option, dest=dest, type=_day, metavar="DATE", help=f"{words} this day, UTC, as 2026-06-30"
+        )
+    parser.add_argument(
+        "--search", metavar="TEXT", help="in the path or in what info says: nodes, events, causes, metadata"
+    )
+
+
+def run(args: argparse.Namespace) -> Listed:
+    """Look into the index."""
+    from hubodo.fleet.index import Wanted, months, read_index
+
+    logs = read_index(args.index, Wanted(args.vehicle, args.first, args.last, args.search))
+    return Listed(args.index, logs, tuple(months(logs)))
+
+
+def _day(text: str) -> date:
+    try:
+        return date.fromisoformat(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text[:40]}: write a day as 2026-06-30") from None

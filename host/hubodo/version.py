@@ -1,0 +1,3 @@
+"""The version, of package, documents and logs."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,146 @@
+"""Thousands of logs through `hubodo batch`: time, what a second worker brings, a year's index; not a test.
+
+    python tests/batch/fleet.py [--logs 2000] [--seconds 300] [--folder FOLDER]
+
+Two nodes at 100 Hz; one log in a hundred has a gap, one in four hundred is no log any more. Everything is the
+real command; its time is that of the clock, from start to end, and that of the processor, of all its
+processes. Scaling: `allan` on some logs, one worker and two by turns; `busy` is the share of the time in
+which workers worked. A year is 24,000 logs of five minutes: the rows of the index of the logs made, again and
+again with other names and times, for no more than its index is left of 2,000 hours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from batch.fleet_logs import FleetLog, cut, write
+from hubodo.fleet.engine import engine
+
+VEHICLES, BROKEN_EACH, GAP_EACH = 40, 400, 100
+SCALING_LOGS, TURNS = 120, 3
+YEAR_LOGS = 24_000
+
+
+def make(place):
+    """One log; place: folder, number, seconds."""
+    folder, number, seconds = place
+    vehicle, day = f"van-{number % VEHICLES:02}", number // VEHICLES * 7.0 + number % 7
+    log = FleetLog(
+        vehicle,
+        day,
+        seconds,
+        bias=0.01 + 1e-3 * (number % VEHICLES),
+        missing=150 if number % GAP_EACH == 7 else 0,
+        seed=number,
+        nodes=("left", "right"),
+    )
+    (cut if number % BROKEN_EACH == 11 else write)(folder, log)
+
+
+def hubodo(*words):
+    """What the command prints with --json, s of clock, s of processor of all its processes."""
+    before, began = os.times(), time.monotonic()
+    command = [sys.executable, "-m", "hubodo", *map(str, words), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    wall, after = time.monotonic() - began, os.times()
+    cpu = after.children_user + after.children_system - before.children_user - before.children_system
+    return json.loads(done.stdout), wall, cpu
+
+
+def all_logs(folder, out):
+    """`info` of all, and once more."""
+    done, wall, cpu = hubodo("batch", "info", folder, "-o", out, "--workers", 2)
+    size, count = done["size_bytes"], done["logs"]
+    print(f"info, {count} logs, {size / 1e9:.2f} GB, 2 workers: {wall:.0f} s, {count / wall:.1f} logs/s")
+    print(f"  {done['done']} done, {done['refused']} refused, {done['failed']} failed")
+    print(
+        f"  processor a log: {1e3 * done['cpu_s'] / count:.0f} ms of work, {1e3 * cpu / count:.0f} ms in all"
+    )
+    again, wall, cpu = hubodo("batch", "info", folder, "-o", out, "--workers", 2)
+    print(f"info again: {again['fresh']} done, {wall:.1f} s, {cpu:.1f} s of processor")
+
+
+def scaling(folder, scratch):
+    """What a second worker brings, with `allan`."""
+    vehicles = sorted(folder.iterdir())
+    chosen = [path for vehicle in vehicles for path in sorted(vehicle.iterdir())][:SCALING_LOGS]
+    rates = {1: [], 2: []}
+    busy = {1: [], 2: []}
+    for turn in range(TURNS):
+        for workers in rates:
+            out = scratch / f"scaling-{turn}-{workers}"
+            _, wall, _ = hubodo("batch", "allan", *chosen, "--node", "all", "-o", out, "--workers", workers)
+            finished = pd.concat(pd.read_parquet(path) for path in (out / "finished").iterdir())
+            rates[workers].append(len(chosen) / wall)
+            busy[workers].append(finished.wall.sum() / (workers * wall))
+    one, two = (statistics.median(rates[workers]) for workers in (1, 2))
+    print(f"allan, {len(chosen)} logs, 1 and 2 workers: {one:.2f}, {two:.2f} logs/s: {two / one:.2f} times")
+    print(f"  busy: {statistics.median(busy[1]):.2f}, {statistics.median(busy[2]):.2f} of the time")
+
+
+def year(out, scratch):
+    """Listing, searching, summing up."""
+    index = scratch / "year"
+    (index / "finished").mkdir(parents=True)
+    rows = pa.concat_tables(pq.read_table(path) for path in (out / "finished").iterdir()).to_pandas()
+    table = pd.read_parquet(out / "table.parquet")
+    times = -(-YEAR_LOGS // len(rows))
+    pq.write_table(pa.Table.from_pandas(_again(rows, times)), index / "finished" / "0.parquet")
+    pq.write_table(pa.Table.from_pandas(_again(table, times)), index / "table.parquet")
+    size = sum(path.stat().st_size for path in index.rglob("*.parquet"))
+    for words in ((), ("--from", "2026-07-01", "--to", "2026-07-31"), ("--search", "not explained")):
+        found, wall, cpu = hubodo("logs", index, *words)
+        print(
+            f"logs of {len(rows) * times}, index {size / 1e6:.0f} MB, {' '.join(words) or 'all'}: "
+            f"{found['logs']} logs, {found['hours']:.0f} h, {found['gaps']} gaps in {wall:.1f} s, "
+            f"{cpu:.1f} s of processor"
+        )
+
+
+def _again(frame, times):
+    made = []
+    for number in range(times):
+        shifted = frame.assign(log=frame.log + f".{number}", vehicle="van-00")
+        shifted["start"] = frame.start + pd.Timedelta(minutes=7 * number)
+        made.append(shifted)
+    return pd.concat(made, ignore_index=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--logs", type=int, default=2000)
+    parser.add_argument("--seconds", type=float, default=300.0)
+    parser.add_argument("--folder", type=Path, help="keeps logs and results (default: a temporary folder)")
+    args = parser.parse_args()
+    with contextlib.ExitStack() as stack:
+        scratch = args.folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fleet-")))
+        folder, out = scratch / "logs", scratch / "out"
+        began = time.monotonic()
+        with engine(None, 2, "auto") as client:
+            client.gather(client.map(make, [(folder, k, args.seconds) for k in range(args.logs)]))
+        print(f"{args.logs} logs of {args.seconds:g} s made in {time.monotonic() - began:.0f} s")
+        all_logs(folder, out)
+        scaling(folder, scratch)
+        year(out, scratch)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Logs of a made-up fleet, quickly: vehicles, days, nodes at rest with a bias, gaps, a broken file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from hubodo.log.convert import write_recording
+from hubodo.recording import Recording, Table
+from hubodo.vehicle import Vehicle
+
+MONDAY = datetime(2026, 6, 1, 6, tzinfo=UTC)
+GYRO_STEP, ACCEL_STEP = 1.527e-4, 1.197e-3
+"""rad/s and m/s² of one count of an LSM6DS33."""
+NOISE = 3e-3
+"""rad/s of a sample, 1 sigma, white."""
+
+
+@dataclass(frozen=True)
+class FleetLog:
+    """A log. day: since MONDAY. bias: rad/s of z; warming: what is added at first and dies away in 30 s.
+
+    missing: samples left out at two thirds.
+    """
+
+    vehicle: str
+    day: float
+    seconds: float = 20.0
+    rate: float = 100.0
+    bias: float = 0.01
+    warming: float = 0.0
+    noise: float = NOISE
+    missing: int = 0
+    seed: int = 0
+    nodes: tuple[str, ...] = ("left",)
+
+
+def write(folder: Path, log: FleetLog) -> Path:
+    """The log in the folder of its vehicle; its name is its time."""
+    rng = np.random.default_rng(log.seed)
+    start = MONDAY + timedelta(days=log.day)
+    t = np.arange(int(log.seconds * log.rate)) / log.rate
+    kept = np.ones(len(t), bool)
+    at = 2 * len(t) // 3
+    kept[at : at + log.missing] = False
+    nodes = {}
+    for node in log.nodes:
+        gyro = rng.normal((0.0, 0.0, log.bias), log.noise, (len(t), 3))
+        gyro[:, 2] += log.warming * np.exp(-t / 30.0)
+        accel = rng.normal((0.0, 0.0, 9.80665), 0.02, (len(t), 3))
+        values = np.column_stack(
+            [np.round(gyro / GYRO_STEP) * GYRO_STEP, np.round(accel / ACCEL_STEP) * ACCEL_STEP]
+        )[kept]
+        names = ("gx", "gy", "gz", "ax", "ay", "az")
+        nodes[node] = Table({"t": t[kept], **dict(zip(names, values.T, strict=True))})
+    path = folder / log.vehicle / f"{start:%Y%m%dT%H%M%S}-{log.seed}.mcap"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    recording = Recording(nodes=nodes, t_zero_ns=int(start.timestamp() * 1e9))
+    write_recording(recording, path, vehicle=Vehicle(0.3, 0.9))
+    return path
+
+
+def cut(folder: Path, log: FleetLog) -> Path:
+    """The same, of which nothing but the first bytes reached the disk, and not even those of an MCAP file."""
+    path = write(folder, log)
+    path.write_bytes(b"\0" * 4096)
+    return path

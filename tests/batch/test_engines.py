@@ -1,0 +1,127 @@
+"""The same numbers from every engine, though a worker dies on the way; what is finished is kept."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pandas as pd
+import pytest
+
+from batch.cluster import cluster
+from batch.fleet_logs import FleetLog, write
+from hubodo.fleet import engine as engines
+from hubodo.fleet.engine import each
+from in_process import hubodo
+
+pytestmark = pytest.mark.real_time
+
+COLUMNS = ["log", "vehicle", "date", "status", "node", "quantity", "value", "sigma", "unit"]
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("logs")
+    for number in range(24):
+        write(folder, FleetLog(f"van-{number % 3}", number, seed=number))
+    return folder
+
+
+def numbers(out):
+    read = pd.read_parquet(out / "table.parquet")
+    return read[COLUMNS].sort_values(["log", "quantity", "node"]).reset_index(drop=True)
+
+
+def batch(logs, out, *options):
+    logs = logs if isinstance(logs, list) else [logs]
+    done = hubodo("batch", "allan", *logs, "-o", out, "--json", *options)
+    assert done.code == 0, done.err
+    return json.loads(done.out)
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, tmp_path, monkeypatch):
+    assert batch(logs, tmp_path / "here", "--workers", 2)["done"] == 24
+    with cluster(tmp_path, 2) as running:
+
+        def lose_one(client, work, places):
+            for number, made in enumerate(each(client, work, places)):
+                if number == 2:
+                    running.workers[0].kill()
+                yield made
+
+        monkeypatch.setattr("hubodo.fleet.workflow.each", lose_one)
+        done = batch(logs, tmp_path / "there", "--scheduler", running.address)
+        assert running.workers[0].wait() == -signal.SIGKILL and running.workers[1].poll() is None
+    assert done["done"] == 24
+    pd.testing.assert_frame_equal(numbers(tmp_path / "here"), numbers(tmp_path / "there"))
+
+
+def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_path, monkeypatch):
+    """What is done to a log lets its worker die, as the kernel does where memory runs out."""
+    killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
+    monkeypatch.setattr("hubodo.verbs.batch.examine_one", _die_at_killer)
+    first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
+    assert (first["done"], first["failed"]) == (8, 1)
+    assert "died" in first["errors"][0]["error"] and first["errors"][0]["log"] == str(killer)
+    monkeypatch.undo()
+    again = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
+    assert (again["fresh"], again["done"], again["failed"]) == (1, 9, 0)
+
+
+def _die_at_killer(verb, options, log, folder):
+    if log.name == "killer.mcap":
+        os.kill(os.getpid(), signal.SIGKILL)
+    from hubodo.verbs.batch import examine_one
+
+    return examine_one(verb, options, log, folder)
+
+
+def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path):
+    out = tmp_path / "out"
+    words = ["batch", "allan", str(logs), "-o", str(out), "--workers", "1"]
+    command = [sys.executable, "-c", INTERRUPTED, *words]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 130, said
+    assert said == "hubodo batch: interrupted; nothing more was written\n"
+    finished = numbers(out).log.nunique()
+    assert 3 <= finished < 24
+    assert (out / "fleet.html").is_file()
+    assert _none_left(process.pid)
+    assert batch(logs, out, "--workers", 2)["fresh"] == 24 - finished
+
+
+INTERRUPTED = """
+import os, signal, sys
+from hubodo.cli import main
+from hubodo.fleet import workflow
+if __name__ == "__main__":
+    plain = workflow.each
+    def each(*given):
+        for number, made in enumerate(plain(*given)):
+            yield made
+            if number == 2:
+                os.killpg(0, signal.SIGINT)  # as a terminal does: to all of them
+    workflow.each = each
+    sys.exit(main(sys.argv[1:]))
+"""
+
+
+def _none_left(group):
+    """Whether no process of the group is there, soon."""
+    for _ in range(100):
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    return False
+
+
+def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
+    monkeypatch.setattr(engines, "_CONNECT_S", 0.5)
+    done = hubodo("batch", "info", logs, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.code == 1
+    assert done.err.count("\n") == 1 and "tcp://127.0.0.1:9: no scheduler answers" in done.err

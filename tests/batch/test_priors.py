@@ -1,0 +1,53 @@
+"""What is usual in a fleet: the median of vehicles, the spread between them, in a file that verbs take."""
+
+import numpy as np
+import pytest
+
+from batch.fleet_logs import FleetLog, write
+from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity, read_calibration
+from hubodo.errors import InputError
+from hubodo.fleet.priors import usual
+from in_process import hubodo
+
+
+def of(bias, sigma):
+    return Calibration().with_node(
+        "left", {"gyro_bias": CalibratedEffect({"z": Quantity(bias, sigma)})}, "A1"
+    )
+
+
+def bias_of(calibration):
+    return calibration.nodes["left"].effects["gyro_bias"].parameters["z"]
+
+
+def test_the_spread_between_vehicles_is_the_sigma_and_poor_calibrations_of_one_count_little():
+    rng = np.random.default_rng(4)
+    true = rng.normal(0.02, 0.005, 400)
+    fleet = {f"van-{k}": [of(bias, 1e-4), of(bias + 1.0, 1.0)] for k, bias in enumerate(true)}
+    found = bias_of(usual(fleet))
+    assert found.value == pytest.approx(0.02, abs=3 * 1.25 * 0.005 / 20)
+    assert found.sigma == pytest.approx(0.005, rel=0.2)
+    assert usual(fleet).nodes["left"].serial == ""
+
+
+def test_what_is_the_same_in_all_is_no_better_known_than_in_one_and_two_vehicles_are_no_fleet():
+    assert bias_of(usual({name: [of(0.02, 1e-3)] for name in "abc"})).sigma == 1e-3
+    with pytest.raises(InputError, match="3 vehicles or more"):
+        usual({name: [of(0.02, 1e-3)] for name in "ab"})
+
+
+def test_priors_are_written_when_asked_for_and_are_a_calibration_file(tmp_path):
+    for number in range(3):
+        log = FleetLog(f"van-{number}", number, 150.0, 50.0, 0.01 + 0.002 * number, 0.03, seed=number)
+        write(tmp_path / "logs", log)
+    words = ["batch", "warmup", tmp_path / "logs", "-o", tmp_path / "out", "--workers", 1]
+    assert hubodo(*words).code == 0
+    assert not (tmp_path / "out" / "priors.toml").exists()
+    assert hubodo(*words, "--priors").code == 0
+    effects = read_calibration(tmp_path / "out" / "priors.toml").nodes["left"].effects
+    bias, warmup = effects["gyro_bias"].parameters["z"], effects["gyro_warmup"].parameters
+    assert bias.value + warmup["z"].value == pytest.approx(0.012, abs=3e-4)
+    assert bias.sigma == pytest.approx(1.4826 * 0.002, rel=0.2)
+    assert warmup["z"].value == pytest.approx(-0.03, abs=1e-3)
+    assert warmup["time_constant"].value == pytest.approx(30.0, rel=0.2)
+    assert hubodo("batch", "info", tmp_path / "logs", "-o", tmp_path / "x", "--priors").code == 2

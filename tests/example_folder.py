@@ -1,0 +1,40 @@
+"""The files that examples of the documentation name, made by the program itself."""
+
+from pathlib import Path
+
+from in_process import hubodo
+
+MODEL = """[vehicle]
+wheel_radius = 0.165
+track_width = 0.55
+[imu]
+gyro_noise = 0.002
+accel_noise = 0.02
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+[inputs]
+speed = "reference.speed"
+yaw_rate = "reference.yaw_rate"
+speed_noise = 0.0005
+yaw_rate_noise = 0.0002
+"""
+VEHICLE = MODEL[: MODEL.index("[imu]")] + MODEL[MODEL.index("[nodes.left]") : MODEL.index("[inputs]")]
+CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.05\n"
+
+
+def fill(folder: Path) -> Path:
+    """model.toml, vehicle.toml, drive.mcap with a leaning left wheel, night.mcap."""
+    (folder / "model.toml").write_text(MODEL)
+    (folder / "vehicle.toml").write_text(VEHICLE)
+    (folder / "leaning.toml").write_text(MODEL + CAMBER)
+    for words in (
+        ("model.toml", "--duration", 60, "--seed", 7, "-o", "drive.mcap"),
+        ("model.toml", "--drive", "rest", "--duration", 600, "-o", "night.mcap"),
+    ):
+        done = hubodo("simulate", folder / words[0], *words[1:-1], folder / words[-1])
+        assert done.code == 0, done.err
+    return folder

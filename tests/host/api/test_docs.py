@@ -1,0 +1,71 @@
+"""The documentation's site builds without a warning, is whole, and takes nothing from the net."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+
+import hubodo
+from hubodo.verbs import VERBS
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, the notebook in it as it is stored: it runs in a test of its own."""
+    folder = tmp_path_factory.mktemp("site")
+    words = ("build", "--strict", "--quiet", "-f", ROOT / "host" / "mkdocs.yml", "-d", folder)
+    environment = {**os.environ, "DOCS_EXECUTE": "false", "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", *words], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return folder
+
+
+def test_a_page_takes_nothing_from_the_net(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 15
+    for page in pages:
+        far = set(re.findall(r"https?://[\w.]+", page.read_text("utf-8")))
+        assert far <= {"http://www.w3.org"}, page
+    for style in site.rglob("*.css"):
+        assert not re.search(r"url\(.?https?:|@import", style.read_text("utf-8")), style
+
+
+def test_equations_are_drawn_and_said(site):
+    page = (site / "methods" / "allan.html").read_text("utf-8")
+    assert page.count('<svg role="img"') == 3 and "$$" not in page
+    assert "currentColor" in page and 'aria-label="\\sigma^2(\\tau) = ' in page
+
+
+def test_the_reference_has_every_public_name_and_every_verb(site):
+    python = (site / "reference" / "python.html").read_text("utf-8")
+    for name in set(hubodo.__all__) - {"__version__"}:
+        assert f'id="hubodo.{name}"' in python, name
+    assert python.count("Raises:") > 5
+    commands = (site / "reference" / "command-line.html").read_text("utf-8")
+    for verb in VERBS:
+        assert f"usage: hubodo {verb}" in commands, verb
+
+
+def test_a_readme_on_the_site_has_no_link_into_the_tree(site):
+    page = (site / "reference" / "effects.html").read_text("utf-8")
+    assert "wheel_camber" in page
+    assert not re.search(r'href="[^"#]*\.md', page)
+
+
+def test_the_notebook_runs(tmp_path):
+    notebook = nbformat.read(ROOT / "host" / "docs" / "notebook.ipynb", as_version=4)
+    assert not any(cell.get("outputs") for cell in notebook.cells), "store it without what it printed"
+    client = NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}})
+    client.execute()
+    shown = [out["data"] for cell in notebook.cells for out in cell.get("outputs", ()) if "data" in out]
+    assert sum("<svg" in data.get("text/html", "") for data in shown) == 4
+    assert "wheel_camber" in shown[-2]["text/html"]

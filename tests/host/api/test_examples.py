@@ -1,0 +1,70 @@
+"""The examples in docstrings, README and documentation run as they stand, and show what they say."""
+
+import doctest
+import re
+import shlex
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import hubodo
+from in_process import hubodo as run
+
+ROOT = Path(__file__).resolve().parents[3]
+MODULES = ["hubodo.api.files", "hubodo.api.log", "hubodo.api.read", "hubodo.api.simulate"]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "host" / "docs").rglob("*.md"))]
+
+
+def blocks(page, language):
+    """The fenced blocks of a page in that language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+
+
+def named(pages):
+    return [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in pages]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_examples_of_a_module_run(module, examples, monkeypatch):
+    monkeypatch.chdir(examples)
+    done = doctest.testmod(import_module(module))
+    assert done.attempted and not done.failed
+
+
+@pytest.mark.parametrize("page", named(page for page in PAGES if blocks(page, "pycon")))
+def test_the_python_of_a_page_runs(page, examples, monkeypatch):
+    monkeypatch.chdir(examples)
+    text = "\n".join(blocks(page, "pycon"))
+    test = doctest.DocTestParser().get_doctest(text, {}, page.name, str(page), 0)
+    done = doctest.DocTestRunner().run(test)
+    assert done.attempted and not done.failed
+
+
+@pytest.mark.parametrize("page", named(page for page in PAGES if blocks(page, "sh")))
+def test_the_commands_of_a_page_run(page, examples, monkeypatch):
+    monkeypatch.chdir(examples)
+    lines = [line.partition("#")[0] for block in blocks(page, "sh") for line in block.splitlines()]
+    assert len(lines) > 3
+    for line in lines:
+        done = run(*shlex.split(line)[1:])
+        assert (done.code, done.err) == (0, ""), line
+
+
+def test_the_files_of_the_first_drive_are_those_of_the_examples(examples):
+    vehicle, rest = (re.sub(r" *#.*", "", text) for text in blocks(ROOT / "host/docs/first-drive.md", "toml"))
+    assert hubodo.load_vehicle(examples / "vehicle.toml") == hubodo.load_vehicle(examples / "model.toml")
+    (examples / "told.toml").write_text(vehicle)
+    assert hubodo.load_vehicle(examples / "told.toml") == hubodo.load_vehicle(examples / "vehicle.toml")
+    (examples / "told.toml").write_text(vehicle + rest)
+    assert hubodo.read_model(examples / "told.toml") == hubodo.read_model(examples / "model.toml")
+
+
+def test_what_is_public_is_listed_once_and_can_be_had():
+    homes = set(hubodo._HOME) | {"__version__"}
+    assert sorted(hubodo.__all__) == sorted(homes)
+    for name in hubodo.__all__:
+        assert getattr(hubodo, name) is not None
+    assert set(hubodo.__all__) <= set(dir(hubodo))
+    with pytest.raises(AttributeError, match="no attribute 'opne'"):
+        hubodo.opne  # noqa: B018

@@ -1,0 +1,143 @@
+"""`hubodo.open` gives what the verbs give, in arrays and frames, shown shortly, refused in one line."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import hubodo
+from in_process import hubodo as run
+
+
+@pytest.fixture(scope="module")
+def drive(examples):
+    return hubodo.open(str(examples / "drive.mcap"), vehicle=examples / "vehicle.toml")
+
+
+@pytest.fixture(scope="module")
+def night(examples):
+    return hubodo.open(examples / "night.mcap")
+
+
+def test_a_track_is_the_one_of_the_verb_and_is_written_as_it_writes_it(drive, examples, tmp_path):
+    track = drive.fuse(smooth=2.0)
+    words = ("--vehicle", examples / "vehicle.toml", "--smooth", 2, "-o", tmp_path / "verb")
+    assert run("fuse", drive.path, *words).code == 0
+    track.save(tmp_path / "api")
+    texts = [(tmp_path / side / "track.csv").read_text() for side in ("verb", "api")]
+    assert texts[0] == texts[1]
+    told = [json.loads((tmp_path / side / "fuse.json").read_text()) for side in ("verb", "api")]
+    assert told[0].pop("output") == str(tmp_path / "verb") and told[1].pop("output") == str(tmp_path / "api")
+    assert told[0] == told[1] == track.as_json()
+    with pytest.raises(hubodo.InputError, match="exists"):
+        track.save(tmp_path / "api")
+
+
+def test_a_frame_holds_the_columns_by_time(drive):
+    frame = drive.frame("left")
+    assert list(frame.columns) == ["gx", "gy", "gz", "ax", "ay", "az", "temperature"]
+    assert np.array_equal(frame.index, drive["left"].t) and np.array_equal(frame["gz"], drive["left"]["gz"])
+    frame.loc[:, "gz"] = 0.0
+    assert drive["left"]["gz"].any()
+    track = drive.fuse()
+    assert np.array_equal(track.frame()["sigma_x"], track.sigma_x)
+
+
+def test_a_frame_by_utc_has_exact_times(drive, examples):
+    zero = 1_700_000_000_123_456_789
+    moved = hubodo.LoadedLog(drive.path, hubodo.Recording(drive.nodes, t_zero_ns=zero))
+    index = moved.frame("left", utc=True).index
+    assert index[1] == pd.Timestamp(zero + 5_000_000, tz="UTC")
+    with pytest.raises(hubodo.InputError, match="date"):
+        hubodo.LoadedLog(drive.path, hubodo.Recording(drive.nodes)).frame("left", utc=True)
+
+
+def test_allan_and_warmup_are_those_of_the_verbs(night):
+    for verb, found in (("allan", night.allan("left", "gy")), ("warmup", night.warmup("left", "gy"))):
+        done = run(verb, night.path, "--node", "left", "--channel", "gy", "--json")
+        told = json.loads(done.out)
+        assert {key: told[key] for key in found.as_json()} == json.loads(json.dumps(found.as_json()))
+
+
+def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
+    found = hubodo.simulate(examples / "leaning.toml", duration=30.0, seed=3)
+    log = found.save(tmp_path / "leaning.mcap")
+    gap = found.gap(examples / "model.toml", reject=["empirical"])
+    words = ("gap", examples / "model.toml", log, "--reject", "empirical", "-o", tmp_path / "gap", "--json")
+    told = json.loads(run(*words).out)
+    assert told["found"] == json.loads(json.dumps(gap.as_json()["found"]))
+    assert [it.effect for it in gap.found] == ["wheel_camber"] and gap.after < 1.1 < gap.before
+    assert "wheel_camber" in gap._repr_html_() and "gap" in gap.plot()._repr_html_()
+
+
+def test_a_simulated_log_is_that_of_the_verb(examples, tmp_path):
+    words = ("--drive", "loop", "--duration", 20, "--seed", 5, "--temperature", 20, 30)
+    assert run("simulate", examples / "model.toml", *words, "-o", tmp_path / "verb").code == 0
+    drawn = hubodo.simulate(examples / "model.toml", "loop", duration=20, seed=5, temperature=(20, 30))
+    drawn.save(tmp_path / "api")
+    for name in ("left.csv", "right.csv", "reference.csv", "truth.csv"):
+        assert (tmp_path / "verb" / name).read_text() == (tmp_path / "api" / name).read_text()
+    assert drawn.fuse().score.final_percent < 5.0
+
+
+def test_everything_shows_itself_shortly_and_as_html(drive, night):
+    track, allan, warmup = drive.fuse(), night.allan("left"), night.warmup("left")
+    for shown in (drive, drive["left"], drive.recording, track, allan, warmup, track.plot(), drive.plot()):
+        assert len(repr(shown)) < 250 and repr(shown).startswith(type(shown).__name__ + "(")
+    for shown in (drive, drive["left"], track, allan, warmup):
+        assert shown._repr_html_().count("<tr>") > 2
+    for plot in (drive.plot("ax"), track.plot(), allan.plot(["MPU-6050"]), warmup.plot()):
+        assert "<svg" in plot._repr_html_()
+
+
+def test_a_plot_is_saved_as_its_suffix_says(drive, tmp_path):
+    plot = drive.plot()
+    assert plot.save(tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(hubodo.InputError, match=r"\.png, \.svg, \.pdf"):
+        plot.save(tmp_path / "a.gif")
+
+
+def test_files_are_written_and_read_by_paths_that_are_text(examples, tmp_path):
+    model = hubodo.read_model(str(examples / "leaning.toml"))
+    hubodo.write_model(model, str(tmp_path / "model.toml"))
+    assert hubodo.read_model(str(tmp_path / "model.toml")) == model
+    assert hubodo.load_vehicle(str(tmp_path / "model.toml")) == model.vehicle
+    hubodo.write_calibration(hubodo.Calibration(), str(tmp_path / "calibration.toml"))
+    assert hubodo.read_calibration(str(tmp_path / "calibration.toml")) == hubodo.Calibration()
+
+
+def test_a_log_is_a_mapping_of_its_tables(drive):
+    assert list(drive) == ["left", "right", "reference", "truth"] and len(drive) == 4
+    assert "left" in drive and "gnss" not in drive
+    assert drive["truth"] is drive.recording.truth and drive.duration == pytest.approx(60.0, abs=0.1)
+
+
+def test_a_table_without_rows_or_numbers_shows_itself():
+    assert repr(hubodo.Table({"t": np.array([])})) == "Table(0 rows, t)"
+    empty = hubodo.Table({"t": np.arange(3.0), "gx": np.full(3, np.nan)})
+    assert "<tr><td>gx</td><td></td>" in empty._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "says"),
+    [
+        (lambda log, folder: hubodo.open(folder / "no.mcap"), hubodo.LogError, "no.mcap"),
+        (lambda log, folder: log["middle"], hubodo.InputError, "no table 'middle'; it has left, right"),
+        (lambda log, folder: log.frame(), hubodo.InputError, "which node"),
+        (lambda log, folder: log.allan("frame"), hubodo.InputError, "no node 'frame'"),
+        (lambda log, folder: log.warmup("left", "ax"), hubodo.InputError, "gx, gy, gz"),
+        (lambda log, folder: log.fuse(smooth=-1.0), hubodo.InputError, "smooth = -1.0"),
+        (lambda log, folder: log.fuse(smooth=1.0, method="differential"), hubodo.InputError, "filter"),
+        (lambda log, folder: log.gap(folder / "vehicle.toml"), hubodo.ConfigError, "imu"),
+        (lambda log, folder: log.gap(folder / "model.toml", accept=["cambre"]), hubodo.InputError, "accept"),
+        (lambda log, folder: log.plot("mx"), hubodo.InputError, "'mx'"),
+        (lambda log, folder: log.save(folder / "drive.mcap"), hubodo.InputError, "exists already"),
+        (lambda log, folder: hubodo.simulate(folder / "model.toml", "fly"), hubodo.InputError, "'fly'"),
+        (lambda log, folder: hubodo.open(log.path).fuse(), hubodo.InputError, "carries no vehicle"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(wrong, error, says, drive, examples):
+    with pytest.raises(error, match=says) as caught:
+        wrong(drive, examples)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,46 @@
+"""A node on the body, whose attitude is not known: where the search begins with it, and that it is free."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.linear import linearised
+from hubodo.gap.linear.linearised import linearise
+
+
+def test_only_nodes_on_the_body_begin_turned_so_that_gravity_is_where_they_feel_it():
+    tilt = 0.3
+    felt = np.concatenate([np.zeros(3), 9.81 * np.array([0.0, np.sin(tilt), np.cos(tilt)])])
+    nodes = [
+        SimpleNamespace(name=name, on_wheel=name == "left", y=np.repeat(felt[:, None], 5, axis=1))
+        for name in ("left", "frame")
+    ]
+    problem = SimpleNamespace(model=SimpleNamespace(effects=[]), nodes=nodes)
+    starts = initial_state(problem).starts
+    assert set(starts) == {"frame"}
+    assert starts["frame"].attitude == pytest.approx((tilt, 0.0, 0.0))
+
+
+def test_the_attitude_of_each_is_free_beside_the_directions(monkeypatch):
+    """Two directions, three angles of either node on the body: each column with the node that feels it."""
+    nodes = [SimpleNamespace(name=name, on_wheel=name == "left") for name in ("left", "frame", "seat")]
+    directions = [SimpleNamespace(node="left"), SimpleNamespace(node="frame")]
+    monkeypatch.setattr(
+        linearised, "columns", lambda *_: {node.name: np.zeros((2, 6, 4), np.float32) for node in nodes}
+    )
+    asked = {}
+
+    def innovations(own, size):
+        asked.update(size=size, at={name: list(one.at) for name, one in own.items()})
+        asked["shapes"] = {name: one.made.shape for name, one in own.items()}
+        return SimpleNamespace(grams=None, raw=None, logs=0.0)
+
+    state = SimpleNamespace(attitude_columns=lambda node: np.ones((3, 6, 4)))
+    problem = SimpleNamespace(nodes=nodes, measured_by=None)
+    point = SimpleNamespace(state=state, problem=problem, innovations=innovations)
+    made = linearise(point, directions)
+    assert (asked["size"], made.nuisances, made.always) == (8, 6, [2, 3, 4, 5, 6, 7])
+    assert asked["at"] == {"left": [0], "frame": [1, 2, 3, 4], "seat": [5, 6, 7]}
+    assert asked["shapes"] == {"left": (1, 6, 4), "frame": (4, 6, 4), "seat": (3, 6, 4)}

@@ -1,0 +1,79 @@
+"""Messages of a chunk: those that its index announces are those found one by one, or it is not believed."""
+
+import os
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from hubodo.log.chunk_body import announced, load, walk
+from hubodo.log.mcap import open_log
+from hubodo.log.writer import McapLog
+
+
+@pytest.fixture(scope="module")
+def chunks(tmp_path_factory: pytest.TempPathFactory):
+    """Chunks of a recorder and of another writer, whose channels stand inside: (data, announced places)."""
+    folder = tmp_path_factory.mktemp("chunks")
+    with McapLog(folder / "ours.mcap", chunk_bytes=20_000, clock=None) as log:
+        for first in range(0, 400, 8):
+            t = np.arange(first, first + 8) * 10_000_000
+            log.imu("left", t, int(t[0]), np.ones((8, 3)), np.ones((8, 3)))
+            log.temperature("left", t[:1], int(t[0]), [20.0])
+            log.raw("left", int(t[0]), bytes(first % 40))
+    with (folder / "theirs.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.ZSTD, chunk_size=2000)
+        writer.start()
+        channel = writer.register_channel("/raw", "x", 0)
+        for i in range(300):
+            writer.add_message(channel, i, bytes(i % 50), i)
+        writer.finish()
+    found = []
+    for path in sorted(folder.glob("*.mcap")):
+        with open_log(path) as log:
+            fd = os.open(path, os.O_RDONLY)
+            found += [(path.stem, load(fd, place), announced(fd, place)) for place in log.found.chunks]
+            os.close(fd)
+    return found
+
+
+def test_announced_places_are_those_that_are_found_one_by_one(chunks):
+    assert {name for name, _, _ in chunks} == {"ours", "theirs"}
+    for name, data, places in chunks:
+        one_by_one, at_once = walk(data), walk(data, places)
+        assert np.array_equal(one_by_one.places, places) and len(places) > 3, name
+        assert np.array_equal(at_once.heads, one_by_one.heads)
+        assert at_once.definitions == one_by_one.definitions and at_once.whole
+
+
+def lies(places: np.ndarray, rng: np.random.Generator):
+    """The places with one that is missing, moved, twice, before or beyond the data; and none."""
+    row = int(rng.integers(len(places)))
+    yield np.delete(places, row)
+    yield np.insert(places, row, places[row])
+    for by in (1, -1, 1 << 40, -(1 << 40)):
+        moved = places.copy()
+        moved[row] += by
+        yield np.sort(moved)
+    yield places[:0]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_places_that_are_not_true_change_nothing(chunks, seed: int):
+    rng = np.random.default_rng(seed)
+    for name, data, places in chunks:
+        expected = walk(data)
+        for wrong in lies(places, rng):
+            found = walk(data, wrong)
+            assert np.array_equal(found.places, expected.places), name
+            assert found.definitions == expected.definitions and found.whole == expected.whole
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_damaged_data_is_read_up_to_the_damage_as_one_by_one(chunks, seed: int):
+    rng = np.random.default_rng(seed)
+    for name, data, places in chunks:
+        bad = bytearray(data)
+        bad[int(places[len(places) // 2]) + int(rng.integers(0, 9))] ^= int(rng.integers(1, 256))
+        expected, found = walk(bytes(bad)), walk(bytes(bad), places)
+        assert np.array_equal(found.places, expected.places) and found.whole == expected.whole, name

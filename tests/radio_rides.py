@@ -1,0 +1,89 @@
+"""Rides of nodes that send by radio to a receiver: boards on one ether, in virtual time."""
+
+from dataclasses import dataclass
+
+import hubowire
+from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.imu import Specimen
+from hubodo.emulator.motion import StillMotion
+from hubodo.emulator.virtual_node import VirtualNode
+from hubowire import messages as m
+from virtual_runs import FIRMWARE, of, unique_motion
+
+RECEIVER = 200
+SECONDS = 3.2
+
+
+@dataclass
+class Heard:
+    """What the receiver's host got: of each node its frames and its chip's truth; of the receiver itself."""
+
+    sent: dict
+    truths: dict
+    of_receiver: list
+    air: dict
+    dropped: dict
+
+    def signal(self, node_id):
+        return [s for s in of(self.of_receiver, m.Signal) if s.of_node == node_id][-1]
+
+
+def ride(
+    weather,
+    *,
+    link="nrf24",
+    ids=(1, 2),
+    tries=15,
+    faults=(),
+    deaf=(),
+    script=(),
+    seconds=SECONDS,
+    cut=0,
+    interpreter="cpython",
+):
+    """All boards on one ether, in virtual time: what their radios do is what is looked at."""
+    ether = Ether(weather, seed=7)
+
+    def board(config, motion, *, chip=0.0, **settings):
+        settings = {"host": Host("memory"), **settings}
+        return VirtualNode(
+            motion,
+            Flash(FIRMWARE, config),
+            sensors=SensorBoard(specimen=Specimen(odr_error=chip)),
+            board=BoardSettings(
+                interpreter=interpreter,
+                model="esp32" if link == "espnow" else "pico",
+                unique_id=f"e66141{config['node_id']:02x}000000{config['node_id']:02x}",
+            ),
+            clock=Clock("stepped", run_for=seconds),
+            own_process=False,
+            ether=ether,
+            **settings,
+        )
+
+    common = {"link": link, "rate_hz": 208, "radio_tries": tries}
+    nodes = {k: board({"node_id": k, **common}, unique_motion(seconds), chip=0.013 * (k - 1)) for k in ids}
+    config = {"node_id": RECEIVER, "receiver": link, "radio_nodes": list(ids), "mag_rate_hz": 0}
+    host = Host("memory", deaf=tuple(deaf), script=tuple(script))
+    receiver = board(config, StillMotion(), host=host, faults=tuple(faults))
+    boards = [*nodes.values(), receiver]
+    try:
+        for one in boards:
+            one.start()
+        for one in boards:
+            one.wait(100)
+        decoder = hubowire.FrameDecoder()
+        sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(receiver.output)]
+        assert decoder.damage.frames == cut
+        assert all(one.stats["resets"] == [] and not one.stats["counts"].get("at_prompt") for one in boards)
+        return Heard(
+            {k: [x for x in sent if x[0].node == k] for k in ids},
+            {k: node.chip.truth() for k, node in nodes.items()},
+            [x for x in sent if x[0].node == RECEIVER],
+            dict(ether.counts),
+            {k: of([x for x in sent if x[0].node == k], m.Health)[-1].frames_dropped for k in ids},
+        )
+    finally:
+        for one in boards:
+            one.stop()

@@ -1,0 +1,111 @@
+"""Nodes by ESP-NOW to a receiver: what is lost on the air is sent again, what is given up is counted."""
+
+import numpy as np
+import pytest
+
+import hubowire
+from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.chips.espnow import (
+    ARG,
+    EXIST,
+    FULL,
+    MOST,
+    NO_MEM,
+    NOT_FOUND,
+    NOT_INIT,
+    PEERS,
+    EspNow,
+    What,
+)
+from hubodo.emulator.chips.faults import Stall
+from hubodo.emulator.chips.nrf24 import Weather
+from hubowire import messages as m
+from radio_rides import RECEIVER, ride
+from virtual_runs import all_lost, matched, of
+
+ON = bytes([What.ACTIVE]) + b"\1\0" + (526).to_bytes(2, "little")
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """A fifth of the packets and of their acknowledgements lost, others twice, others late."""
+    return ride(Weather(lose=0.2, twice=0.05, late=0.05), link="espnow")
+
+
+def test_a_fifth_of_the_packets_lost_loses_no_sample_of_two_nodes(rough):
+    assert rough.air["packets lost"] > 40 and rough.air["answers lost"] > 30
+    for k, sent in rough.sent.items():
+        found = matched(sent, rough.truths[k])
+        assert np.all(np.diff(found[:, 0]) == 1) and found[0, 0] <= 8
+        assert len(found) >= len(rough.truths[k].t) - 32, "all but the last"
+        assert all_lost(sent) == 0 and rough.dropped[k] == 0
+        assert rough.signal(k).frames_lost == 0
+
+
+def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
+    signals = [rough.signal(k) for k in rough.sent]
+    assert sum(signal.pieces_twice for signal in signals) > 5
+    for signal in signals:
+        assert signal.pieces == signal.pieces_strong == signal.frames + signal.pieces_twice
+
+
+def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_counts_it():
+    heard = ride(Weather(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
+    for k, sent in heard.sent.items():
+        found = matched(sent, heard.truths[k])
+        assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
+        assert heard.signal(k).frames_lost > 0
+    at_receiver = of(heard.of_receiver, m.Health)[-1].frames_dropped
+    on_the_way = sum(heard.signal(k).frames_lost + heard.dropped[k] for k in heard.sent)
+    # The last counts are a second old at most: nothing was lost since.
+    lost = sum(all_lost(sent) for sent in heard.sent.values()) + all_lost(heard.of_receiver)
+    assert lost == on_the_way + at_receiver
+
+
+def test_requests_reach_the_node_that_they_are_for():
+    ask = [
+        hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, to, 70 + to, b"")) for to in (1, 2, RECEIVER, 9)
+    ]
+    heard = ride(Weather(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
+    answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in heard.sent.items()}
+    assert answers == {1: [71], 2: [72]}
+    assert [a.request_seq for a in of(heard.of_receiver, m.Ack)] == [270]
+
+
+def test_the_station_refuses_what_esp_now_refuses():
+    station, mac = EspNow(Ether(), b"\2\0\0\0\0\1"), b"\2\0\0\0\0\2"
+
+    def call(what, data=b""):
+        return station.call(0.0, bytes([what]) + data)[0]
+
+    assert call(What.SEND, mac + b"x") == -NOT_INIT
+    station.call(0.0, ON)
+    assert call(What.SEND, mac + b"x") == -NOT_FOUND
+    assert call(What.PEER, mac) == 0
+    assert call(What.PEER, mac) == -EXIST
+    assert call(What.SEND, mac + bytes(MOST + 1)) == -ARG
+    answers = [call(What.SEND, mac + bytes(MOST)) for _ in range(8)]
+    assert answers[0] == 0 and answers[-1] == -NO_MEM
+    more = [call(What.PEER, bytes([2, 0, 0, 0, 1, k])) for k in range(PEERS)]
+    assert more[-2:] == [0, -FULL]
+
+
+def test_a_packet_that_the_small_buffer_does_not_hold_is_acknowledged_and_dropped():
+    ether = Ether()
+    sender, receiver = EspNow(ether, b"\2\0\0\0\0\1"), EspNow(ether, b"\2\0\0\0\0\2")
+    sender.call(0.0, ON)
+    receiver.call(0.0, ON)
+    sender.call(0.0, bytes([What.PEER]) + receiver.mac)
+    for k in range(3):
+        sender.call(k * 1e7, bytes([What.SEND]) + receiver.mac + bytes(200))
+        ether.act(sender, (k + 1) * 1e7, lambda: None)
+    stats = [np.frombuffer(one.call(9e7, bytes([What.STATS]))[1], "<u4") for one in (sender, receiver)]
+    assert list(stats[0]) == [3, 3, 0, 0, 0]
+    assert list(stats[1]) == [0, 0, 0, 2, 1]
+
+
+def test_the_real_micropython_runs_it():
+    heard = ride(Weather(lose=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
+    found = matched(heard.sent[1], heard.truths[1])
+    assert np.all(np.diff(found[:, 0]) == 1) and len(found) >= len(heard.truths[1].t) - 32
+    assert all_lost(heard.sent[1]) == 0
