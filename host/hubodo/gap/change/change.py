@@ -156,12 +156,22 @@ def _fitted(problem: Problem, free: Sequence[Scoped]) -> Refit:
 
 
 def _alike(problems: Sequence[Problem], found: Sequence[Scoped]) -> tuple[Point, Point]:
-    """Both logs with the values that the first one gives, each weighed as when it is fitted itself."""
+    """Both logs with the same values, the mean of both fits, each weighed as when it is fitted itself."""
     fits = [_fitted(problem, found) for problem in problems]
-    terms = {term.key: term for term in fits[0].state.terms}
-    after = fits[1].state
-    same = after.with_terms([terms.get(term.key, term) for term in after.terms])
-    return fits[0].point, fits[1].point.at(same)
+    same = {term.key: _mean(term, fits) for term in fits[0].free}
+    states = [fit.state.with_terms([same.get(term.key, term) for term in fit.state.terms]) for fit in fits]
+    return fits[0].point.at(states[0]), fits[1].point.at(states[1])
+
+
+def _mean(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
+    """A term with each coordinate where both fits together have it; one that neither sees as the first has it."""
+    there, weights = [], []
+    for fit in fits:
+        own = next(it for it in fit.free if it.key == term.key)
+        variance = np.diag(_covariance(fit, fit.place(own)))
+        there.append(own.effect.coordinates())
+        weights.append(np.where(variance > 0.0, 1.0 / np.where(variance > 0.0, variance, 1.0), 1e-12))
+    return term.at(np.average(there, axis=0, weights=weights))
 
 
 def _change(found: Finding, fits: Sequence[Refit], null: NullDistribution) -> Change:
