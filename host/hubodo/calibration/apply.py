@@ -28,7 +28,7 @@ from hubodo.calibration.file import (
     node_serial,
 )
 from hubodo.calibration.triad import triad_matrix
-from hubodo.effects import EFFECTS, Chain, Effect, effect_of
+from hubodo.effects import BY_NAME, Chain, Effect, effect_of
 from hubodo.effects.base import REFERENCE_CELSIUS, Follows
 from hubodo.effects.triad import Sensor, times
 from hubodo.errors import CalibrationError
@@ -155,7 +155,9 @@ def apply_calibration(
         made[name] = Table(columns, table.t_ns)
         used[name] = {
             "serial": node.serial,
-            "applied": [it.name for it in reversed(EFFECTS) if it.undone and it.name in node.effects],
+            "applied": [
+                it.name for it in reversed(BY_NAME.values()) if it.undone and it.name in node.effects
+            ],
             "power_on": (starts[0][1] - t_zero_ns) * 1e-9 if starts else None,
         }
     return Applied(made, left_over(calibration), used, tuple(warnings))

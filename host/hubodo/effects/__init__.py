@@ -1,4 +1,4 @@
-"""The 28 effects, in the order of the chain; a new one is one class and one line here."""
+"""The 28 effects, in the order of the chain; a new one is one class and one line here, or a file outside."""
 
 from collections.abc import Iterable
 
@@ -53,7 +53,8 @@ EFFECTS: tuple[type[Effect], ...] = (
     TimeOffset,
     ClockSkew,
 )
-BY_NAME = {effect.name: effect for effect in EFFECTS}
+BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}
+"""Every effect that there is: those above, and after them what `loaded.use_effects` added."""
 
 
 def effect_of(name: str) -> type[Effect]:
@@ -64,7 +65,7 @@ def effect_of(name: str) -> type[Effect]:
 
 
 def in_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects in the order of the chain, empirical ones last."""
+    """Effects in the order of the chain, those from outside and empirical ones last."""
     place = {effect: k for k, effect in enumerate(EFFECTS)}
     return sorted(effects, key=lambda effect: place.get(type(effect), len(place)))
 

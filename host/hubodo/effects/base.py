@@ -47,8 +47,10 @@ class Chain:
 
     t: s since power-on, or since the log began where that is not known. temperature: °C. rate, force: true
     angular rate and specific force at the sensor, after mounting (and low-pass). rate_derivative: of `rate`.
-    gyro, accel: what is read. angle rad, spin rad/s: of the wheel, zero off it; acceleration m/s² and
-    yaw_rate rad/s: of the vehicle; zero where nobody needs them. terms: what was worked out of all this.
+    gyro, accel: what is read. facing: +1 where the z axis points left, else -1. angle rad, spin rad/s: of the
+    wheel, spin_beside rad/s: of the one on the other side, zero off them; speed m/s, acceleration m/s²,
+    yaw_rate rad/s, yaw_acceleration rad/s², heading rad from the log's start: of the vehicle; zero where
+    nobody needs them. terms: what was worked out of all this.
     """
 
     t: Array
@@ -62,6 +64,11 @@ class Chain:
     spin: Array | float = 0.0
     acceleration: Array | float = 0.0
     yaw_rate: Array | float = 0.0
+    facing: float = 1.0
+    spin_beside: Array | float = 0.0
+    speed: Array | float = 0.0
+    yaw_acceleration: Array | float = 0.0
+    heading: Array | float = 0.0
     terms: dict[str, list[Array]] = field(default_factory=dict)
 
 
@@ -200,6 +207,10 @@ class Effect:
     def drift(self) -> float:
         """How fast each gyro axis wanders at random, (rad/s)² per second."""
         return 0.0
+
+    def in_words(self) -> str:
+        """What it is, with its size, where that says more to people than `meaning` and numbers; else ""."""
+        return ""
 
     # How a fit moves it. The coordinates are the fitted parameters, unless an effect has better ones.
 

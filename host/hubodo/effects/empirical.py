@@ -17,22 +17,12 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects.base import Chain, Effect, parameter
-from hubodo.smooth import smooth
+from hubodo.effects.dependence import temperature_rate
 
 PREFIX = "empirical:"
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 HARMONICS = 6
 _GYRO_SCALE, _ACCEL_SCALE = 0.01, 0.1
-
-
-def _temperature_rate(chain: Chain) -> Array:
-    """°C per second, as smooth as the thermometer asks for."""
-    edges = np.unique(np.searchsorted(chain.t, np.arange(chain.t[0], chain.t[-1], 0.5)))
-    if len(edges) < 20:
-        return np.zeros_like(chain.t)
-    count = np.diff(edges, append=len(chain.t))
-    middle = np.add.reduceat(chain.t, edges) / count
-    return smooth(middle, np.add.reduceat(chain.temperature, edges) / count)(chain.t, 1)
 
 
 def _full(chain: Chain, value: Array | float) -> Array:
@@ -50,7 +40,7 @@ FACTORS: dict[str, Callable[[Chain], Array]] = {
     "yaw_rate": lambda chain: _full(chain, chain.yaw_rate),
     "abs(yaw_rate)": lambda chain: np.abs(_full(chain, chain.yaw_rate)),
     "temperature": lambda chain: chain.temperature - 25.0,
-    "temperature_rate": _temperature_rate,
+    "temperature_rate": temperature_rate,
     "fx*fy": lambda chain: chain.force[0] * chain.force[1],
     "fx*fz": lambda chain: chain.force[0] * chain.force[2],
     "fy*fz": lambda chain: chain.force[1] * chain.force[2],

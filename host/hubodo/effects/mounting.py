@@ -1,5 +1,6 @@
 """Effects of how the node sits on the hub: turned, and off the axle."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -68,6 +69,9 @@ class LeverArm(Effect):
     x: float = parameter("m", 0.01, estimate=_ARM)
     y: float = parameter("m", 0.01, turned=True, estimate=_ARM)
     z: float = parameter("m", 0.01, turned=True)
+
+    def in_words(self) -> str:
+        return f"the IMU sits {math.hypot(self.x, self.y):.2g} m off the hub"
 
     def shape(self, geometry: Geometry) -> Geometry:
         a, b, c = geometry.lever_arm

@@ -25,7 +25,10 @@ def effect_tables(
         here = f"{where}.{toml_key(name)}]"
         if name not in BY_NAME and not name.startswith(PREFIX):
             hint = near(name, BY_NAME)
-            raise ConfigError(f"{here}: no such effect{hint}; see the table of effects in the model's README")
+            raise ConfigError(
+                f"{here}: no such effect{hint}; see the table of effects in the model's README, or name the "
+                "file that has it with --effects"
+            )
         try:
             kind = effect_of(name)
         except ValueError as error:

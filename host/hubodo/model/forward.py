@@ -120,6 +120,16 @@ class NodeForward:
             geometry = effect.shape(geometry)
         return geometry
 
+    def place(self, chain: Chain, body: Body, rolling: Rolling | None) -> None:
+        """Tell a chain how its wheel and the vehicle move."""
+        chain.speed, chain.acceleration, chain.heading = body.speed, body.acceleration, body.heading
+        chain.yaw_rate, chain.yaw_acceleration = body.yaw_rate, body.yaw_acceleration
+        chain.facing = facing_sign(self.mount.facing or "left")
+        if rolling is not None:
+            chain.angle, chain.spin = rolling.angle, rolling.spin
+            apart = side_sign(self.mount.side or "left") * self.track_width / self.wheel_radius
+            chain.spin_beside = rolling.spin + apart * body.yaw_rate
+
     def _wandering(
         self, effects: list[Effect], start: NodeStart, rng: np.random.Generator
     ) -> tuple[Chain, Rolling | None, Body]:
@@ -159,9 +169,7 @@ class NodeForward:
         if any(geometry.lever_arm):
             force = force + _off_axle(rate, moved.slope, geometry.lever_arm)
         chain = Chain(body.t - self.power_on, body.temperature, rate, moved.slope, force, rate, force)
-        chain.acceleration, chain.yaw_rate = body.acceleration, body.yaw_rate
-        if rolling is not None:
-            chain.angle, chain.spin = rolling.angle, rolling.spin
+        self.place(chain, body, rolling)
         for effect in effects:
             effect.mount(chain)
         for effect in effects:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from hubodo.gap.tell.account import (
     what_to_do,
     with_sigma,
 )
+from hubodo.gap.tell.limits import NEVER_APART
 from hubodo.gap.tell.regimes import course
 from hubodo.gap.tell.result import BeforeAfter, Finding, GapResult
+from hubodo.report.gap_drive import drive_figure, slider_figure, wanted_drives
 from hubodo.report.gap_figures import (
+    Channel,
     channels_that_matter,
     evidence_figure,
     regime_figure,
@@ -45,6 +49,8 @@ _STYLE = """<style>
 .badge { display: inline-block; border-radius: 99px; padding: 0.1rem 0.8rem; font-size: 0.85rem;
   font-weight: 650; color: #fff; margin-bottom: 0.6rem; }
 ul.todo { margin: 0.3rem 0 0; padding-left: 1.2rem; }
+@media print { .card, .figure, table { break-inside: avoid; } h2 { break-after: avoid; }
+  .badge, .meter, .meter i { print-color-adjust: exact; } pre { white-space: pre-wrap; } }
 </style>"""
 _BADGES = {
     "no_gap": ("no gap", "#2e7d5b"),
@@ -75,6 +81,7 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             "Measured less predicted, in the channels that matter most.",
             figures=[residual_figure(result, chosen)] if chosen else [],
         ),
+        *_step_by_step(result, chosen),
         Section(
             "What it goes with",
             "The same residuals, averaged over whatever shows them most clearly. With a model that is "
@@ -90,6 +97,13 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             [_channel_table(result)],
         ),
         _remaining(result),
+        *_drive_this(result),
+        Section(
+            "What no drive can tell apart",
+            "Two causes that move every channel alike stay one, however long the log is. A name on this page "
+            "may be the other of its pair.",
+            [Grid(("this", "or this", "why"), NEVER_APART)],
+        ),
         Section(
             "The model that was written",
             "model.toml beside this page; it can be used wherever a model file is asked for.",
@@ -97,6 +111,27 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         ),
     ]
     return page(f"The gap between {model} and {log}", verdict(result), sections, _hero(result))
+
+
+def _step_by_step(result: GapResult, chosen: Sequence[Channel]) -> list[Section]:
+    if not result.found or not chosen:
+        return []
+    words = (
+        "The mean residual of each second: grey as given, blue with the effects up to where the slider is."
+    )
+    return [Section("Effect by effect", words, figures=[slider_figure(result, chosen)])]
+
+
+def _drive_this(result: GapResult) -> list[Section]:
+    """One section for each manoeuvre that would tell names apart."""
+    return [
+        Section(
+            "Drive this",
+            f"{words}. Speed and turns of such a drive, as an example:",
+            figures=[drive_figure(it)],
+        )
+        for words, it in wanted_drives(result)
+    ]
 
 
 def _hero(result: GapResult) -> str:

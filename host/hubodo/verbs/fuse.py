@@ -16,6 +16,7 @@ from hubodo.fuse.wheels import METHODS
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import number
 
@@ -46,6 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
     parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
+    add_effects_option(parser)
     parser.add_argument("--nodes", metavar="NAMES", help="use these wheel nodes alone, such as: left")
     parser.add_argument("--method", choices=METHODS, default="filter", help="default: filter")
     parser.add_argument(
@@ -71,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> FusedFiles:
+    know_effects(args)
     vehicle = load_vehicle(args.vehicle)
     calibration = read_calibration(args.calibration) if args.calibration else None
     if not args.force:

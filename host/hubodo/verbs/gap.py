@@ -15,9 +15,12 @@ from rich.table import Table as TextTable
 
 from hubodo import __version__
 from hubodo.effects import BY_NAME
+from hubodo.effects.loaded import free_name
 from hubodo.errors import InputError
 from hubodo.gap.judge.journal import Journal, fingerprint
-from hubodo.gap.judge.round import EMPIRICAL
+from hubodo.gap.judge.round import EMPIRICAL, Say
+from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
 from hubodo.gap.tell.account import (
     comments,
     probability,
@@ -38,6 +41,9 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.report.gap_page import gap_page
 from hubodo.toml_file import near
+from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
+from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.whole_files import whole_files
 
@@ -53,12 +59,21 @@ class GapReport:
     result: GapResult
     output: str
     explained: tuple[Explanation, ...]
+    scaffold: Scaffold | None = None
+    wanted: str | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether an effect was to be made and nothing asked for one."""
+        return self.wanted is not None and self.scaffold is None
 
     def as_json(self) -> dict[str, Any]:
         """`gap.json`, with what --explain asked for."""
         made = gap_json(self.result)
         if self.explained:
             made["explain"] = _plain([it.as_json() for it in self.explained])
+        if self.scaffold is not None:
+            made["scaffold"] = _plain(self.scaffold.as_json())
         return made
 
     def render(self, console: Console) -> None:
@@ -92,13 +107,37 @@ class GapReport:
                 console.print(_explain_table(it))
         for line in result.warnings:
             say(f"warning: {line}")
+        if self.scaffold is not None:
+            for line in self.scaffold.words():
+                say(line)
+        elif self.wanted is not None:
+            say(f"--scaffold {self.wanted}: nothing is left that asks for an effect without a name")
         say(", ".join(str(Path(self.output) / name) for name in FILES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo gap`."""
-    parser.add_argument("model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs")
-    parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    model = parser.add_argument(
+        "model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs"
+    )
+    log = parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        action=InsteadOf,
+        replaces=(log, model),
+        metavar="TOML",
+        help="[vehicle] and [nodes.*] instead of MODEL: the noise and what drives the model are as LOG shows",
+    )
+    for option, words in (("--before", "an earlier one"), ("--after", "a later one")):
+        parser.add_argument(
+            option,
+            type=Path,
+            action=InsteadOf,
+            replaces=(log, model) if option == "--before" else (),
+            metavar="LOG",
+            help=f"instead of LOG: two of one vehicle, to be told what has changed; {words}",
+        )
     add_log_options(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
@@ -110,25 +149,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
     parser.add_argument(
+        "--scaffold",
+        metavar="NAME",
+        help="write OUT/NAME.py: an effect of this name with the dependence that no known effect explains",
+    )
+    add_effects_option(parser)
+    parser.add_argument(
         "--resume",
         action="store_true",
         help="go on with the search that was stopped in OUT; log, model and options have to be the same",
     )
 
 
-def run(args: argparse.Namespace) -> GapReport:
-    """Read, search, write the three files."""
+def run(args: argparse.Namespace) -> GapReport | ChangeReport:
+    """Read, search, write the three files; or compare two logs."""
+    know_effects(args)
+    if args.before is not None or args.after is not None:
+        return compare_logs(args)
+    says = "" if args.scaffold is None else free_name(args.scaffold)
+    if says:
+        raise InputError(f"--scaffold {args.scaffold}: {says}")
     for option in ("accept", "reject", "explain"):
         _known(option, getattr(args, option))
     both = sorted(set(args.accept) & set(args.reject))
     if both:
         raise InputError(f"--accept and --reject both name {both[0]}; choose one")
+    if args.vehicle is not None:
+        if args.log is not None:
+            raise InputError(f"{args.model} and --vehicle {args.vehicle}: both say the vehicle; give one")
+        args.model, args.log = args.vehicle, args.model
     _free(args.output, args.model)
-    model = read_model(args.model)
-    driven_by = (model.inputs.speed, model.inputs.yaw_rate)
-    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args, model.vehicle, needed=needed), progress=show)
+        recording, model = _posed(args, show)
         journal = _journal(args, recording, model)
         result = find_gap(
             recording,
@@ -139,12 +191,19 @@ def run(args: argparse.Namespace) -> GapReport:
             say=show,
             journal=journal,
         )
+        made = None
+        if args.scaffold is not None and result.finished:
+            show(f"looking for {args.scaffold}", 0.95)
+            made = scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
         written = _model_text(result, args)
         html = gap_page(result, log=args.log.name, model=args.model.name, written=written)
     text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
-    with whole_files(*(args.output / name for name in FILES), make_folder=True) as parts:
-        for part, content in zip(parts, (text + "\n", written, html), strict=True):
+    contents = dict(zip(FILES, (text + "\n", written, html), strict=True))
+    if made is not None:
+        contents[f"{made.name}.py"] = made.text
+    with whole_files(*(args.output / name for name in contents), make_folder=True) as parts:
+        for part, content in zip(parts, contents.values(), strict=True):
             part.write_text(content, "utf-8")
     if not result.finished:
         # As whoever pressed ctrl-C expects, after the files are written.
@@ -154,7 +213,19 @@ def run(args: argparse.Namespace) -> GapReport:
         result,
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
+        made,
+        args.scaffold,
     )
+
+
+def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
+    """The log, and the model file or what the log says in its place."""
+    model = None if args.vehicle is not None else read_model(args.model)
+    vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
+    driven_by = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
+    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
+    recording = read_log(args.log, form=log_form(args, vehicle, needed=needed), progress=show)
+    return recording, model or assumed_model(recording, vehicle, str(args.log))
 
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:

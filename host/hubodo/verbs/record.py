@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.numbers import baud, positive
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
+from hubodo.verbs.watch_gap import watching_gap
 from hubodo.verbs.web_options import add_web_arguments, watched
 from hubodo.version import __version__
 from hubowire import FINGERPRINT
@@ -42,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration", type=Path, metavar="TOML", help="applied to what the odometry gets; raw is recorded"
     )
+    add_effects_option(parser)
     parser.add_argument(
         "--gnss",
         metavar="PORT",
@@ -84,6 +87,11 @@ def _add_log_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait for ports that are not there yet, or busy, and for room on the disk",
     )
+    parser.add_argument(
+        "--watch-gap",
+        action="store_true",
+        help="with --vehicle: read the growing log, and say once what is wrong with a node or a wheel",
+    )
     parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still shown")
     parser.add_argument(
         "--log-format",
@@ -98,6 +106,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
 
+    know_effects(args)
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:
@@ -136,7 +145,8 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    with watched(args, output, vehicle) as audience:
+    gap_watched = watching_gap(args.watch_gap, output, vehicle_path, config.log_format)
+    with watched(args, output, vehicle) as audience, gap_watched as watch:
         return record(
             config,
             output,
@@ -144,6 +154,7 @@ def run(args: argparse.Namespace) -> RecordResult:
             calibration=calibration,
             metadata=_metadata(config),
             attachments=attachments,
+            watch=watch,
             audience=audience,
         )
 

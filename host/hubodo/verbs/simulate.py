@@ -39,6 +39,7 @@ from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
+from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import add_topic_option, topic_choice
 from hubodo.verbs.numbers import latitude, number, seed
 from hubowire.messages import NODE_IDS
@@ -126,6 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with two temperatures: the time constant of a warm-up",
     )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
+    add_effects_option(parser)
     _add_bench(parser)
     parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
     add_board_arguments(parser, " of --virtual-node")
@@ -159,6 +161,7 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> Simulated:
+    know_effects(args)
     model = read_model(args.model)
     _check(args, model)
     notes: tuple[str, ...] = ()

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from hubodo.arrays import Array
-from hubodo.effects import EFFECTS
+from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.rival import Rival
 
@@ -34,7 +34,7 @@ def judged(rivals: Sequence[Rival]) -> tuple[tuple[Rival, ...], float]:
 
 def _priors(names: Sequence[str]) -> Array:
     """(len(names),) ln prior of candidates: every effect alike, its scopes and seeds share."""
-    return np.array([_LISTED - log(len(EFFECTS)) - log(names.count(name)) for name in names])
+    return np.array([_LISTED - log(len(BY_NAME)) - log(names.count(name)) for name in names])
 
 
 def _posterior(scores: Mapping[str, float]) -> dict[str, float]:

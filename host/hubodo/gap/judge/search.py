@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from hubodo.effects import EFFECTS
+from hubodo.effects import BY_NAME
 from hubodo.gap.judge.journal import Journal
 from hubodo.gap.judge.round import EMPIRICAL, Round, Say
 from hubodo.gap.problem.problem import NodeData, Problem
@@ -89,7 +89,7 @@ def _search(
     wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
     begun = sum(term.fitted for term in state.terms)
     for number in range(begun, _MOST + 1):
-        others = {effect.name for effect in EFFECTS if effect.name != wanted[0]} if wanted else set[str]()
+        others = {name for name in BY_NAME if name != wanted[0]} if wanted else set[str]()
         made = watch.journal.look(
             current.point,
             {*reject, *others, *([EMPIRICAL] if wanted else [])},

@@ -8,7 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.gap.problem.log_inputs import input_noises, input_period, log_temperature, read_inputs
+from hubodo.gap.problem.log_inputs import input_noises, log_temperature, read_inputs
 from hubodo.gap.problem.plausible import check
 from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeForward
@@ -24,6 +24,10 @@ SHORTEST = 20.0
 _LEAST_SAMPLES = 100
 # So many equal largest readings are no chance.
 _PILED = 6
+_OWN_YAW = (
+    "the yaw rate is what the gyros across the axles read: an error that all of them share cannot be seen "
+    "or passes for one of the track width; a reference or a node on the body would show it"
+)
 
 
 def build(recording: Recording, model: Model, where: str = "log") -> Problem:
@@ -59,6 +63,8 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
     nodes = _nodes(tables, model, inputs, (origin, first, last), warnings)
     if not any(node.used.any() for node in nodes):
         raise InputError(f"{where}: no channel of any node changes; nothing was measured")
+    if model.inputs.yaw_rate == "nodes":
+        warnings.append(_OWN_YAW)
     warnings += check(nodes, inputs, read.measured_by, where)
     speed_noise, yaw_noise = input_noises(model, speed, yaw_rate, read.measured_by, warnings)
     return Problem(
@@ -67,8 +73,8 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
         inputs,
         speed_noise,
         yaw_noise,
-        input_period(recording, model.inputs.speed),
-        input_period(recording, model.inputs.yaw_rate),
+        read.speed_period,
+        read.yaw_rate_period,
         last - first,
         read.measured_by,
         tuple(warnings),

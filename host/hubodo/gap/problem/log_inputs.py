@@ -9,6 +9,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheels import wheel_odometry
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
 from hubodo.smooth import Smooth, constant, smooth
@@ -25,13 +27,15 @@ class LogInputs:
     """speed m/s, yaw_rate rad/s: of the vehicle, None where the model file has a number.
 
     first, last: s, between which the log has both; infinite where it needs neither. measured_by: nodes whose
-    z gyro is the speed."""
+    z gyro is the speed. speed_period, yaw_rate_period: s between samples."""
 
     speed: Smooth | None
     yaw_rate: Smooth | None
     first: float
     last: float
     measured_by: tuple[str, ...]
+    speed_period: float
+    yaw_rate_period: float
 
 
 def read_inputs(recording: Recording, model: Model, origin: float, where: str) -> LogInputs:
@@ -41,7 +45,10 @@ def read_inputs(recording: Recording, model: Model, origin: float, where: str) -
     """
     speed, first, last, measured_by = _speed(recording, model, origin, where)
     yaw_rate, yaw_first, yaw_last = _yaw_rate(recording, model, origin, where)
-    return LogInputs(speed, yaw_rate, max(first, yaw_first), min(last, yaw_last), measured_by)
+    period = _period(recording, model.inputs.speed)
+    yaw_period = WINDOW if model.inputs.yaw_rate == "nodes" else _period(recording, model.inputs.yaw_rate)
+    first, last = max(first, yaw_first), min(last, yaw_last)
+    return LogInputs(speed, yaw_rate, first, last, measured_by, period, yaw_period)
 
 
 def input_noises(
@@ -58,7 +65,7 @@ def input_noises(
 
 
 def _is_gyro(name: str | float) -> bool:
-    return isinstance(name, str) and split_input(name)[0] != "reference"
+    return isinstance(name, str) and split_input(name)[0] not in ("reference", "nodes")
 
 
 def _input_noise(
@@ -73,6 +80,9 @@ def _input_noise(
         return 0.0
     if source.noise <= max(_MORE * declared, felt):
         return declared
+    if name == "nodes":
+        # Nobody can know it beforehand.
+        return source.noise
     warnings.append(
         f"{name} scatters by {source.noise:.2g} {unit} from sample to sample, more than the {declared:.2g} "
         "that [inputs] declares: taken for its noise; correct it there"
@@ -120,7 +130,19 @@ def _yaw_rate(
     name = model.inputs.yaw_rate
     if not isinstance(name, str):
         return None, -np.inf, np.inf
+    if name == "nodes":
+        return _across(recording, model, origin, where)
     return _column(recording, name, origin, where)
+
+
+def _across(recording: Recording, model: Model, origin: float, where: str) -> tuple[Smooth, float, float]:
+    """What the odometry makes of the gyros across the axles, from the whole log."""
+    made = wheel_odometry(recording, model.vehicle, log=where, lag=np.inf).full
+    if made is None or len(made.t) < 10:
+        raise InputError(f'{where}: yaw_rate = "nodes" needs a node on a wheel that has driven for a while')
+    # Each is a mean of the window that ends there.
+    t = made.t - 0.5 * WINDOW - origin
+    return _behind(t, made.yaw_rate), float(t[0]), float(t[-1])
 
 
 def _column(recording: Recording, name: str, origin: float, where: str) -> tuple[Smooth, float, float]:
@@ -148,7 +170,7 @@ def _behind(t: Array, values: Array) -> Smooth:
     return smooth(t, values)
 
 
-def input_period(recording: Recording, name: str | float) -> float:
+def _period(recording: Recording, name: str | float) -> float:
     """s between samples of an input."""
     stem = name.removeprefix("nodes.").partition(".")[0] if isinstance(name, str) else ""
     table = recording.files().get(stem) or next(iter(recording.nodes.values()))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hubodo.arrays import Array
-from hubodo.effects import EFFECTS, Effect
+from hubodo.effects import BY_NAME, Effect
 from hubodo.gap.linear.directions import basis
 from hubodo.gap.linear.sensitivity import Direction
 from hubodo.gap.problem.problem import Problem
@@ -32,7 +32,7 @@ class Candidate:
 def all_directions(state: State) -> list[Direction]:
     """Every direction of every effect that shows in the mean, from where it stands or from its seeds."""
     nodes, made = state.problem.nodes, []
-    for effect in EFFECTS:
+    for effect in BY_NAME.values():
         if effect.shows != "mean":
             continue
         for scope in scopes(effect, nodes):

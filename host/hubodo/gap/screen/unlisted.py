@@ -59,7 +59,7 @@ def unlisted(point: Point) -> list[Structure]:
     made: list[Structure] = []
     for name, residual in point.mean_residuals.items():
         node = residual.node
-        chain = _scene(node, point.state.readings[name])
+        chain = scene(node, point.state.readings[name])
         weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
         z = winsorised((residual.value - residual.of_inputs) * weight)
         present = {effect.name for effect in residual.effects}
@@ -73,14 +73,12 @@ def unlisted(point: Point) -> list[Structure]:
     return sorted(made, key=lambda it: -it.evidence)
 
 
-def _scene(node: NodeData, reading: Reading) -> Chain:
+def scene(node: NodeData, reading: Reading) -> Chain:
     """What terms are made of: the model's own wheel angle, spin, forces and the vehicle's motion."""
     body, rolling = reading.body, reading.rolling
     zero = np.zeros((3, len(node.t)))
     chain = Chain(body.t, body.temperature, zero, zero, reading.accel, zero, zero)
-    chain.acceleration, chain.yaw_rate = body.acceleration, body.yaw_rate
-    if rolling is not None:
-        chain.angle, chain.spin = rolling.angle, rolling.spin
+    node.forward.place(chain, body, rolling)
     return chain
 
 
@@ -143,12 +141,12 @@ def _tones(node: NodeData, z: Array) -> list[str]:
         at = int(np.argmax(power))
         if power[at] > log(len(even)) + 8.0:
             found.append(
-                f"cos(2*pi*{_refined(node.t, z[row], frequency[at], 0.5 / (grid[-1] - grid[0])):.6f}*t)"
+                f"cos(2*pi*{refined(node.t, z[row], frequency[at], 0.5 / (grid[-1] - grid[0])):.6f}*t)"
             )
     return sorted(set(found))
 
 
-def _refined(t: Array, z: Array, frequency: float, width: float) -> float:
+def refined(t: Array, z: Array, frequency: float, width: float) -> float:
     def less(f: float) -> float:
         return -float(abs(np.vdot(np.exp(2j * np.pi * f * t), z)))
 

@@ -99,14 +99,21 @@ def _gain_of(rounds: Rounds, term: ModelTerm) -> float:
 
 
 def _parameters(term: ModelTerm, final: Refit, own: Rival | None) -> dict[str, Value]:
-    """Values with sigmas: those of the fit, carried from its coordinates to the parameters."""
+    """Values with sigmas: those of a look at scatter where one proposed it, else those of the fit."""
+    if own is None or own.proposal is None:
+        return fitted_values(term, final)
+    effect, sigmas = term.effect, own.proposal.sigmas
+    return {
+        name: Value(value, sigmas.get(name), effect.unit(name))
+        for name, value in effect.values().items()
+        if name in effect.fitted()
+    }
+
+
+def fitted_values(term: ModelTerm, final: Refit) -> dict[str, Value]:
+    """Values with sigmas of the fit, carried from its coordinates to the parameters."""
     effect = term.effect
     values = {name: value for name, value in effect.values().items() if name in effect.fitted()}
-    if own is not None and own.proposal is not None:
-        return {
-            name: Value(value, own.proposal.sigmas.get(name), effect.unit(name))
-            for name, value in values.items()
-        }
     place = final.place(term)
     scales = effect.coordinate_scales()
     robust, plain = final.robust[place, place], final.covariance[place, place]

@@ -1,0 +1,116 @@
+"""Two logs under one model: what each candidate gains where the second has its own value (a score test).
+
+Whatever was found is common to both and free, and so is the candidate itself; what is tested is the
+difference alone, so a thing that neither log knows well is no change. Chance is what the best of all gains
+when the signs of blocks of time are drawn anew, as in `screen/null_distribution.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.gap.linear.linearised import Linearised, linearise, solved
+from hubodo.gap.process_noise.point import Point
+from hubodo.gap.screen.candidates import Candidate, all_directions, candidates
+from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, null_distribution, surprise
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What a candidate gains of ln likelihood where the second log has its own; freedom: coordinates seen."""
+
+    candidate: Candidate
+    gain: float
+    freedom: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """differences: the most surprising first. null: what the best of them gains by chance."""
+
+    differences: tuple[Difference, ...]
+    null: NullDistribution
+
+    @property
+    def p_value(self) -> float:
+        """How often the logs differ as much as this where nothing has changed."""
+        best = self.differences[0]
+        return self.null.p_value(best.gain, best.freedom)
+
+
+def compare(before: Point, after: Point) -> Comparison:
+    """Every candidate, from two points of one model with the same values; the logs have the same nodes."""
+    directions = all_directions(before.state)
+    logs = [_settled(linearise(before, directions)), _settled(linearise(after, all_directions(after.state)))]
+    options = candidates(before.problem, directions)
+    known = {term.key for term in before.state.terms if term.effect.shows == "mean"}
+    common = [it.basis for it in options if it.term.key in known]
+    made, tests, columns = [], [], list[Array]()
+    for candidate in options:
+        beside = common if candidate.term.key in known else [*common, candidate.basis]
+        gain, scores, covariance = _difference(logs, candidate.basis, np.hstack(beside))
+        freedom = int(np.count_nonzero(np.diag(covariance)))
+        if freedom:
+            place = np.zeros((sum(it.shape[1] for it in columns) + scores.shape[1], scores.shape[1]))
+            place[-scores.shape[1] :] = np.eye(scores.shape[1])
+            columns.append(scores)
+            tests.append(ScoreTest(place, covariance))
+            made.append(Difference(candidate, gain, freedom))
+    made.sort(key=lambda it: -float(surprise(np.array(it.gain), it.freedom)))
+    return Comparison(tuple(made), null_distribution(np.hstack(columns), tests))
+
+
+@dataclass(frozen=True)
+class _Log:
+    """A linearised log without its nuisances. blocks: (B, D+1, D+1). raw: (D,)."""
+
+    blocks: Array
+    raw: Array
+
+    @property
+    def gram(self) -> Array:
+        return np.asarray(self.blocks.sum(axis=0))
+
+
+def _settled(linear: Linearised) -> _Log:
+    """With the nuisances where the log wants them."""
+    count = len(linear.directions)
+    kept = [*range(count), len(linear.gram) - 1]
+    if not linear.nuisances:
+        return _Log(linear.blocks, linear.raw[:-1])
+    gram, free = linear.gram, linear.always
+    out = np.linalg.pinv(gram[np.ix_(free, free)], hermitian=True) @ gram[free]
+    turn = np.eye(len(gram))
+    turn[free] -= out
+    turn = turn[:, kept]
+    return _Log(np.einsum("dk,bde,ef->bkf", turn, linear.blocks, turn, optimize=True), linear.raw[:count])
+
+
+def _difference(logs: Sequence[_Log], basis: Array, common: Array) -> tuple[float, Array, Array]:
+    """Gain, (B, k) scores of blocks and (k, k) covariance of the second value less the first.
+
+    What is common moves along `common`, (D, p), in both; the difference by half of it, down in the first log
+    and up in the second.
+    """
+    signs = (-0.5, 0.5)
+    grams = [log.gram for log in logs]
+    whole = sum(common.T @ gram[:-1, :-1] @ common for gram in grams)
+    pull = sum(common.T @ gram[:-1, -1] for gram in grams)
+    across = sum(sign * basis.T @ gram[:-1, :-1] @ common for sign, gram in zip(signs, grams, strict=True))
+    inverse = np.linalg.pinv(np.asarray(whole), hermitian=True, rcond=1e-10)
+    settled, shared = inverse @ pull, np.asarray(across @ inverse)
+    blocks, information = [], np.zeros((basis.shape[1], basis.shape[1]))
+    for log, sign, gram in zip(logs, signs, grams, strict=True):
+        along = sign * basis - common @ shared.T
+        residual = np.append(-common @ settled, 1.0)
+        blocks.append(log.blocks[:, :-1, :] @ residual @ along)
+        information += along.T @ gram[:-1, :-1] @ along
+    raw = 0.25 * basis.T**2 @ np.sum([log.raw for log in logs], axis=0)
+    covariance = solved(information, raw)
+    scores = np.concatenate(blocks)
+    total = scores.sum(axis=0)
+    return 0.5 * float(total @ covariance @ total), scores, covariance

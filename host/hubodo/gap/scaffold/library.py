@@ -1,0 +1,171 @@
+"""What a new effect may depend on and act on: expressions, read by the search as they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects.base import Chain
+from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
+
+HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
+
+
+@dataclass(frozen=True)
+class ShapePlace:
+    """A parameter of a shape that is no amplitude: a frequency, a time, an angle. scale: its usual error."""
+
+    name: str
+    unit: str
+    value: float
+    scale: float
+    fitted: bool = True
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a term depends on: a weight times each of its waves, expressions over `chain` and `self`.
+
+    per: the weight's unit, "" for none. waves: how the name of an amplitude ends, and its wave. shared:
+    whether all nodes may have it alike.
+    """
+
+    weight: str
+    per: str
+    waves: tuple[tuple[str, str], ...]
+    words: str
+    places: tuple[ShapePlace, ...] = ()
+    shared: bool = True
+
+    def columns(self, chain: Chain) -> Array:
+        """(k, N): what a unit of each amplitude adds."""
+        known = {
+            "np": np,
+            "chain": chain,
+            "self": SimpleNamespace(**{it.name: it.value for it in self.places}),
+        }
+        rows = [
+            np.asarray(_product(self.weight, wave, {**known, **HELPERS}), float) for _, wave in self.waves
+        ]
+        return np.stack([np.broadcast_to(row, chain.t.shape) for row in rows])
+
+    @property
+    def of_wheel(self) -> bool:
+        """Whether only a node on a wheel can have it."""
+        text = " ".join([self.weight, *(wave for _, wave in self.waves)])
+        return "chain.angle" in text or "chain.spin" in text
+
+
+def _product(weight: str, wave: str, known: dict[str, object]) -> object:
+    # Nothing but the expressions below reaches this.
+    return eval(f"({weight}) * ({wave})", known)
+
+
+@dataclass(frozen=True)
+class Target:
+    """What a term acts on. rows: channels of six, and by what factor. unit: of an amplitude.
+
+    turned: whether its sign is another on a node facing right. on_wheel: whether it means anything off one.
+    """
+
+    name: str
+    unit: str
+    rows: tuple[tuple[int, str], ...]
+    turned: bool = False
+    on_wheel: bool = False
+
+
+RATE, FORCE = "rad/s", "m/s²"
+CHANNELS: tuple[Target, ...] = tuple(
+    Target(name, RATE if row < 3 else FORCE, ((row, "1.0"),), turned=name[1] != "x")
+    for row, name in enumerate(("gx", "gy", "gz", "ax", "ay", "az"))
+)
+WORLD: tuple[Target, ...] = (
+    Target(
+        "up", FORCE, ((3, "np.cos(chain.angle)"), (4, "-chain.facing * np.sin(chain.angle)")), on_wheel=True
+    ),
+    Target(
+        "forward",
+        FORCE,
+        ((3, "np.sin(chain.angle)"), (4, "chain.facing * np.cos(chain.angle)")),
+        on_wheel=True,
+    ),
+    Target("left", FORCE, ((5, "chain.facing"),), on_wheel=True),
+    Target(
+        "yaw", RATE, ((0, "np.cos(chain.angle)"), (1, "-chain.facing * np.sin(chain.angle)")), on_wheel=True
+    ),
+    Target(
+        "roll", RATE, ((0, "np.sin(chain.angle)"), (1, "chain.facing * np.cos(chain.angle)")), on_wheel=True
+    ),
+)
+STAMP = Target("delay", "s", ())
+
+_ONE = (("", "1.0"),)
+_WEIGHTS = {
+    "chain.t": ("s", "more and more with time"),
+    "chain.spin": ("rad/s", "in proportion to the spin"),
+    "np.abs(chain.spin)": ("rad/s", "with the spin, either way alike"),
+    "chain.spin**2": ("rad²/s²", "with the square of the spin"),
+    "chain.spin_beside": ("rad/s", "with the spin of the wheel on the other side"),
+    "chain.acceleration": ("m/s²", "while the speed changes"),
+    "chain.yaw_rate": ("rad/s", "in turns"),
+    "np.abs(chain.yaw_rate)": ("rad/s", "in turns, to either side alike"),
+    "chain.speed * chain.yaw_rate": ("m/s²", "in turns at speed"),
+    "chain.yaw_acceleration": ("rad/s²", "while turns begin and end"),
+    "steering_rate(chain)": ("1/(m s)", "while the path bends more or less"),
+    "chain.temperature - 25.0": ("°C", "with the temperature"),
+    "temperature_rate(chain)": ("°C/s", "while the temperature changes"),
+    "chain.force[0] * chain.force[1]": ("m²/s⁴", "with the product of the forces along x and y"),
+    "chain.force[0] * chain.force[2]": ("m²/s⁴", "with the product of the forces along x and z"),
+    "chain.force[1] * chain.force[2]": ("m²/s⁴", "with the product of the forces along y and z"),
+}
+_TURNING = {
+    "1.0": ("", ""),
+    "chain.spin": ("rad/s", ", in proportion to the spin"),
+    "chain.spin**2": ("rad²/s²", ", with the square of the spin"),
+    "chain.yaw_rate": ("rad/s", ", in turns"),
+    "chain.acceleration": ("m/s²", ", while the speed changes"),
+}
+_TIMES = ("once", "twice", "three times", "four times", "five times", "six times")
+
+
+def shapes() -> Iterator[Shape]:
+    """All that have no place to be looked for."""
+    for weight, (per, words) in _WEIGHTS.items():
+        yield Shape(weight, per, _ONE, words)
+    yield Shape("1.0", "", waves("chain.heading"), "once per turn of the vehicle: with where it heads")
+    for count, often in enumerate(_TIMES, 1):
+        angle = "chain.angle" if count == 1 else f"{count}.0 * chain.angle"
+        for weight, (per, words) in _TURNING.items():
+            # How far round a wheel was at first is its own: no other has the same cosine.
+            yield Shape(weight, per, waves(angle), f"{often} per revolution{words}", shared=False)
+
+
+def waves(angle: str) -> tuple[tuple[str, str], ...]:
+    """Cosine and sine."""
+    return (("_cos", f"np.cos({angle})"), ("_sin", f"np.sin({angle})"))
+
+
+def tone(frequency: float, duration: float) -> Shape:
+    """At a frequency, Hz, that a log of so many s shows to about a part of a cycle."""
+    place = ShapePlace("frequency", "Hz", frequency, 0.1 / duration)
+    angle = "2.0 * np.pi * self.frequency * chain.t"
+    return Shape("1.0", "", waves(angle), f"as a tone at {frequency:.4g} Hz", (place,))
+
+
+def step(at: float) -> Shape:
+    """From a time on, s."""
+    place = ShapePlace("since", "s", at, 1.0, fitted=False)
+    return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {at:.1f} s on", (place,))
+
+
+def bump(angle: float, width: float, weight: str) -> Shape:
+    """Once per revolution, where the wheel's angle is so many rad."""
+    places = (ShapePlace("place", "rad", angle, 0.05), ShapePlace("width", "rad", width, 0.05))
+    per, words = _TURNING[weight]
+    text = (("", "pulse(chain.angle - self.place, self.width)"),)
+    return Shape(weight, per, text, f"in one place of every revolution{words}", places, shared=False)

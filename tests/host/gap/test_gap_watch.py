@@ -1,0 +1,97 @@
+"""A drive that is still being recorded: what is wrong is said once, and nothing of a sound vehicle."""
+
+import io
+import json
+import time
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hubodo.cli import main
+from hubodo.gap.watch import GapWatch
+from hubodo.log.any_log import read_log
+from hubodo.recording import Table
+from hubodo.vehicle import load_vehicle
+from hubodo.verbs.watch_gap import newest_log, watching_gap
+
+VEHICLE = """[vehicle]
+wheel_radius = 0.31
+track_width = 0.92
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "left"
+"""
+NOISE = "[imu]\ngyro_noise = 0.004\naccel_noise = 0.05\n"
+ARM = "[nodes.left.effects.lever_arm]\nx = 0.12\ny = 0.09\n"
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    """Folder with arm.mcap, sound.mcap, vehicle.toml: a minute each, one with the IMU 0.15 m off the hub."""
+    folder = tmp_path_factory.mktemp("watch")
+    (folder / "vehicle.toml").write_text(VEHICLE, "utf-8")
+    for name, hidden in (("arm", ARM), ("sound", "")):
+        (folder / f"{name}.toml").write_text(VEHICLE + NOISE + hidden, "utf-8")
+        words = ["--duration", "60", "--rate", "104", "--seed", "3", "-o", str(folder / f"{name}.mcap")]
+        with redirect_stdout(io.StringIO()):
+            assert main(["simulate", str(folder / f"{name}.toml"), *words]) == 0
+    return folder
+
+
+def grown(log, seconds):
+    """The log as it was after so many seconds."""
+    read = read_log(log)
+    nodes = {}
+    for name, table in read.nodes.items():
+        kept = table.t < table.t[0] + seconds
+        nodes[name] = Table({column: table[column][kept] for column in table})
+    return replace(read, nodes=nodes)
+
+
+def test_a_sensor_off_the_hub_is_said_within_the_minute_and_once(drives):
+    watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
+    said = [watch.look(grown(drives / "arm.mcap", seconds)) for seconds in (8.0, 40.0, 55.0)]
+    assert said == [[], ["left: the IMU sits 0.15 m off the hub"], []]
+
+
+def test_of_a_sound_vehicle_nothing_is_said(drives):
+    watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
+    assert watch.look(grown(drives / "sound.mcap", 50.0)) == []
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize("log_format", ["text", "json"])
+def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, log_format, capsys):
+    second, said = SimpleNamespace(t_ns=1_000_000_000), ""
+    with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml", log_format) as (say,):
+        until = time.monotonic() + 150.0
+        while not said and time.monotonic() < until:
+            time.sleep(0.2)
+            say(second)
+            said = capsys.readouterr().err
+    told = json.loads(said)["text"] if log_format == "json" else said.removeprefix("hubodo record: ").rstrip()
+    assert told == "left: the IMU sits 0.15 m off the hub"
+
+
+def test_the_log_that_is_being_written_is_found(tmp_path):
+    assert newest_log(tmp_path / "ride.mcap") is None
+    for name in ("ride-1.mcap", "ride-2.mcap", "other.mcap"):
+        (tmp_path / name).write_bytes(b"")
+        time.sleep(0.02)
+    assert newest_log(tmp_path / "ride.mcap") == tmp_path / "ride-2.mcap"
+    assert newest_log(tmp_path) == tmp_path / "other.mcap"
+    assert newest_log(tmp_path / "ride-1.mcap") == tmp_path / "ride-1.mcap"
+
+
+def test_watching_wants_the_geometry(tmp_path):
+    err = io.StringIO()
+    with redirect_stderr(err):
+        code = main(["record", "/dev/null", "--watch-gap", "-o", str(Path(tmp_path) / "ride.mcap")])
+    assert code == 2
+    assert "--vehicle" in err.getvalue()

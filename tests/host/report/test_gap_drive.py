@@ -1,0 +1,46 @@
+"""The drive that a page asks for does what its words say; every manoeuvre of the effects has one."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hubodo.effects import EFFECTS
+from hubodo.gap.tell.limits import NEVER_APART
+from hubodo.report.gap_drive import _MOVES, drive_figure, stretches_of
+
+WAYS = sorted({way for effect in EFFECTS for way in effect.alike.values()})
+
+
+@pytest.mark.parametrize("words", WAYS)
+def test_every_manoeuvre_of_the_effects_is_drawn(words):
+    made = drive_figure(stretches_of(words))
+    t, speed = made.data[0].x, np.asarray(made.data[0].y)
+    assert speed[0] == speed[-1] == 0.0
+    assert np.ptp(t) > 10.0
+
+
+def test_turns_both_ways_are_turns_both_ways_and_two_speeds_are_two():
+    yaw_rate = np.asarray(drive_figure(stretches_of("turn both ways at speed")).data[1].y)
+    assert yaw_rate.max() > 20.0
+    assert yaw_rate.min() < -20.0
+    straight = drive_figure(stretches_of("drive at two speeds: a lever arm grows"))
+    assert not np.any(straight.data[1].y)
+    assert {1.0, 3.0} <= set(np.round(straight.data[0].y, 6))
+
+
+def test_the_path_is_that_of_the_speed_and_the_turns():
+    made = drive_figure(((10.0, 2.0, 0.0),))
+    x, y = (np.asarray(getattr(made.data[2], axis)) for axis in "xy")
+    assert x[-1] == pytest.approx(20.0, abs=0.2)
+    assert not np.any(y)
+
+
+def test_no_word_of_a_manoeuvre_is_without_use():
+    assert [word for word in _MOVES if not any(word in way for way in WAYS) and word != "longer"] == []
+
+
+def test_the_readme_says_what_no_drive_can_tell_apart():
+    readme = (Path(__file__).parents[3] / "host/hubodo/gap/README.md").read_text("utf-8")
+    for one, other, why in NEVER_APART:
+        assert f"| {one} | {other} | {why} |" in readme
