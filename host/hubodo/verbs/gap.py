@@ -13,7 +13,6 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo import __version__
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import free_name
 from hubodo.errors import InputError
@@ -45,6 +44,7 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.version import __version__
 from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"

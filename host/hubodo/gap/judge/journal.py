@@ -31,7 +31,6 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
-from hubodo.version import __version__
 
 _VERSION = 1
 
