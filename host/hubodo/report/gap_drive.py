@@ -131,7 +131,7 @@ def _profile(stretches: Sequence[Stretch]) -> tuple[Array, Array, Array]:
     counts = [round(seconds / _STEP) for seconds, _, _ in whole]
     speed = np.repeat([speed for _, speed, _ in whole], counts)
     yaw_rate = np.repeat([rate for _, _, rate in whole], counts)
-    bell: Array = np.hanning(round(2.0 * _SMOOTH / _STEP) + 1).astype(np.float64)
+    bell = np.hanning(round(2.0 * _SMOOTH / _STEP) + 1)
     bell /= bell.sum()
-    t: Array = np.arange(len(speed)) * _STEP
+    t: Array = np.arange(len(speed), dtype=np.float64) * _STEP
     return t, np.convolve(speed, bell, "same"), np.convolve(yaw_rate, bell, "same")
