@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import sys
+from functools import cache
 from pathlib import Path
 
 from hypothesis import HealthCheck, settings
@@ -29,6 +30,9 @@ The first of each line waits more than it works, so that one of three processes 
 
 sys.path.insert(0, str(HERE))
 
+# What is imported and collected stays: the collector would look at it hundreds of times.
+gc.disable()
+
 # Arrays of megabytes come and go: what one leaves is given to the next, and not back to the system.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
@@ -45,12 +49,15 @@ def pytest_addoption(parser):
     parser.addoption("--kills", type=int, default=10, help="how many recorders faults/test_kill.py kills")
 
 
-def pytest_collection_modifyitems(items):
-    def place(item):
-        long = [index for index, name in enumerate(LONGEST) if item.path.is_relative_to(HERE / name)]
-        return long[0] if long else len(LONGEST)
+@cache
+def _place(path):
+    """Of a file among those that go first."""
+    long = [index for index, name in enumerate(LONGEST) if path.is_relative_to(HERE / name)]
+    return long[0] if long else len(LONGEST)
 
-    items.sort(key=place)
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: _place(item.path))
 
 
 def pytest_collection_finish():
@@ -58,3 +65,4 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
+    gc.enable()

@@ -201,19 +201,19 @@ def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
     p, scatter = np.zeros(12), 0.01
     h = 1e-6
     before = np.concatenate([np.full(9, ANY_TRIAD.rest), bias_sigma]) ** -2
+    miss = carried(turns, *_split(p)) - turns.end
     for _ in range(12):
-        miss = carried(turns, *_split(p)) - turns.end
         columns = [(carried(turns, *_split(p + h * e)) - turns.end - miss).ravel() / h for e in np.eye(12)]
         jacobian = np.column_stack(columns) / scatter
         information = jacobian.T @ jacobian + np.diag(before)
         response = -np.linalg.solve(information, jacobian.T) / scatter
         step = response @ miss.ravel() - np.linalg.solve(information, before * p)
         p = p + step
-        after = carried(turns, *_split(p)) - turns.end
+        miss = carried(turns, *_split(p)) - turns.end
         # A miss has two components, gravity being of unit length.
         used = -float(np.trace(response @ jacobian)) * scatter
-        freedom = max(1.0, 2 * len(after) - used)
-        new = max(float(np.sqrt((after**2).sum() / freedom)), 1e-7)
+        freedom = max(1.0, 2 * len(miss) - used)
+        new = max(float(np.sqrt((miss**2).sum() / freedom)), 1e-7)
         settled = np.abs(step[:9]).max() < 1e-8 and abs(new / scatter - 1) < 1e-3
         scatter = new
         if settled:
