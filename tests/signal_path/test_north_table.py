@@ -24,9 +24,13 @@ SPEED = 180.0
 
 @dataclass(frozen=True)
 class Turned(StillMotion):
-    """Lies on a table: its z axis feels each turn, at the time at which the table made it."""
+    """Lies on a table: its z axis feels each turn, (begin, end, rad/s) on the board's clock.
+
+    begun: when that clock was 0, s of this computer's; lived: how far it is.
+    """
 
     begun: list = field(default_factory=list)
+    lived: list = field(default_factory=lambda: [0.0])
     turns: list = field(default_factory=list)
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
 
@@ -34,9 +38,9 @@ class Turned(StillMotion):
         made = self.rng.normal(0.0, 0.002, (len(t), 3))
         # The board was switched on when its clock, which never runs ahead, was least behind.
         self.begun.append(time.monotonic() - float(np.max(t)))
-        begun = min(self.begun)
+        self.lived[0] = float(np.max(t))
         for start, end, rate in list(self.turns):
-            made[:, 2] += rate * ((t >= start - begun) & (t < end - begun))
+            made[:, 2] += rate * ((t >= start) & (t < end))
         return made
 
     def specific_force(self, t):
@@ -53,11 +57,12 @@ def bench(tmp_path):
         length = abs(end - begin) / SPEED
         start = time.monotonic()
         # Told a little ahead: the board makes its samples just before it sends them.
-        motion.turns.append(
-            (start + 0.2, start + 0.2 + length, math.radians(math.copysign(SPEED, end - begin)))
-        )
-        while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0:
-            put(begin + share * (end - begin))
+        first = max(start - min(motion.begun), motion.lived[0]) + 0.2
+        last = first + length
+        motion.turns.append((first, last, math.radians(math.copysign(SPEED, end - begin))))
+        # Nor is it there before the board, which a busy computer makes wait, has felt all of it.
+        while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.lived[0] < last:
+            put(begin + min(share, 1.0) * (end - begin))
             time.sleep(0.02)
 
     port = tmp_path / "tty"
