@@ -27,18 +27,22 @@ def test_the_attitude_of_each_is_free_beside_the_directions(monkeypatch):
     """Two directions, three angles of either node on the body: each column with the node that feels it."""
     nodes = [SimpleNamespace(name=name, on_wheel=name == "left") for name in ("left", "frame", "seat")]
     directions = [SimpleNamespace(node="left"), SimpleNamespace(node="frame")]
+    felt = {"left": [0], "frame": [1], "seat": []}
     monkeypatch.setattr(
-        linearised, "columns", lambda *_: {node.name: np.zeros((2, 6, 4), np.float32) for node in nodes}
+        linearised,
+        "columns",
+        lambda *_: [(node, felt[node.name], np.zeros((len(felt[node.name]), 6, 4))) for node in nodes],
     )
     asked = {}
 
-    def innovations(own, size):
+    def innovations(columns, size):
+        own = {node.name: one for node, one in columns}
         asked.update(size=size, at={name: list(one.at) for name, one in own.items()})
         asked["shapes"] = {name: one.made.shape for name, one in own.items()}
         return SimpleNamespace(grams=None, raw=None, logs=0.0)
 
-    state = SimpleNamespace(attitude_columns=lambda node: np.ones((3, 6, 4)))
-    problem = SimpleNamespace(nodes=nodes, measured_by=None)
+    problem = SimpleNamespace(nodes=nodes)
+    state = SimpleNamespace(attitude_columns=lambda node: np.ones((3, 6, 4)), problem=problem)
     point = SimpleNamespace(state=state, problem=problem, innovations=innovations)
     made = linearise(point, directions)
     assert (asked["size"], made.nuisances, made.always) == (8, 6, [2, 3, 4, 5, 6, 7])
