@@ -1,8 +1,8 @@
-"""The gap workflow on logs of two nodes at 100 Hz, one effect hidden: 240 s by its parts, then by length.
+"""The gap workflow: on 240 s of two nodes at 100 Hz with an effect hidden, by length, and on real recordings.
 
-python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60]
+python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60] [--only parts,lengths,recordings]
 
-Of each length: processor time, that per minute of log, and the most memory, each in a process of its own.
+Of each length and recording: processor time and the most memory, each in a process of its own.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -25,6 +25,7 @@ import numpy as np
 
 from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
+from gap_runs import CAR, WHEELCHAIR
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
@@ -32,6 +33,7 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
+from wanted import SHARED
 
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
 MINUTES = (10, 30, 60)
@@ -39,6 +41,8 @@ FORWARD_LIMIT = 0.015  # s
 WORKFLOW_LIMIT = 5.0  # s of processor
 MEMORY_LIMIT = 2.5  # GB
 GROWTH_LIMIT = 1.3  # times as much per minute in the longest log as in the shortest
+RECORDING_LIMIT = 60.0  # s of processor
+RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
 
 
@@ -50,14 +54,14 @@ def make(folder, seconds):
     return folder
 
 
-def once(folder):
+def once(folder, model_file=None):
     """Seconds of processor of each part in the order they come, and the names found."""
     marks = [("read the CSV folder", time.process_time())]
 
     def mark(words, share):
         marks.append((words, time.process_time()))
 
-    log, model = read_folder(folder), read_model(folder / "model.toml")
+    log, model = read_folder(folder), read_model(model_file or folder / "model.toml")
     mark("bring log and model together", 0.0)
     result = find_gap(log, model, say=mark)
     mark("", 1.0)
@@ -85,9 +89,9 @@ def forward(folder):
     return min(taken), sum(len(node.t) for node in problem.nodes)
 
 
-def measure(folder):
+def measure(folder, model):
     """One run on a log, as a line of JSON: seconds of processor, GB at most, names."""
-    parts, found = once(folder)
+    parts, found = once(folder, model)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": found}))
 
@@ -142,6 +146,26 @@ def by_length(lengths):
     )
 
 
+def on_recordings():
+    """Prints what real logs take, from models without any effect; whether that is bearable."""
+    good = True
+    with tempfile.TemporaryDirectory() as name:
+        model = Path(name) / "model.toml"
+        for where, text in RECORDINGS.items():
+            folder = SHARED / "data" / where
+            if not folder.is_dir():
+                print(f"  {folder}: no recording there")
+                continue
+            model.write_text(text, "utf-8")
+            one = json.loads(own(["--measure", str(folder), "--model", str(model)]))
+            print(
+                f"  {where}: {one['seconds']:.0f} s of processor (at most {RECORDING_LIMIT:.0f}), "
+                f"{one['memory']:.2f} GB at most, {len(one['found'])} findings"
+            )
+            good = good and one["seconds"] <= RECORDING_LIMIT
+    return good
+
+
 def main(argv=None):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -150,17 +174,24 @@ def main(argv=None):
     parser.add_argument(
         "--minutes", default=MINUTES, type=lambda text: tuple(int(it) for it in text.split(","))
     )
+    parser.add_argument("--only", default="parts,lengths,recordings")
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--model", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     if args.make is not None:
         make(args.make, 60.0 * args.rounds)
         return 0
     if args.measure is not None:
-        measure(args.measure)
+        measure(args.measure, args.model)
         return 0
-    good = by_parts(args.rounds)
-    return not (by_length(args.minutes) and good)
+    parts = {
+        "parts": lambda: by_parts(args.rounds),
+        "lengths": lambda: by_length(args.minutes),
+        "recordings": on_recordings,
+    }
+    good = [parts[name]() for name in args.only.split(",")]
+    return not all(good)
 
 
 if __name__ == "__main__":
