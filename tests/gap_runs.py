@@ -28,6 +28,24 @@ yaw_rate = "frame.gz"
 """
 """A wheelchair of which only the radius and the track are known, driven by what its gyros read."""
 
+CAR = """[vehicle]
+wheel_radius = 0.2924
+track_width = 1.42
+[imu]
+gyro_noise = 0.004
+accel_noise = 0.05
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "right"
+[inputs]
+speed = "nodes"
+yaw_rate = "frame.gz"
+"""
+"""A car of which only a tape measure's radius and track are known, driven by what its gyros read."""
+
 
 @dataclass(frozen=True)
 class Run:

@@ -1,11 +1,17 @@
-"""The gap workflow on 240 s of two nodes at 100 Hz, one effect hidden: its parts, and one forward evaluation.
+"""The gap workflow: on 240 s of two nodes at 100 Hz with an effect hidden, by length, and on real recordings.
 
-python tests/bench/bench_gap.py [ROUNDS]
+python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60] [--only parts,lengths,recordings]
+
+Of each length and recording: processor time and the most memory, each in a process of its own.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
 
+import argparse
+import json
 import os
+import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -19,6 +25,7 @@ import numpy as np
 
 from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
+from gap_runs import CAR, WHEELCHAIR
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
@@ -26,26 +33,38 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
+from wanted import SHARED
 
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
+MINUTES = (10, 30, 60)
 FORWARD_LIMIT = 0.015  # s
+WORKFLOW_LIMIT = 5.0  # s of processor
+MEMORY_LIMIT = 2.5  # GB
+GROWTH_LIMIT = 1.5  # times as much per minute in the longest log as in the shortest: caches are outgrown
+RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
+RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
 
 
-def make(folder):
-    """The log: 240 s, both nodes at 100 Hz."""
-    setup = cases.sampled_at(cases.setup(SEED, duration=SECONDS), 100.0, np.random.default_rng(SEED))
+def make(folder, seconds):
+    """The log: both nodes at 100 Hz."""
+    setup = cases.sampled_at(cases.setup(SEED, duration=seconds), 100.0, np.random.default_rng(SEED))
     effect, _ = Meter(setup).dose(cases.hidden_effect(setup, HIDDEN, "left"), MEDIUM)
     recording.write(setup, [effect], folder, {})
+    return folder
 
 
-def once(folder):
-    """Seconds of each part in the order they come, and the names found."""
-    marks = [("read the CSV folder", time.perf_counter())]
-    log, model = read_folder(folder), read_model(folder / "model.toml")
-    marks.append(("bring log and model together", time.perf_counter()))
-    result = find_gap(log, model, say=lambda words, share: marks.append((words, time.perf_counter())))
-    marks.append(("", time.perf_counter()))
+def once(folder, model_file=None):
+    """Seconds of processor of each part in the order they come, and the names found."""
+    marks = [("read the CSV folder", time.process_time())]
+
+    def mark(words, share):
+        marks.append((words, time.process_time()))
+
+    log, model = read_folder(folder), read_model(model_file or folder / "model.toml")
+    mark("bring log and model together", 0.0)
+    result = find_gap(log, model, say=mark)
+    mark("", 1.0)
     parts = {}
     for (words, begin), (_, end) in pairwise(marks):
         parts[words] = parts.get(words, 0.0) + end - begin
@@ -53,7 +72,7 @@ def once(folder):
 
 
 def forward(folder):
-    """Seconds of the fastest of many evaluations, each with another radius, camber, arm and delay."""
+    """Seconds of the fastest of many evaluations at the same delay, each with another radius, camber, arm."""
     problem = build(read_folder(folder), read_model(folder / "model.toml"))
     taken = []
     for k in range(EVALUATIONS):
@@ -61,7 +80,7 @@ def forward(folder):
             BY_NAME["wheel_radius"](error=1e-4 * k),
             BY_NAME["wheel_camber"](angle=1e-3 * k),
             BY_NAME["lever_arm"](x=1e-4 * k, z=1e-3),
-            BY_NAME["time_offset"](delay=1e-5 * k),
+            BY_NAME["time_offset"](delay=1e-3),
         ]
         state = initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
         begin = time.perf_counter()
@@ -70,25 +89,109 @@ def forward(folder):
     return min(taken), sum(len(node.t) for node in problem.nodes)
 
 
-def main(argv=None):
-    arguments = sys.argv[1:] if argv is None else argv
-    rounds = int(arguments[0]) if arguments else 3
+def measure(folder, model):
+    """One run on a log, as a line of JSON: seconds of processor, GB at most, names."""
+    parts, found = once(folder, model)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": found}))
+
+
+def of_length(minutes):
+    """What one log of that length takes."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        make(folder)
+        # A process begins with the most memory of the one that starts it: this one stays small.
+        own([str(minutes), "--make", name])
+        return json.loads(own(["--measure", name]))
+
+
+def own(words):
+    """What this program prints in a process of its own."""
+    command = [sys.executable, __file__, *words]
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def by_parts(rounds):
+    """Prints the parts of 240 s; whether they are as they ought to be."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = make(Path(name), SECONDS)
         seconds, samples = forward(folder)
         parts, found = min((once(folder) for _ in range(rounds)), key=lambda made: sum(made[0].values()))
-    print(
-        f"gap workflow, {SECONDS:.0f} s, two nodes at 100 Hz, {HIDDEN} hidden (seed {SEED}), best of {rounds}"
-    )
+    whole = sum(parts.values())
+    print(f"gap workflow, {SECONDS:.0f} s, two nodes at 100 Hz, {HIDDEN} hidden (seed {SEED})")
+    print(f"  processor time, best of {rounds}")
     for words, taken in parts.items():
-        print(f"  {words:48} {taken:6.2f} s")
-    print(f"  {'in all':48} {sum(parts.values()):6.2f} s   found: {', '.join(found) or 'nothing'}")
+        print(f"  {words:58} {taken:6.2f} s")
+    limit = f"(at most {WORKFLOW_LIMIT:.0f})"
+    print(f"  {'in all':58} {whole:6.2f} s {limit}   found: {', '.join(found) or 'nothing'}")
     print(
         f"  one forward evaluation, {samples} samples, best of {EVALUATIONS}: {1e3 * seconds:.1f} ms "
         f"(at most {1e3 * FORWARD_LIMIT:.0f})"
     )
-    return not (seconds <= FORWARD_LIMIT and found == [HIDDEN])
+    return seconds <= FORWARD_LIMIT and whole <= WORKFLOW_LIMIT and found == [HIDDEN]
+
+
+def by_length(lengths):
+    """Prints what logs of several lengths take; whether that grows no faster than they do."""
+    made = {minutes: of_length(minutes) for minutes in lengths}
+    for minutes, one in made.items():
+        print(
+            f"  {minutes:3} minutes: {one['seconds']:6.1f} s of processor, "
+            f"{one['seconds'] / minutes:.2f} s a minute, {one['memory']:.2f} GB at most "
+            f"(of {MEMORY_LIMIT:.1f}), found: {', '.join(one['found']) or 'nothing'}"
+        )
+    shortest, longest = (made[at]["seconds"] / at for at in (min(lengths), max(lengths)))
+    return (
+        all(one["memory"] <= MEMORY_LIMIT and one["found"] == [HIDDEN] for one in made.values())
+        and longest <= GROWTH_LIMIT * shortest
+    )
+
+
+def on_recordings():
+    """Prints what real logs take, from models without any effect; whether that is bearable."""
+    good = True
+    with tempfile.TemporaryDirectory() as name:
+        model = Path(name) / "model.toml"
+        for where, text in RECORDINGS.items():
+            folder = SHARED / "data" / where
+            if not folder.is_dir():
+                print(f"  {folder}: no recording there")
+                continue
+            model.write_text(text, "utf-8")
+            one = json.loads(own(["--measure", str(folder), "--model", str(model)]))
+            print(
+                f"  {where}: {one['seconds']:.0f} s of processor (at most {RECORDING_LIMIT:.0f}), "
+                f"{one['memory']:.2f} GB at most, {len(one['found'])} findings"
+            )
+            good = good and one["seconds"] <= RECORDING_LIMIT
+    return good
+
+
+def main(argv=None):
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("rounds", type=int, nargs="?", default=3)
+    parser.add_argument(
+        "--minutes", default=MINUTES, type=lambda text: tuple(int(it) for it in text.split(","))
+    )
+    parser.add_argument("--only", default="parts,lengths,recordings")
+    parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--model", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args(argv)
+    if args.make is not None:
+        make(args.make, 60.0 * args.rounds)
+        return 0
+    if args.measure is not None:
+        measure(args.measure, args.model)
+        return 0
+    parts = {
+        "parts": lambda: by_parts(args.rounds),
+        "lengths": lambda: by_length(args.minutes),
+        "recordings": on_recordings,
+    }
+    good = [parts[name]() for name in args.only.split(",")]
+    return not all(good)
 
 
 if __name__ == "__main__":

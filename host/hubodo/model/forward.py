@@ -221,7 +221,7 @@ class NodeForward:
         t = self.t - late if np.any(late) else self.t
         for effect in effects:
             t = effect.true_time(t)
-        key = 0 if t is self.t else hash(t.tobytes())
+        key = hash(t.tobytes())
         made = self._bodies.get(key)
         if made is None:
             while len(self._bodies) >= _KEPT:

@@ -230,7 +230,8 @@ def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
     """The rounds of the search, kept in the folder until it is finished."""
-    what = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject))
+    sources = [path.read_text("utf-8") for path in args.effects]
+    what = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject), sources)
     return Journal(args.output / UNFINISHED, what, args.resume)
 
 

@@ -117,7 +117,7 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
     """Read both, compare, write three files."""
     if args.before is None or args.after is None:
         raise InputError("--before and --after go together: name two logs of one vehicle")
-    for option in ("accept", "reject", "explain", "scaffold"):
+    for option in ("accept", "reject", "explain", "scaffold", "resume"):
         if getattr(args, option):
             raise InputError(f"--{option} goes with one log, not with --before and --after")
     if args.log is not None or (args.model is not None and args.vehicle is not None):

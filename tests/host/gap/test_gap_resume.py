@@ -7,6 +7,7 @@ from test_gap_json import check
 
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
+from hubodo.cli import main
 from hubodo.gap.judge import journal
 from hubodo.gap.judge.round import look
 
@@ -115,6 +116,11 @@ def test_another_model_or_other_options_are_refused(case, rounds, tmp_path):
         assert refused.code == 2
         assert "is of another log, model, choice of options or version of hubodo" in refused.err
     assert (tmp_path / "out" / "unfinished.jsonl").read_bytes() == before
+
+
+def test_a_comparison_of_two_logs_is_not_resumed(case, tmp_path):
+    both = ("--after", str(case), "-o", str(tmp_path / "out"), "--resume")
+    assert main(["gap", str(case / "model.toml"), "--before", str(case), *both]) == 2
 
 
 def test_without_a_search_to_go_on_with_resume_is_refused(case, tmp_path):

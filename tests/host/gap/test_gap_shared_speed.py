@@ -48,6 +48,15 @@ def evaluated(state, direction, node):
     return stacked(state.with_terms([*kept, *at]).readings[node])
 
 
+def assert_columns_are_those_evaluated_anew(at, directions):
+    found = {node.name: made for node, _, made in columns(at, directions)}
+    for k, direction in enumerate(directions):
+        for node in at.problem.nodes:
+            expected = (evaluated(at, direction, node.name) - stacked(at.readings[node.name])) / STEP
+            error = np.abs(found[node.name][k] - expected).max()
+            assert error <= OTHER * np.abs(expected).max() + 1e-6, (direction, node.name)
+
+
 @pytest.mark.parametrize("there", [*IN_MEAN, UNNAMED], ids=lambda effect: effect.name)
 def test_columns_are_those_of_the_model_evaluated_anew_beside_each_effect(state, there):
     seed = there.seeds()[0]
@@ -57,12 +66,14 @@ def test_columns_are_those_of_the_model_evaluated_anew_beside_each_effect(state,
     own = at.effects["left"][there]
     node = "" if there.level == "vehicle" else "left"
     directions += [Direction(own, node, k) for k in range(len(own.coordinates()))][::5]
-    found = {node.name: made for node, _, made in columns(at, directions)}
-    for k, direction in enumerate(directions):
-        for node in at.problem.nodes:
-            expected = (evaluated(at, direction, node.name) - stacked(at.readings[node.name])) / STEP
-            error = np.abs(found[node.name][k] - expected).max()
-            assert error <= OTHER * np.abs(expected).max() + 1e-6, (direction, node.name)
+    assert_columns_are_those_evaluated_anew(at, directions)
+
+
+def test_beside_a_limit_what_is_added_beyond_it_is_not_read(state):
+    limit = 0.5 * float(np.abs(state.readings["left"].gyro).max())
+    at = state.with_term(ModelTerm(BY_NAME["gyro_saturation"](limit=limit), ALL))
+    directions = [it for it in all_directions(at) if it.effect.name in ("gyro_bias", "gyro_scale_factor")]
+    assert_columns_are_those_evaluated_anew(at, directions)
 
 
 def test_what_one_gyro_measured_otherwise_is_felt_by_the_other_node(state):

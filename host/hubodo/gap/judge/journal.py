@@ -88,7 +88,7 @@ class Journal:
 def fingerprint(recording: Recording, model: Model, *beside: Collection[str]) -> str:
     """Of all that the rounds of a search hang on: the samples, the model, the effects that are known.
 
-    beside: options, and the version of the program.
+    beside: options, the sources of further effects, and the version of the program.
     """
     made = hashlib.sha256(repr((model_toml(model), beside, sorted(BY_NAME))).encode())
     for name, table in recording.files().items():

@@ -79,13 +79,13 @@ def look(
     refits = []
     for k, it in enumerate(worth):
         say(it.candidate.term.words, _SCREENED + (_FITTED - _SCREENED) * k / len(worth))
-        refits.append(refit(before.point.at(before.state.with_term(it.candidate.term))))
+        refits.append(refit(before.point.at(before.state.with_term(it.candidate.term))).bare())
     say("the best beside each other", _FITTED)
     if refits:
         tracked = [track_wheel_phase(it.state) for it in refits]
         weights = _strictest(before.point.weights, [walks for _, walks in tracked])
         before = refit(Point(before.state, weights), rounds=0)
-        refits = [fit_tracked(Point(state, weights), rounds=1) for state, _ in tracked]
+        refits = [fit_tracked(Point(replace(state), weights), rounds=1).bare() for state, _ in tracked]
     say("scatter, steps, limits, terms without a name", _BESIDE)
     proposals, walkers = _scattered(before, reject)
     best = max([gain_over(before, it) for it in [*refits, *walkers.values()]], default=0.0)
@@ -155,4 +155,4 @@ def _scattered(before: Refit, reject: Collection[str]) -> tuple[list[Proposal], 
 
 
 def _with(before: Refit, found: Proposal | Structure, rounds: int) -> Refit:
-    return refit(before.point.at(before.state.with_term(found.term)), rounds)
+    return refit(before.point.at(before.state.with_term(found.term)), rounds).bare()

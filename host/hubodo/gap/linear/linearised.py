@@ -55,12 +55,16 @@ def _columns(state: State, directions: Sequence[Direction]) -> Iterator[tuple[No
     """Those of each node, the attitude of one on the body after its directions."""
     bodies = [node for node in state.problem.nodes if not node.on_wheel]
     for node, felt, made in columns(state, directions):
-        if node.on_wheel:
-            yield node, NodeColumns(made, felt)
-            continue
-        turned = state.attitude_columns(node).astype(np.float32)
-        first = len(directions) + 3 * bodies.index(node)
-        yield node, NodeColumns(np.concatenate([made, turned]), [*felt, *range(first, first + 3)])
+        at = felt
+        if not node.on_wheel:
+            made = np.concatenate([made, state.attitude_columns(node).astype(np.float32)])
+            first = len(directions) + 3 * bodies.index(node)
+            at = [*felt, *range(first, first + 3)]
+        own = NodeColumns(made, at)
+        del made
+        yield node, own
+        # Those of the next node are made when nobody has these any more.
+        del own
 
 
 def solved(inner: Array, raw: Array) -> Array:

@@ -55,7 +55,10 @@ def innovations(
 
     shares: each is asked for when the one before it has been summed up: not all need be there at once.
     """
-    nodes = [WindowSums(share, walks, size, window, block) for share in shares]
+    nodes = []
+    for share in shares:
+        nodes.append(WindowSums(share, walks, size, window, block))
+        del share
     windows, count = len(nodes[0].cross), len(walks)
     paths, raw = np.zeros((count, windows)), np.zeros(size + 1)
     grams = np.zeros((len(nodes[0].squares), size + 1, size + 1))

@@ -62,8 +62,16 @@ class Point:
     def innovations(self, columns: Iterable[tuple[NodeData, NodeColumns]], size: int) -> Innovations:
         """Of all nodes, and of their columns; size: of those in all."""
         noise = process_noise(self.state, self.weights.walks)
-        shares = (self._share(node, noise, own) for node, own in columns)
-        return innovations(shares, noise.walks, size, WINDOW, BLOCK)
+        return innovations(self._shares(noise, columns), noise.walks, size, WINDOW, BLOCK)
+
+    def _shares(
+        self, noise: ProcessNoise, columns: Iterable[tuple[NodeData, NodeColumns]]
+    ) -> Iterator[Share]:
+        for node, own in columns:
+            share = self._share(node, noise, own)
+            del own
+            yield share
+            del share
 
     def smoothed(self) -> Iterator[tuple[NodeData, Felt, Walk, Array]]:
         """For each walk that a node feels, (N,) where it is beside its path, as all windows show it."""
