@@ -67,6 +67,6 @@ def test_help_completion_and_info_load_nothing_that_is_slow(tmp_path):
 
 def test_import_loads_nothing_and_open_what_reading_takes(tmp_path):
     _, (imported, opened) = loaded(IMPORTED, small_log(tmp_path))
-    assert {name for name in imported if name.startswith("hubodo")} == {"hubodo"}
+    assert {name for name in imported if name.startswith("hubodo")} == {"hubodo", "hubodo.version"}
     assert "numpy" not in imported
     assert not opened & (SLOW | {"pandas"}) and "numpy" in opened

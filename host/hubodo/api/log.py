@@ -258,12 +258,17 @@ class LoadedLog:
         return warmup_of(rest, str(self.path), age=age)
 
     def gap(
-        self, model: StrPath | Model, *, accept: Sequence[str] = (), reject: Sequence[str] = ()
+        self,
+        model: StrPath | Model | None = None,
+        *,
+        accept: Sequence[str] = (),
+        reject: Sequence[str] = (),
     ) -> MissingEffects:
         """What a model lacks to explain this log: what `hubodo gap` finds.
 
         Args:
-            model: a model file, or a `Model`.
+            model: a model file, or a `Model`; None: the vehicle of this log, with noise and inputs as the log
+                shows them.
             accept: effects that are added before anything is searched.
             reject: effects that are not considered; `empirical`: no term without a name.
 
@@ -273,11 +278,17 @@ class LoadedLog:
         """
         from hubodo.api.given import given_model
         from hubodo.api.missing import MissingEffects, check_effects
+        from hubodo.gap.problem.assumed import assumed_model
         from hubodo.gap.workflow import find_gap
         from hubodo.progress import progress_line
 
-        known = given_model(model)
         check_effects(accept, reject)
+        if model is not None:
+            known = given_model(model)
+        elif self.vehicle is not None:
+            known = assumed_model(self.recording, self.vehicle, str(self.path))
+        else:
+            raise InputError(f"{self.path}: carries no vehicle; name a model file")
         with progress_line() as show:
             result = find_gap(
                 self.recording, known, accept=accept, reject=reject, where=str(self.path), say=show

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +19,6 @@ from hubodo.gap.judge.round import EMPIRICAL, Say
 from hubodo.gap.problem.assumed import assumed_model
 from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
 from hubodo.gap.tell.account import (
-    comments,
     probability,
     runner_up_words,
     shrunk,
@@ -35,20 +32,18 @@ from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
-from hubodo.model.model_file import Model, model_toml, read_model
+from hubodo.model.model_file import Model, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.report.gap_page import gap_page
+from hubodo.report.gap_files import FILES, check_gap_folder, gap_contents, gap_json, plain, write_texts
 from hubodo.toml_file import near
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.version import __version__
-from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
-FILES = ("gap.json", "model.toml", "report.html")
 UNFINISHED = "unfinished.jsonl"
 
 
@@ -71,9 +66,9 @@ class GapReport:
         """`gap.json`, with what --explain asked for."""
         made = gap_json(self.result)
         if self.explained:
-            made["explain"] = _plain([it.as_json() for it in self.explained])
+            made["explain"] = plain([it.as_json() for it in self.explained])
         if self.scaffold is not None:
-            made["scaffold"] = _plain(self.scaffold.as_json())
+            made["scaffold"] = plain(self.scaffold.as_json())
         return made
 
     def render(self, console: Console) -> None:
@@ -178,7 +173,7 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
         if args.log is not None:
             raise InputError(f"{args.model} and --vehicle {args.vehicle}: both say the vehicle; give one")
         args.model, args.log = args.vehicle, args.model
-    _free(args.output, args.model)
+    check_gap_folder(args.output, args.model)
     with progress_line() as show:
         recording, model = _posed(args, show)
         journal = _journal(args, recording, model)
@@ -196,15 +191,10 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
             show(f"looking for {args.scaffold}", 0.95)
             made = scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
-        written = _model_text(result, args)
-        html = gap_page(result, log=args.log.name, model=args.model.name, written=written)
-    text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
-    contents = dict(zip(FILES, (text + "\n", written, html), strict=True))
+        contents = gap_contents(result, log=args.log.name, model=args.model.name)
     if made is not None:
         contents[f"{made.name}.py"] = made.text
-    with whole_files(*(args.output / name for name in contents), make_folder=True) as parts:
-        for part, content in zip(parts, contents.values(), strict=True):
-            part.write_text(content, "utf-8")
+    write_texts(args.output, contents)
     if not result.finished:
         # As whoever pressed ctrl-C expects, after the files are written.
         raise KeyboardInterrupt(f"{args.output} has what was found until then; --resume goes on")
@@ -235,47 +225,12 @@ def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Jo
     return Journal(args.output / UNFINISHED, what, args.resume)
 
 
-def gap_json(result: GapResult) -> dict[str, Any]:
-    """What `gap.json` holds: numbers that are none are null."""
-    made = _plain(result.as_json())
-    assert isinstance(made, dict)
-    return made
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
 def _known(option: str, names: Iterable[str]) -> None:
     known = (*BY_NAME, EMPIRICAL) if option == "reject" else tuple(BY_NAME)
     for name in names:
         if name not in known:
             hint = near(name, known) or f"; they are {', '.join(known)}"
             raise InputError(f"--{option} {name}: no such effect{hint}")
-
-
-def _free(output: Path, model: Path) -> None:
-    """Refuses a folder whose model.toml is not an earlier result."""
-    if output.exists() and not output.is_dir():
-        raise InputError(f"{output}: is a file; name a folder for {', '.join(FILES)}")
-    there = output / "model.toml"
-    if there.exists() and (there.samefile(model) if model.exists() else False):
-        raise InputError(f"{there}: is the model that is read; name another folder with -o")
-    if there.exists() and not (output / "gap.json").exists():
-        raise InputError(f"{there}: exists and is no result of gap; name another folder with -o")
-
-
-def _model_text(result: GapResult, args: argparse.Namespace) -> str:
-    head = [
-        f"# {args.model.name} with what hubodo gap found in {args.log.name}: gap {result.gap.before:.3f} → "
-        f"{result.gap.after:.3f}.",
-        f"# {verdict(result)}",
-    ]
-    return "\n".join(head) + "\n\n" + model_toml(result.model, comments(result, args.log.name))
 
 
 def _found_table(result: GapResult) -> TextTable:

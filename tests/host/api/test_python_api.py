@@ -149,6 +149,7 @@ def test_a_table_without_rows_or_numbers_shows_itself():
         (lambda log, folder: log.fuse(smooth=1.0, method="differential"), hubodo.InputError, "filter"),
         (lambda log, folder: log.gap(folder / "vehicle.toml"), hubodo.ConfigError, "imu"),
         (lambda log, folder: log.gap(folder / "model.toml", accept=["cambre"]), hubodo.InputError, "accept"),
+        (lambda log, folder: hubodo.open(log.path).gap(), hubodo.InputError, "name a model file"),
         (lambda log, folder: log.plot("mx"), hubodo.InputError, "'mx'"),
         (lambda log, folder: log.save(folder / "drive.mcap"), hubodo.InputError, "exists already"),
         (lambda log, folder: hubodo.simulate(folder / "model.toml", "fly"), hubodo.InputError, "'fly'"),
