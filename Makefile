@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load audit browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -95,6 +95,9 @@ audit: setup         ## known holes in what is installed, asked of PyPI's and np
 	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit
 	out/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip
 	npm audit
+
+fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, a year's index; some twenty minutes, 6 GB
+	$(BIN)/python tests/batch/fleet.py
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true
