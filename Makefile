@@ -7,15 +7,14 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-beyond gap-rides mutants faults fuzz load browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup browser compiler  ## everything that can be proven without hardware; what waits for the clock runs after the rest
-	$(BIN)/python -m pytest -m "not real_time" --numprocesses 3 --dist loadfile --no-loadscope-reorder
-	$(BIN)/python -m pytest -m real_time --numprocesses 2 --dist loadfile $$(grep -rlw --include='*.py' mark.real_time tests)
+test: setup browser compiler  ## everything that can be proven without hardware
+	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
@@ -29,10 +28,11 @@ package: setup       ## the package built, installed from wheels alone into a ne
 chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; some three minutes
 	$(BIN)/python tests/chip/chip.py --seconds 60
 
-bench: setup         ## speed and memory beside the peers, in the same run
+bench: setup         ## speed and memory beside the peers, in the same run; the table of all, and what has become slower
 	$(BIN)/python tests/bench/bench_decoder.py
 	$(BIN)/python tests/bench/bench_reading.py
 	$(BIN)/python tests/bench/bench_recording.py
+	$(BIN)/python tests/bench/bench_import.py
 	$(BIN)/python tests/bench/bench_filters.py
 	$(BIN)/python tests/bench/bench_hour.py
 	$(BIN)/python tests/bench/bench_fuse.py
@@ -40,6 +40,7 @@ bench: setup         ## speed and memory beside the peers, in the same run
 	$(BIN)/python tests/bench/bench_allan.py
 	$(BIN)/python tests/bench/bench_gap.py
 	$(BIN)/python tests/bench/bench_web.py
+	$(BIN)/python tests/bench/table.py
 
 HOURS := 3
 soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some twelve minutes
@@ -94,6 +95,14 @@ fuzz: setup          ## logs, CSV, TOML, streams, NMEA, options made from chance
 
 load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
 	$(BIN)/python tests/load/load.py
+
+audit: setup         ## known holes in what is installed, asked of PyPI's and npm's advisories
+	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit
+	out/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip
+	npm audit
+
+fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, a year's index; some twenty minutes, 6 GB
+	$(BIN)/python tests/batch/fleet.py
 
 browser:             ## what opens the pages in tests; only where it is missing and can be installed
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true

@@ -9,8 +9,6 @@ import pytest
 from batch.fleet_logs import NOISE, FleetLog, cut, write
 from in_process import hubodo
 
-LOCAL = ("--workers", 1, "--json")
-
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
@@ -36,9 +34,9 @@ def number(read, log, quantity, node=""):
     return float(one.value.iloc[0])
 
 
-def test_the_table_has_the_numbers_of_info_of_each_log_its_vehicle_and_its_date(fleet, tmp_path):
+def test_the_table_has_the_numbers_of_info_of_each_log_its_vehicle_and_its_date(fleet, tmp_path, here):
     folder, paths = fleet
-    done = hubodo("batch", "info", folder, "-o", tmp_path / "out", *LOCAL)
+    done = hubodo("batch", "info", folder, "-o", tmp_path / "out", *here, "--json")
     assert done.code == 0, done.err
     assert json.loads(done.out)["done"] == 3
     read = table(tmp_path / "out")
@@ -56,9 +54,9 @@ def test_the_table_has_the_numbers_of_info_of_each_log_its_vehicle_and_its_date(
     assert number(read, paths[1], "missing_share", "left") == pytest.approx(150 / 2000)
 
 
-def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path):
+def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path, here):
     folder, paths = fleet
-    done = hubodo("batch", "allan", folder, "--node", "all", "-o", tmp_path / "out", *LOCAL)
+    done = hubodo("batch", "allan", folder, "--node", "all", "-o", tmp_path / "out", *here, "--json")
     assert done.code == 0, done.err
     read = table(tmp_path / "out")
     row = read[read.log == str(paths[3])]
@@ -70,12 +68,12 @@ def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path):
     assert white.value.to_numpy() == pytest.approx(NOISE / 100**0.5, rel=0.1)
 
 
-def test_what_is_finished_is_not_done_again_and_what_is_new_changed_or_moved_is_seen(fleet, tmp_path):
+def test_what_is_finished_is_not_done_again_and_what_is_new_changed_or_moved_is_seen(fleet, tmp_path, here):
     folder, out = tmp_path / "logs", tmp_path / "out"
     paths = [write(folder, FleetLog("van-1", day, seed=day)) for day in range(3)]
 
     def run(*options):
-        done = hubodo("batch", "info", folder, "-o", out, *options, *LOCAL)
+        done = hubodo("batch", "info", folder, "-o", out, *options, *here, "--json")
         assert done.code == 0, done.err
         return json.loads(done.out)["fresh"]
 

@@ -9,11 +9,12 @@ import time
 
 import pandas as pd
 import pytest
+from distributed import Client
 
 from batch.cluster import cluster
 from batch.fleet_logs import FleetLog, write
 from hubodo.fleet import engine as engines
-from hubodo.fleet.engine import each
+from hubodo.fleet.engine import each, engine
 from in_process import hubodo
 
 pytestmark = pytest.mark.real_time
@@ -125,3 +126,13 @@ def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
     done = hubodo("batch", "info", logs, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
     assert done.code == 1
     assert done.err.count("\n") == 1 and "tcp://127.0.0.1:9: no scheduler answers" in done.err
+
+
+def test_nobody_without_the_certificate_of_a_run_reaches_its_workers():
+    with engine(None, 1, "auto") as client:
+        address = client.scheduler.address
+        assert address.startswith("tls://127.0.0.1:")
+        assert client.submit(sum, [1, 2]).result() == 3
+        for stranger in (address, address.replace("tls", "tcp")):
+            with pytest.raises((OSError, TypeError)):
+                Client(stranger, timeout=1)

@@ -16,7 +16,7 @@ FLEET = (Path(__file__).parents[2] / "host" / "FLEET.md").read_text("utf-8")
 
 
 @pytest.fixture(scope="module")
-def index(tmp_path_factory):
+def index(tmp_path_factory, here):
     folder = tmp_path_factory.mktemp("year")
     for number in range(8):
         write(
@@ -24,7 +24,7 @@ def index(tmp_path_factory):
             FleetLog(f"van-{number % 2}", 10.0 * number, seed=number, missing=50 * (number == 3)),
         )
     cut(folder / "logs", FleetLog("van-1", 99.0, seed=99))
-    done = hubodo("batch", "info", folder / "logs", "-o", folder / "index", "--workers", 1)
+    done = hubodo("batch", "info", folder / "logs", "-o", folder / "index", *here)
     assert done.code == 0, done.err
     shutil.rmtree(folder / "logs")
     return folder / "index"

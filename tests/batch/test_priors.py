@@ -36,11 +36,11 @@ def test_what_is_the_same_in_all_is_no_better_known_than_in_one_and_two_vehicles
         usual({name: [of(0.02, 1e-3)] for name in "ab"})
 
 
-def test_priors_are_written_when_asked_for_and_are_a_calibration_file(tmp_path):
+def test_priors_are_written_when_asked_for_and_are_a_calibration_file(tmp_path, here):
     for number in range(3):
         log = FleetLog(f"van-{number}", number, 150.0, 50.0, 0.01 + 0.002 * number, 0.03, seed=number)
         write(tmp_path / "logs", log)
-    words = ["batch", "warmup", tmp_path / "logs", "-o", tmp_path / "out", "--workers", 1]
+    words = ["batch", "warmup", tmp_path / "logs", "-o", tmp_path / "out", *here]
     assert hubodo(*words).code == 0
     assert not (tmp_path / "out" / "priors.toml").exists()
     assert hubodo(*words, "--priors").code == 0

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from told import tell
 
 from hubodo.log.mcap import read_recording
 from hubodo.log.writer import McapLog
@@ -97,6 +98,11 @@ def bench(seconds, rounds, seed):
             for name, (t, values) in found.items():
                 assert np.array_equal(values, found["hubodo"][1]), name
                 assert np.allclose(t, found["hubodo"][0], rtol=0, atol=1e-9), name
+            for name in readers:
+                if name != "hubodo":
+                    own = took["hubodo"]
+                    each = [other / mine for other, mine in zip(took[name], own, strict=True)]
+                    tell(f"reading {count} samples: {name}", each)
             rows.append({"samples": count, **{name: statistics.median(some) for name, some in took.items()}})
     return rows
 

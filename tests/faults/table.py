@@ -23,6 +23,9 @@ RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/test_node_decoder.p
 PORTS, RECOVER, WRITER = (
     "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::", "host/log/test_writer.py::",
 )  # fmt: skip
+WEEKS, SERIES, SEALED = (
+    "host/ingest/test_weeks.py::", "host/log/test_series.py::", "host/ingest/test_sealed.py::",
+)  # fmt: skip
 
 FAULTS = (
     Fault(
@@ -103,8 +106,36 @@ FAULTS = (
          DISK + "test_a_calibration_that_cannot_be_written_stays_as_it_was"),
     ),
     Fault(
-        "disk full while recording", "what was pending is lost, the log is valid", "the recorder's word",
-        (WRITER + "test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log",),
+        "disk full while recording", "what did not fit is lost; room begins another log",
+        "NOT RECORDING; /healthz 503",
+        (WRITER + "test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log",
+         SERIES + "test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_did_not_fit"),
+    ),
+    Fault(
+        "the log is deleted or replaced while recording", "noticed within a second, another begun, code 1",
+        "event; messages lost",
+        (SERIES + "test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_on",
+         WEEKS + "test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails"),
+    ),
+    Fault(
+        "the folder of the log is removed", "the log pauses, the odometry goes on",
+        "NOT RECORDING; /healthz 503",
+        (WEEKS + "test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_so",),
+    ),
+    Fault(
+        "logs are cut by time and size", "every message once, as in a single log", "one head each",
+        (SERIES + "test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head",
+         WEEKS + "test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would"),
+    ),
+    Fault(
+        "the power is cut", "at most five seconds are lost", "recover: bytes lost",
+        (SERIES + "test_a_power_cut_at_any_moment_costs_at_most_five_seconds",),
+    ),
+    Fault(
+        "datagrams forged, changed, sent again", "refused", "event: refused, by cause",
+        (SEALED + "test_a_datagram_of_which_a_bit_is_changed_is_refused",
+         SEALED + "test_nothing_of_an_earlier_session_counts_neither_knocks_nor_frames",
+         SEALED + "test_who_has_no_key_is_refused_by_cause"),
     ),
     Fault(
         "a folder that may only be read", "code 1, nothing left", "the file's name",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -281,7 +282,10 @@ class LoadedLog:
             result = find_gap(
                 self.recording, known, accept=accept, reject=reject, where=str(self.path), say=show
             )
-        return MissingEffects(result)
+        if not result.finished:
+            raise KeyboardInterrupt("the search was stopped before its end")
+        given = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
+        return MissingEffects(result, self.path.name, given)
 
     def plot(self, channel: str = "gz") -> Plot:
         """A column of all nodes over time. Raises InputError where no node has it."""

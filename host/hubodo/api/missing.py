@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from hubodo.api.given import StrPath
 from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
@@ -15,6 +17,7 @@ from hubodo.gap.tell.result import Finding, GapResult
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
 from hubodo.report.drawing import blank
+from hubodo.report.gap_files import check_gap_folder, gap_contents, gap_json, write_texts
 from hubodo.report.page import COLOURS
 from hubodo.toml_file import near
 
@@ -25,9 +28,13 @@ class MissingEffects:
 
     Attributes:
         result: everything: the residuals after each step, the rounds of the search.
+        log: what the log is called.
+        given: what the model is called.
     """
 
     result: GapResult
+    log: str
+    given: str
 
     @property
     def verdict(self) -> str:
@@ -56,7 +63,17 @@ class MissingEffects:
 
     def as_json(self) -> dict[str, Any]:
         """What gap.json holds."""
-        return self.result.as_json()
+        return gap_json(self.result)
+
+    def save(self, folder: StrPath) -> Path:
+        """Write gap.json, model.toml and report.html, as `hubodo gap` does; an earlier result is replaced.
+
+        Raises InputError for a folder whose model.toml is no result.
+        """
+        target = Path(folder)
+        check_gap_folder(target, None)
+        write_texts(target, gap_contents(self.result, log=self.log, model=self.given))
+        return target
 
     def plot(self) -> Plot:
         """The gap after each effect, on what was fitted and on what was not."""

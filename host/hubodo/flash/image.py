@@ -5,7 +5,6 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-import hubodo
 from hubodo.errors import HubodoError
 
 # Index = architecture number in sys.implementation._mpy >> 10; the words are mpy-cross's.
@@ -49,7 +48,7 @@ def firmware_folder() -> Path:
 
     Raises ImageError when neither is there.
     """
-    package = Path(hubodo.__file__).resolve().parent
+    package = Path(__file__).resolve().parents[1]
     for folder in (package.parents[1] / "firmware", package / "firmware"):
         if (folder / "main.py").is_file():
             return folder

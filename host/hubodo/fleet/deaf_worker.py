@@ -5,4 +5,5 @@ import signal
 
 def dask_setup(worker: object) -> None:
     """The command hears it, keeps what is finished and ends the workers."""
+    del worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -45,7 +45,8 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
             threads_per_worker=1,
             memory_limit=memory_limit,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
+            security=True,  # certificates for this run: a scheduler runs what anybody sends who reaches it
             preload=["hubodo.fleet.deaf_worker"],
             silence_logs=logging.CRITICAL,
         ) as cluster,

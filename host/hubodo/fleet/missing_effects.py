@@ -91,4 +91,4 @@ def _since(found: pd.DataFrame, asked: pd.DataFrame) -> pd.Timestamp | None:
 def _week(start: pd.Series) -> pd.Series:
     """The Monday of each."""
     days = start.dt.tz_localize(None).dt.normalize()
-    return days - pd.to_timedelta(days.dt.weekday, unit="D")
+    return days - pd.to_timedelta(days.dt.day_of_week, unit="D")

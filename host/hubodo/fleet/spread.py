@@ -25,7 +25,7 @@ _NORMAL_90 = 3.29
 
 
 @dataclass(frozen=True)
-class WeeklyDrift:
+class BiasDrift:
     """A straight line through weekly medians of a node's bias. slope: per week; low, high: 99 % interval."""
 
     vehicle: str
@@ -84,7 +84,7 @@ def adjusted(p_values: Array) -> Array:
     return made
 
 
-def drifts(table: pd.DataFrame) -> list[WeeklyDrift]:
+def drifts(table: pd.DataFrame) -> list[BiasDrift]:
     """Biases whose weekly medians go one way (Theil and Sen, 99 % interval without zero), steepest first."""
     dated = table[table.start.notna() & table.quantity.str.contains(_BIAS, na=False)]
     found = []
@@ -95,5 +95,5 @@ def drifts(table: pd.DataFrame) -> list[WeeklyDrift]:
         weeks = (weekly.index - weekly.index[0]).days.to_numpy(float) / 7.0
         slope, _, low, high = theilslopes(weekly.to_numpy(float), weeks, alpha=_DRIFT_LEVEL)
         if low > 0.0 or high < 0.0:
-            found.append(WeeklyDrift(vehicle, node, quantity, slope, low, high, len(weekly)))
+            found.append(BiasDrift(vehicle, node, quantity, slope, low, high, len(weekly)))
     return sorted(found, key=lambda one: -abs(one.slope))

@@ -40,8 +40,8 @@ def find_gap(
     """Where a log and a model disagree, what is missing, and the model with it.
 
     accept: names of effects that are added before anything is searched. reject: names not considered.
-    journal: keeps the rounds of the search, and has those of one that was stopped. A KeyboardInterrupt ends
-    the search with what it has found, where it has found anything.
+    journal: keeps the rounds of the search, and has those of one that was stopped. With one, a
+    KeyboardInterrupt ends the search with what it has found, where it has found anything.
     Raises InputError when the log has not what the model needs.
     """
     problem = build(recording, model, where)
@@ -53,7 +53,7 @@ def find_gap(
         last, rounds = reconsider(found[-1], accept, reject, watch)
         last, rounds = beyond_chance(last, rounds, accept)
     except KeyboardInterrupt:
-        if not found:
+        if journal is None or not found:
             raise
         return _unfinished(begin, found[-1], say)
     say("measuring on what was not fitted", 0.9)

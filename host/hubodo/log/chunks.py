@@ -66,11 +66,15 @@ class _Index:
 
 
 class BatchStream:
-    """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch."""
+    """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch.
+
+    The first `filled` rows wait for their chunk.
+    """
 
     def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
         size = layout.dtype.itemsize
         self.channel = channel
+        self.filled = 0
         self.record_size = PREFIX.itemsize + size
         self.rows = np.zeros(SLAB, np.dtype([*_fields(PREFIX), ("message", layout.dtype)]))
         self.rows["opcode"] = Opcode.MESSAGE
@@ -147,9 +151,12 @@ class ChunkLog:
         self._clock = clock
         self._deadline: int | None = None
         self._parts: list[bytes] = []
-        self._bytes = 0
+        self._bytes = 0  # in _parts
+        self._waiting: list[BatchStream] = []  # streams with rows that are not in _parts yet
+        self._waiting_bytes = 0
         self._index: dict[int, _Index] = {}
         self._sequence: dict[int, int] = {}
+        self._accepted = 0
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[str, int] = {}
         self._streams: dict[str, BatchStream] = {}
@@ -167,7 +174,7 @@ class ChunkLog:
     @property
     def message_count(self) -> int:
         """Messages accepted so far, pending ones included."""
-        return sum(self._sequence.values())
+        return self._accepted
 
     def add_channel(
         self,
@@ -201,6 +208,7 @@ class ChunkLog:
             raise ValueError(f"negative time: log {t_log_ns} ns, publish {t_pub_ns} ns")
         sequence = self._sequence[channel]
         self._sequence[channel] = sequence + 1
+        self._accepted += 1
         index = self._index[channel]
         index.times.append(t_log_ns)
         index.places.append(self._bytes)
@@ -225,6 +233,9 @@ class ChunkLog:
 
     def flush(self) -> None:
         """Hand what is pending to the operating system. OSError (disk full) loses only that."""
+        for stream in self._waiting:
+            self._drain(stream)
+        self._waiting = []
         if not self._parts:
             return
         records = b"".join(self._parts)
@@ -252,29 +263,56 @@ class ChunkLog:
         self, stream: BatchStream, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, values: Mapping[str, ArrayLike]
     ) -> None:
         """A batch on a stream: times (n,) ns; values: field -> (n, ...), or a scalar for all."""
-        published = np.atleast_1d(np.asarray(t_pub_ns, np.int64))
+        published = np.asarray(t_pub_ns, np.int64)
+        if not published.ndim:
+            published = published.reshape(1)
         count = len(published)
         if count > SLAB:
             self._slabs(stream, published, t_log_ns, values)
             return
         if count == 0:
             return
-        first = self._sequence[stream.channel]
-        logged = stream.log_time[:count]
+        if stream.filled + count > SLAB:
+            self._drain(stream)
+        rows = slice(stream.filled, stream.filled + count)
+        logged = stream.log_time[rows]
         logged[:] = t_log_ns
-        stream.publish_time[:count] = published
-        _check_times(logged, published)
+        stream.publish_time[rows] = published
+        one: Any = t_log_ns
+        one_time = isinstance(one, int) and one >= 0
+        # The sign bit of either shows in the or.
+        if np.minimum.reduce(published if one_time else logged | published) < 0:
+            raise ValueError(f"negative time: log {logged.min()} ns, publish {published.min()} ns")
+        views = stream.views
+        for path, value in values.items():
+            view, array = views[path] if path in views else stream.view(path), np.asarray(value)
+            if array.ndim and array.shape != (count, *view.shape[1:]):
+                raise ValueError(f"{path} has shape {array.shape}, not {(count, *view.shape[1:])}")
+            view[rows] = array
+        if not stream.filled:
+            self._waiting.append(stream)
+        stream.filled = rows.stop
+        self._accepted += count
+        self._waiting_bytes += count * stream.record_size
+        self._appended()
+
+    def _drain(self, stream: BatchStream) -> None:
+        """The rows that wait, as bytes; what follows from the rest of a row is filled in for all at once."""
+        count, stream.filled = stream.filled, 0
+        if not count:
+            return
+        first = self._sequence[stream.channel]
+        self._sequence[stream.channel] = first + count
         # uint32 wraps by itself, as the sequence field of the format does.
         stream.sequence[:count] = _RAMP[:count] + np.uint32(first & 0xFFFFFFFF)
         if stream.seconds is not None and stream.nanoseconds is not None:
-            stream.seconds[:count], stream.nanoseconds[:count] = np.divmod(published, _NS)
-        for path, value in values.items():
-            view, array = stream.view(path), np.asarray(value)
-            if array.ndim and array.shape != (count, *view.shape[1:]):
-                raise ValueError(f"{path} has shape {array.shape}, not {(count, *view.shape[1:])}")
-            view[:count] = array
-        self._sequence[stream.channel] = first + count
-        self._append(stream.channel, stream.rows[:count].tobytes(), logged.copy(), stream.record_size)
+            seconds, nanoseconds = np.divmod(stream.publish_time[:count], _NS)
+            stream.seconds[:count], stream.nanoseconds[:count] = seconds, nanoseconds
+        times = stream.log_time[:count].copy()
+        self._index[stream.channel].batches.append((times, self._bytes, stream.record_size))
+        self._parts.append(stream.rows[:count].tobytes())
+        self._bytes += count * stream.record_size
+        self._waiting_bytes -= count * stream.record_size
 
     def _slabs(
         self,
@@ -294,14 +332,8 @@ class ChunkLog:
                 {path: value[part] if value.ndim else value for path, value in arrays.items()},
             )
 
-    def _append(self, channel: int, data: bytes, times: NDArray[np.int64], size: int) -> None:
-        self._index[channel].batches.append((times, self._bytes, size))
-        self._parts.append(data)
-        self._bytes += len(data)
-        self._appended()
-
     def _appended(self) -> None:
-        if self._bytes >= self._chunk_bytes:
+        if self._bytes + self._waiting_bytes >= self._chunk_bytes:
             self.flush()
         elif self._clock is not None:
             now = self._clock()
@@ -313,9 +345,3 @@ class ChunkLog:
 
 def _fields(dtype: np.dtype[Any]) -> Sequence[tuple[str, Any]]:
     return [(name, dtype[name]) for name in dtype.names or ()]
-
-
-def _check_times(logged: NDArray[np.int64], published: NDArray[np.int64]) -> None:
-    # The sign bit of either shows in the or; one pass, because this stands in the path of each batch.
-    if len(published) and np.minimum.reduce(logged | published) < 0:
-        raise ValueError(f"negative time: log {logged.min()} ns, publish {published.min()} ns")

@@ -26,6 +26,7 @@ EXAMPLE = (
 ANALYSES = ("info", "fuse", "allan", "warmup", "calibrate", "gap", "report", "export")
 _OWN = ("logs", "output", "priors", "scheduler", "workers", "memory_limit")
 _OF_EACH_VERB = ("verb", "analysis", "json", "debug", "run")
+_OF_COMMAND = ("--json", "--debug")
 _NOT_HERE = ("-o", "--output", "--force", "--figure", "--report", "--datasheet")
 """Options of verbs that name what one log's result is written to, or what it is laid beside."""
 _OUTPUT = {
@@ -96,6 +97,8 @@ class _VerbParser(Parser):
         return super().parse_known_args(args, namespace)
 
     def add_argument(self, *names: Any, **how: Any) -> argparse.Action:
+        if names[0] in _OF_COMMAND:
+            return argparse.Action([], names[0])  # `_add_own` has it
         if names[0] in _NOT_HERE:
             dest = next(name for name in names if name.startswith("--"))[2:]
             self.set_defaults(**{dest: how.get("default")})
@@ -139,7 +142,7 @@ def _add_own(parser: argparse.ArgumentParser) -> None:
         metavar="SIZE",
         help="of each process, as 2GB (default: all memory shared out)",
     )
-    for option in ("--json", "--debug"):
+    for option in _OF_COMMAND:
         add(parser, option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 

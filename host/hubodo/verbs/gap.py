@@ -44,6 +44,7 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.version import __version__
 from hubodo.whole_files import whole_files
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
@@ -229,7 +230,7 @@ def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
     """The rounds of the search, kept in the folder until it is finished."""
-    what = fingerprint(recording, model, sorted(args.accept), sorted(args.reject))
+    what = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject))
     return Journal(args.output / UNFINISHED, what, args.resume)
 
 

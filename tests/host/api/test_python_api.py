@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import hubodo
+import wanted
 from in_process import hubodo as run
 
 
@@ -68,7 +69,24 @@ def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
     told = json.loads(run(*words).out)
     assert told["found"] == json.loads(json.dumps(gap.as_json()["found"]))
     assert [it.effect for it in gap.found] == ["wheel_camber"] and gap.after < 1.1 < gap.before
+    gap.save(tmp_path / "api")
+    for name in ("gap.json", "model.toml"):
+        texts = [(tmp_path / side / name).read_text() for side in ("gap", "api")]
+        assert texts[0] == texts[1].replace("simulated-random", "leaning.mcap"), name
+    assert "leans" in (tmp_path / "api" / "report.html").read_text()
+    with pytest.raises(hubodo.InputError, match="no result of gap"):
+        gap.save(examples)
     assert "wheel_camber" in gap._repr_html_() and "gap" in gap.plot()._repr_html_()
+
+
+def test_a_real_ride_turns_as_the_gyro_on_its_frame_says():
+    log = hubodo.open(wanted.recording("wheelchair"))
+    mounts = {name: hubodo.NodeMount(name, "left") for name in ("left", "right")}
+    track = log.fuse(hubodo.Vehicle(0.31, 0.92, mounts))
+    frame = log["frame"]
+    turned = np.concatenate(([0.0], np.cumsum(np.diff(frame.t) * (frame["gz"][1:] + frame["gz"][:-1]) / 2.0)))
+    off = track.heading - np.interp(track.t, frame.t, turned)
+    assert np.degrees(np.ptp(track.heading)) > 90.0 and np.degrees(np.ptp(off)) < 3.0
 
 
 def test_a_simulated_log_is_that_of_the_verb(examples, tmp_path):

@@ -118,15 +118,14 @@ def test_what_comes_out_is_what_the_chip_made_sample_by_sample(tmp_path: Path, k
     node.stop()
 
 
-@pytest.mark.real_time
-def test_a_hundred_thousand_samples_run_in_much_less_than_a_minute(tmp_path: Path) -> None:
-    began = time.monotonic()
+def test_a_hundred_thousand_samples_run_in_much_less_than_a_minute_of_the_processor(tmp_path: Path) -> None:
+    began = time.process_time()
     program = STREAM_FIFO % {"odr": 8, "n": 100_000, "batch": 8, "nap": 2000}
     node = run(tmp_path, program, 64.0, turning())
     got = np.frombuffer(node.output[:1_200_000], "<i2").reshape(-1, 6)
     assert np.array_equal(got, node.chip.truth().raw[:100_000])
+    assert time.process_time() - began + node.stats["interpreter_cpu"] < 30
     node.stop()
-    assert time.monotonic() - began < 30
 
 
 @pytest.mark.real_time

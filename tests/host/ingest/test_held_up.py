@@ -100,8 +100,10 @@ def test_what_the_line_could_not_hold_is_counted_as_a_gap(tmp_path):
     (found,) = result["nodes"].values()
     print(f"{found['samples']} samples, {found['samples_lost']} lost, {dropped} frames given up")
     assert dropped["left"] > 100
-    assert found["samples_lost"] == pytest.approx(8 * dropped["left"], rel=0.02)
+    # On a busy computer the line runs over before and after, too: the node's own time says how often.
+    assert found["samples_lost"] > 0.98 * 8 * dropped["left"]
     times = read_recording(out).nodes["left"].t
     assert len(times) == found["samples"]
+    assert len(times) + found["samples_lost"] == pytest.approx(1 + np.ptp(times) * 1660.0, rel=0.02)
     missing = np.diff(times).max() * 1660.0
     assert missing > 0.5 * found["samples_lost"]

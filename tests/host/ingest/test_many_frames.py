@@ -153,13 +153,13 @@ def same(a, b):
 
 
 def check(came, portions, *, datagrams=False, downs=2):
-    """The frames through both; returns how many runs there were."""
+    """The frames through both; returns how many runs there were, and what part of the samples was in them."""
     single, many, bulk = (
         NodeDecoder("left", datagrams=datagrams),
         RunDecoder("left", datagrams=datagrams),
         BulkDecoder(),
     )
-    runs = at = end = 0
+    runs = together = at = end = 0
     for size in portions:
         part = came[at : at + size]
         at += size
@@ -171,7 +171,8 @@ def check(came, portions, *, datagrams=False, downs=2):
         end += len(stream)
         found = by_node(bulk.feed(stream), arrival(table))
         outputs = [item for some in found.values() for item in many.many(some, downs)]
-        runs += sum(isinstance(item, ImuRun) for item in outputs)
+        sizes = [len(item.device_ns) for item in outputs if isinstance(item, ImuRun)]
+        runs, together = runs + len(sizes), together + sum(sizes)
         flat, expected = one_by_one(outputs), one_by_one(expected)
         assert len(flat) == len(expected)
         assert all(same(a, b) for a, b in zip(flat, expected, strict=True))
@@ -182,7 +183,7 @@ def check(came, portions, *, datagrams=False, downs=2):
             single.wants_hello,
         )
     assert list(many.close()) == list(single.close())
-    return runs
+    return runs, together / max(many.counts.samples, 1)
 
 
 @settings(max_examples=150)
@@ -214,8 +215,9 @@ def test_a_long_recording_with_all_that_happens_is_the_same_and_mostly_runs(seed
         node.act(str(rng.choice(ACTIONS)))
         node.act("hello")
     assert len(node.came) > 10_000
-    runs = check(node.came, [3000] * (len(node.came) // 3000 + 1))
-    assert runs > 300
+    _, together = check(node.came, [3000] * (len(node.came) // 3000 + 1))
+    print(f"{together:.1%} of the samples in runs")
+    assert together > 0.75
 
 
 @pytest.mark.parametrize("lost", [1, 2, 7])
@@ -229,7 +231,8 @@ def test_lost_frames_do_not_end_the_taking_together(lost):
         for _ in range(lost):
             node.batch(count=8, lost=True)
         node.batch(count=8)
-    assert check(node.came, [len(node.came)]) == 1
+    runs, together = check(node.came, [len(node.came)])
+    assert runs == 1 and together > 0.8
 
 
 def test_frames_of_two_nodes_are_told_apart():

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pty
+import re
 import signal
 import socket
 import subprocess
@@ -131,6 +132,15 @@ class Manager:
         except BlockingIOError:
             return self.heard
 
+    def samples(self):
+        """By name of each log: samples that were told first and last while it was recorded."""
+        told = {}
+        for word in self.listen():
+            if found := re.match(r"STATUS=recording ([^;]+);.* (\d+) samples", word):
+                count = int(found[2])
+                told[found[1]] = (told.get(found[1], (count,))[0], count)
+        return told
+
     def close(self):
         self._socket.close()
 
@@ -151,9 +161,9 @@ def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends
             words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env
         ) as run:
             until(lambda: "READY=1" in manager.listen())
-            until(lambda: any(path.stat().st_size > 3000 for path in logs.iterdir()))
+            until(lambda: any(last > first for first, last in manager.samples().values()))
             run.send_signal(signal.SIGHUP)
-            until(lambda: len(list(logs.iterdir())) == 2)
+            until(lambda: [last > first for first, last in manager.samples().values()] == [True, True])
             until(lambda: sum("WATCHDOG=1" in word for word in manager.listen()) > 3)
             until(
                 lambda: any(

@@ -31,7 +31,6 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
-from hubodo.version import __version__
 
 _VERSION = 1
 
@@ -86,9 +85,12 @@ class Journal:
             self._path.unlink(missing_ok=True)
 
 
-def fingerprint(recording: Recording, model: Model, *options: Sequence[str]) -> str:
-    """Of all that the rounds of a search hang on: the samples, the model, the options and this program."""
-    made = hashlib.sha256(repr((__version__, model_toml(model), options, sorted(BY_NAME))).encode())
+def fingerprint(recording: Recording, model: Model, *beside: Collection[str]) -> str:
+    """Of all that the rounds of a search hang on: the samples, the model, the effects that are known.
+
+    beside: options, and the version of the program.
+    """
+    made = hashlib.sha256(repr((model_toml(model), beside, sorted(BY_NAME))).encode())
     for name, table in recording.files().items():
         for column in table:
             made.update(f"{name}.{column}".encode())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from hubodo.ingest.node.gaps import LinkCounts, WireGaps
 from hubodo.ingest.node.many_frames import STEP_US, Batches, NodeFrames, Times
 from hubodo.ingest.node.samples import ImuRun
 from hubodo.ingest.node.wire_batch import in_si
-from hubowire.messages import BatchFlag, ImuBatch
+from hubowire import Frame
+from hubowire.messages import BatchFlag, Hello, ImuBatch
 
 
 class RunDecoder(NodeDecoder):
@@ -28,23 +29,33 @@ class RunDecoder(NodeDecoder):
         batches, others = some.batches, some.others
         breaks = deque(np.flatnonzero(~(batches.follows | batches.spaced)).tolist())
         breaks.append(len(batches))
-        at = 0
         edges = np.searchsorted(batches.end, [other.end for other in others]).tolist()
-        for other, end in zip(others, edges, strict=True):
-            yield from self._batches(some, at, end, breaks, downs)
+        edges.append(len(batches))
+        at = news = 0
+        for n, other in enumerate(others):
+            news = max(news, n)
+            while news < len(others) and self._says_nothing_new(others[news].frame):
+                news += 1
+            at = yield from self._batches(some, at, edges[n], (edges[news], breaks), downs)
             yield from self.frame(other.frame, other.t_ns, LinkCounts(other.damaged, downs))
-            at = end
-        yield from self._batches(some, at, len(batches), breaks, downs)
+        yield from self._batches(some, at, len(batches), (len(batches), breaks), downs)
+
+    def _says_nothing_new(self, frame: Frame) -> bool:
+        """Whether a frame is the newest Hello again: where nothing is in doubt, batches around it go on."""
+        return frame.type_id == Hello.type_id and frame.payload == self._told
 
     def _batches(
-        self, some: NodeFrames, at: int, end: int, breaks: deque[int], downs: int
-    ) -> Iterator[Output]:
-        """Batches at to end; those up to a break, which does not go on from the one before it, as a run."""
-        batches = some.batches
+        self, some: NodeFrames, at: int, end: int, bounds: tuple[int, deque[int]], downs: int
+    ) -> Generator[Output, None, int]:
+        """Batches at to end at least; returns where the next begins.
+
+        bounds: up to where a run may reach, and the batches that do not go on from the one before them.
+        """
+        batches, (reach, breaks) = some.batches, bounds
         while at < end:
             while breaks[0] < at:
                 breaks.popleft()
-            stop = min(breaks[0], end)
+            stop = min(breaks[0], reach)
             boot = None if self._doubt or self.refusal is not None else self._boot
             if boot is not None and stop > at > 0 and _stands_before(boot, batches, at):
                 yield from self._run(boot, batches, at, stop, downs)
@@ -53,6 +64,7 @@ class RunDecoder(NodeDecoder):
             link = LinkCounts(int(batches.damaged[at]), downs)
             yield from self.frame(some.batch(at), int(batches.t_ns[at]), link)
             at += 1
+        return at
 
     def _run(self, boot: Boot, batches: Batches, at: int, end: int, downs: int) -> Iterator[Output]:
         """Batches at to end at once, then the gaps between them."""

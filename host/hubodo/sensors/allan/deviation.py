@@ -13,7 +13,7 @@ from hubodo.errors import InputError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# Pairs taken at a time: few enough for a cache, so a window's end is there for octaves that begin there.
+# Pairs taken at a time: few enough for a cache, which then holds what several averaging times need.
 _BLOCK = 1 << 15
 # A longer dot product is spread over threads by a BLAS, and waits there for a busy core.
 _DOT = 1 << 13
@@ -97,7 +97,7 @@ def _integral(samples: FloatArray, present: NDArray[np.bool_] | None) -> FloatAr
 
 
 def _complete(phase: FloatArray, factors: IntArray) -> FloatArray:
-    """(P,) sums of squared differences of adjacent window means; all averaging times in each block."""
+    """(P,) sums of squared differences of adjacent window means; all averaging times block by block."""
     sums, work = np.zeros(len(factors)), np.empty(_BLOCK)
     for start in range(0, len(phase), _BLOCK):
         for row, m in enumerate(factors.tolist()):

@@ -1,0 +1,90 @@
+"""Each verb that `hubodo batch` takes says of a log what it says of it alone, and its files are kept."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from drive_model import DRIVE_MODEL, QUIET_INPUTS
+from in_process import hubodo
+
+VERBS = {
+    "fuse": ("--vehicle", "MODEL"),
+    "report": ("--vehicle", "MODEL"),
+    "export": ("--format", "parquet"),
+    "calibrate wheels": ("--vehicle", "MODEL"),
+}
+FILES = {
+    "fuse": {"track.csv", "fuse.json"},
+    "report": {"report.html"},
+    "export": {"left.parquet", "right.parquet", "reference.parquet", "truth.parquet"},
+    "calibrate wheels": {"calibration.toml"},
+    "gap": {"gap.json", "model.toml", "report.html"},
+}
+CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.2\n"
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    """The model, and the logs of two vehicles of which the second leans its left wheel."""
+    folder = tmp_path_factory.mktemp("drives")
+    model = folder / "model.toml"
+    model.write_text(DRIVE_MODEL + QUIET_INPUTS)
+    (folder / "leaning.toml").write_text(model.read_text() + CAMBER)
+    for vehicle, made_by in (("van-1", model), ("van-2", folder / "leaning.toml")):
+        (folder / "logs" / vehicle).mkdir(parents=True)
+        words = ["--duration", 40, "--rate", 100, "--seed", 3, "-o", folder / "logs" / vehicle / "a.mcap"]
+        assert hubodo("simulate", made_by, *words).code == 0
+    return model, folder / "logs"
+
+
+def finished(out):
+    return pd.concat(pd.read_parquet(path) for path in (out / "finished").iterdir())
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_a_verb_says_what_it_says_alone(drives, tmp_path, here, verb):
+    model, logs = drives
+    log, out = logs / "van-2" / "a.mcap", tmp_path / "out"
+    options = [model if word == "MODEL" else word for word in VERBS[verb]]
+    done = hubodo("batch", *verb.split(), log, *options, "-o", out, *here)
+    assert done.code == 0, done.err
+    row = finished(out).iloc[0]
+    alone = hubodo(*verb.split(), log, *options, "-o", tmp_path / "alone", "--json")
+    assert alone.code == 0, alone.err
+    mine, theirs = json.loads(row.result), json.loads(alone.out)
+    for told in (mine, theirs):
+        for key in ("output", "folder", "size"):  # where it is written; of a page with that name in it
+            told.pop(key, None)
+    assert mine == theirs
+    assert {path.name for path in (out / row.files).rglob("*") if path.is_file()} >= FILES[verb]
+
+
+def test_a_missing_effect_is_found_in_the_vehicle_that_has_it(drives, tmp_path, here):
+    model, logs = drives
+    done = hubodo("batch", "gap", model, logs, "-o", tmp_path / "out", *here)
+    assert done.code == 0, done.err
+    table = pd.read_parquet(tmp_path / "out" / "table.parquet")
+    found = table[table.p_value.notna()]
+    assert list(found.vehicle) == ["van-2"] and list(found.quantity) == ["found.wheel_camber"]
+    assert list(found.node) == ["left"] and found.q_value.iloc[0] < 0.01
+    angle = table[table.quantity == "wheel_camber.angle"].iloc[0]
+    assert angle.value == pytest.approx(0.2, abs=4 * angle.sigma)
+    assert "wheel_camber in 1" in (tmp_path / "out" / "fleet.html").read_text()
+    folder = tmp_path / "out" / found.files.iloc[0]
+    assert {path.name for path in folder.iterdir()} == FILES["gap"]
+
+
+def test_a_model_that_changes_makes_results_anew(drives, tmp_path, here):
+    model, logs = drives
+    mine = tmp_path / "mine.toml"
+
+    def fresh(text):
+        mine.write_text(text)
+        words = ["--vehicle", mine, "-o", tmp_path / "out", *here, "--json"]
+        return json.loads(hubodo("batch", "export", logs / "van-1", *words).out)["fresh"]
+
+    text = model.read_text()
+    assert fresh(text) == 1
+    assert fresh(text.replace("0.92", "0.93")) == 1
+    assert fresh(text) == 0

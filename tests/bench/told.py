@@ -1,0 +1,15 @@
+"""What a benchmark has measured beside its peer, kept for the table with which `make bench` ends."""
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+OUT = Path(__file__).resolve().parents[2] / "out" / "bench"
+
+
+def tell(name: str, times: Sequence[float]) -> None:
+    """How many times as fast as its peer something was, in each round of one run."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    file = OUT / (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") + ".json")
+    file.write_text(json.dumps({"name": name, "times": [float(value) for value in times]}) + "\n")
