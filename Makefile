@@ -75,8 +75,9 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
-gap-beyond: setup    ## nine kinds that no list has, given a name and found by it; some ten minutes
-	$(BIN)/python tests/gap_matrix/scaffolded.py --seeds 0:5
+gap-beyond: setup    ## nine kinds that no list has, given a name and found by it; two drives of one vehicle compared; some fifteen minutes
+	$(BIN)/python tests/gap_matrix/scaffolded.py --seeds 20:23
+	$(BIN)/python tests/gap_matrix/two_drives.py --first 100 --seconds 60
 
 gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some four minutes
 	$(BIN)/python tests/signal_path/hidden.py

@@ -10,6 +10,7 @@ sys.path.insert(0, str(ROOT / "host"))
 
 from generated import fill, write_or_check  # noqa: E402
 from hubodo.effects import EFFECTS, Effect  # noqa: E402
+from hubodo.effects.field import FIELD  # noqa: E402
 
 README = ROOT / "host" / "hubodo" / "model" / "README.md"
 _UNITS = {"1": "", "1e-6": "ppm", "noise": "× noise"}
@@ -26,14 +27,18 @@ _STAGES = {
     "repeat": "7",
     "true_time": "7",
 }
+_EFFECT = ("effect", "level", "parameters", "shows in", "stage", "what it is")
+_ALIKE = ("effect", "may pass for", "what tells them apart")
 
 
 def readme_blocks() -> dict[str, str]:
     """The tables by the name of their markers."""
     return {
-        "effects": _table(("effect", "level", "parameters", "shows in", "stage", "what it is"), _effects()),
+        "effects": _table(_EFFECT, _effects(EFFECTS)),
+        "field": _table(_EFFECT, _effects(FIELD)),
         "estimates": _table(("parameter", "1 σ before", "walk per √s", "where they come from"), _estimates()),
-        "look-alikes": _table(("effect", "may pass for", "what tells them apart"), _look_alikes()),
+        "look-alikes": _table(_ALIKE, _look_alikes(EFFECTS)),
+        "field look-alikes": _table(_ALIKE, _look_alikes(FIELD)),
     }
 
 
@@ -42,8 +47,8 @@ def _table(head: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def _effects() -> Iterator[tuple[str, ...]]:
-    for kind in EFFECTS:
+def _effects(kinds: tuple[type[Effect], ...]) -> Iterator[tuple[str, ...]]:
+    for kind in kinds:
         parts = []
         for unit, names in groupby(kind.parameters(), kind.unit):
             listed = ", ".join(f"{'−' if kind.sign(name, 'right') < 0.0 else ''}`{name}`" for name in names)
@@ -75,8 +80,8 @@ def _estimates() -> Iterator[tuple[str, ...]]:
                 yield which, f"{found.prior:.2g} {unit}".rstrip(), walk, found.origin
 
 
-def _look_alikes() -> Iterator[tuple[str, ...]]:
-    for kind in EFFECTS:
+def _look_alikes(kinds: tuple[type[Effect], ...]) -> Iterator[tuple[str, ...]]:
+    for kind in kinds:
         for other, manoeuvre in kind.alike.items():
             yield f"`{kind.name}`", f"`{other}`", manoeuvre
 

@@ -13,19 +13,24 @@ from types import ModuleType
 import numpy as np
 
 from hubodo.effects import BY_NAME, EFFECTS, Chain, Effect
+from hubodo.effects.field import FIELD
 from hubodo.errors import ConfigError
 
 GROUP = "hubodo.effects"
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
-_OWN = frozenset(effect.name for effect in EFFECTS)
+_OWN = frozenset(effect.name for effect in (*EFFECTS, *FIELD))
 
 
-def use_effects(files: Iterable[Path] = ()) -> None:
+def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
     """Add to `BY_NAME` what installed packages offer under `hubodo.effects`, and what these files hold.
+
+    field: and what `effects/field.py` has, whose names are as those of the list then.
 
     One of a name that was added before takes its place. Raises ConfigError for a file that cannot be run,
     one without an effect, and an effect that is not complete.
     """
+    if field:
+        BY_NAME.update({effect.name: effect for effect in FIELD})
     for entry in entry_points(group=GROUP):
         try:
             found = list(_offered(entry.load()))

@@ -9,6 +9,7 @@ import numpy as np
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
 from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.problem.build import SHORTEST
 from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.gap.tell.account import handy
 from hubodo.gap.tell.result import Finding, GapResult
@@ -19,6 +20,8 @@ from hubodo.vehicle import Vehicle
 
 # s: what is looked at, and how long a wheel has to turn, at so many rad/s or more, before anything is said.
 _NEWEST, _TURNING, _TURNS = 60.0, 12.0, 1.0
+# s: what each node has to have; inputs made of its samples end a little before them.
+_LEAST = SHORTEST + 2.0
 # A finding is told when it is so sure and so much of what exceeds the noise.
 _SURE, _SHARE = 0.99, 0.1
 
@@ -34,6 +37,8 @@ class GapWatch:
         """What is new, one line each."""
         newest = _newest(recording)
         if not any(self._turns(name, table) for name, table in newest.nodes.items()):
+            return []
+        if min(float(table.t[-1] - table.t[0]) for table in newest.nodes.values() if len(table)) < _LEAST:
             return []
         try:
             result = find_gap(newest, assumed_model(newest, self._vehicle))

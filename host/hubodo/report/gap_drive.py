@@ -132,6 +132,6 @@ def _profile(stretches: Sequence[Stretch]) -> tuple[Array, Array, Array]:
     speed = np.repeat([speed for _, speed, _ in whole], counts)
     yaw_rate = np.repeat([rate for _, _, rate in whole], counts)
     bell = np.hanning(round(2.0 * _SMOOTH / _STEP) + 1)
-    bell /= bell.sum()
-    t: Array = np.arange(len(speed), dtype=np.float64) * _STEP
+    bell = bell / bell.sum()
+    t = np.asarray(np.arange(len(speed)) * _STEP, float)
     return t, np.convolve(speed, bell, "same"), np.convolve(yaw_rate, bell, "same")

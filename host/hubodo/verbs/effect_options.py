@@ -9,7 +9,7 @@ from hubodo.effects.loaded import use_effects
 
 
 def add_effects_option(parser: argparse.ArgumentParser) -> None:
-    """--effects."""
+    """--effects, --candidates."""
     parser.add_argument(
         "--effects",
         type=Path,
@@ -19,7 +19,14 @@ def add_effects_option(parser: argparse.ArgumentParser) -> None:
         help="Python file with further effects, as gap --scaffold writes them; it is run; again for more",
     )
 
+    parser.add_argument(
+        "--candidates",
+        choices=("list", "field"),
+        default="list",
+        help="field: also effects that a drive hardly tells from those of the list, see the model's README",
+    )
+
 
 def know_effects(args: argparse.Namespace) -> None:
     """Add what --effects names, and what installed packages offer."""
-    use_effects(args.effects)
+    use_effects(args.effects, args.candidates == "field")

@@ -164,7 +164,7 @@ def _alike(problems: Sequence[Problem], found: Sequence[Scoped]) -> tuple[Point,
 
 
 def _mean(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
-    """A term, each coordinate as both fits together have it; one that neither sees as the first has it."""
+    """A term with each coordinate where both fits together have it."""
     there, weights = [], []
     for fit in fits:
         own = next(it for it in fit.free if it.key == term.key)

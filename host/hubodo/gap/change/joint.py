@@ -98,19 +98,25 @@ def _difference(logs: Sequence[_Log], basis: Array, common: Array) -> tuple[floa
     """
     signs = (-0.5, 0.5)
     grams = [log.gram for log in logs]
-    whole = sum(common.T @ gram[:-1, :-1] @ common for gram in grams)
-    pull = sum(common.T @ gram[:-1, -1] for gram in grams)
+    whole = np.sum([common.T @ gram[:-1, :-1] @ common for gram in grams], axis=0)
+    pull = np.sum([common.T @ gram[:-1, -1] for gram in grams], axis=0)
     across = sum(sign * basis.T @ gram[:-1, :-1] @ common for sign, gram in zip(signs, grams, strict=True))
-    inverse = np.linalg.pinv(np.asarray(whole), hermitian=True, rcond=1e-10)
+    inverse = np.linalg.pinv(whole, hermitian=True, rcond=1e-10)
     settled, shared = inverse @ pull, np.asarray(across @ inverse)
-    blocks, information = [], np.zeros((basis.shape[1], basis.shape[1]))
+    blocks, total, information = [], np.zeros(basis.shape[1]), np.zeros((basis.shape[1],) * 2)
     for log, sign, gram in zip(logs, signs, grams, strict=True):
         along = sign * basis - common @ shared.T
-        residual = np.append(-common @ settled, 1.0)
-        blocks.append(log.blocks[:, :-1, :] @ residual @ along)
+        own = common.T @ log.blocks[:, :-1, :-1] @ common
+        # Where the others alone would have it; half way there, blocks scatter as if they had not been fitted.
+        others = (
+            np.linalg.pinv(whole - own, hermitian=True, rcond=1e-6)
+            @ (pull - log.blocks[:, :-1, -1] @ common)[:, :, None]
+        )
+        fitted = 0.5 * (settled + others[:, :, 0]) @ common.T
+        scores = log.blocks[:, :-1, -1] - np.einsum("bde,be->bd", log.blocks[:, :-1, :-1], fitted)
+        blocks.append(scores @ along)
+        total += sign * basis.T @ gram[:-1, -1] - shared @ (common.T @ gram[:-1, -1])
         information += along.T @ gram[:-1, :-1] @ along
     raw = 0.25 * basis.T**2 @ np.sum([log.raw for log in logs], axis=0)
     covariance = solved(information, raw)
-    scores = np.concatenate(blocks)
-    total = scores.sum(axis=0)
-    return 0.5 * float(total @ covariance @ total), scores, covariance
+    return 0.5 * float(total @ covariance @ total), np.concatenate(blocks), covariance

@@ -1,0 +1,109 @@
+"""Effects on request: each formula a second time, one found in a log of foreign make; the list stays."""
+
+import numpy as np
+import pytest
+
+from gap_matrix import beyond, cases, recording
+from gap_runs import gap
+from hubodo.effects import BY_NAME, EFFECTS
+from hubodo.effects.base import Chain
+from hubodo.effects.field import FIELD
+from hubodo.effects.loaded import use_effects
+
+SEED = 20
+T = np.linspace(0.0, 20.0, 2001)
+
+
+@pytest.fixture(autouse=True)
+def the_list_as_it_was():
+    known = dict(BY_NAME)
+    yield
+    BY_NAME.clear()
+    BY_NAME.update(known)
+
+
+def chain(facing=1.0):
+    rng = np.random.default_rng(SEED)
+    rate, force = rng.standard_normal((2, 3, len(T)))
+    made = Chain(T, 25.0 + 0.3 * T, rate, 0.0 * rate, force, np.zeros_like(rate), np.zeros_like(force))
+    made.facing, made.angle, made.spin = facing, 5.0 * T, np.full(len(T), 5.0)
+    made.speed, made.acceleration = 2.0 + np.sin(0.5 * T), 0.5 * np.cos(0.5 * T)
+    made.yaw_rate, made.yaw_acceleration = 0.4 * np.sin(0.3 * T), 0.12 * np.cos(0.3 * T)
+    return made
+
+
+def added(name, facing=1.0, **values):
+    kind = next(kind for kind in FIELD if kind.name == name)
+    made = chain(facing)
+    kind(**values).offset(made)
+    return made.gyro, made.accel
+
+
+@pytest.mark.parametrize("facing", [1.0, -1.0])
+def test_a_steered_wheel_turns_by_what_its_angle_says(facing):
+    gyro, accel = added("wheel_steering", facing, arm=0.4)
+    on = chain()
+    angle = 0.4 * on.speed * on.yaw_rate / (on.speed**2 + 0.25)
+    rate = np.gradient(angle, T, edge_order=2)
+    # The derivative of samples a hundredth of a second apart is right to a part in ten thousand.
+    np.testing.assert_allclose(gyro[0], np.cos(5.0 * T) * rate, atol=2e-5)
+    np.testing.assert_allclose(gyro[1], -facing * np.sin(5.0 * T) * rate, atol=2e-5)
+    assert not gyro[2].any() and not accel.any()
+
+
+def test_play_turns_the_node_one_way_with_torque_and_the_other_without():
+    gyro, accel = added("axle_play", x=1e-3, y=-2e-3)
+    on = chain()
+    for k in (100, 500, 900):
+        end = np.tanh(on.acceleration[k] / 0.05)
+        turn = end * np.array([[0.0, 0.0, -2e-3], [0.0, 0.0, -1e-3], [2e-3, 1e-3, 0.0]])
+        np.testing.assert_allclose(gyro[:, k], -turn @ on.rate[:, k], atol=1e-12)
+        np.testing.assert_allclose(accel[:, k], -turn @ on.force[:, k], atol=1e-12)
+
+
+def test_vibration_and_temperature_shift_the_accelerometer():
+    gyro, accel = added("accel_rectification", x=0.01, z=-0.02)
+    np.testing.assert_allclose(accel[0], 0.01 * chain().speed ** 2)
+    np.testing.assert_allclose(accel[2], -0.02 * chain().speed ** 2)
+    assert not accel[1].any() and not gyro.any()
+    _, accel = added("accel_temperature", y=0.02)
+    np.testing.assert_allclose(accel[1], 0.02 * 0.3 * T)
+
+
+@pytest.mark.parametrize("facing", [1.0, -1.0])
+def test_on_a_banked_road_gravity_leans(facing):
+    _, accel = added("road_bank", facing, angle=0.1)
+    # Beside a level road, where it is (0, 0, 1) in the body: (0, sin, cos).
+    change = 9.80665 * np.array([0.0, np.sin(0.1), np.cos(0.1) - 1.0])
+    c, s = np.cos(5.0 * T), np.sin(5.0 * T)
+    axes = np.array([[s, 0.0 * c, c], [facing * c, 0.0 * c, -facing * s]])
+    np.testing.assert_allclose(accel[:2], np.einsum("ijn,j->in", axes, change), atol=1e-12)
+    np.testing.assert_allclose(accel[2], facing * change[1])
+
+
+def test_a_late_reference_makes_every_node_early():
+    kind = next(kind for kind in FIELD if kind.name == "reference_latency")
+    np.testing.assert_allclose(kind(0.1).true_time(T), T + 0.1)
+
+
+def test_they_are_there_on_request_only():
+    assert not {kind.name for kind in FIELD} & set(BY_NAME)
+    use_effects(field=True)
+    assert list(BY_NAME) == [kind.name for kind in (*EFFECTS, *FIELD)]
+
+
+@pytest.mark.parametrize("kind", FIELD, ids=lambda kind: kind.name)
+def test_each_says_what_it_may_pass_for_and_what_tells_them_apart(kind):
+    assert kind.alike
+    assert all(other in BY_NAME and way for other, way in kind.alike.items())
+    assert kind.meaning
+
+
+def test_a_steered_wheel_of_foreign_make_is_named_on_request(tmp_path):
+    setup = cases.setup(SEED, duration=60.0)
+    hidden = beyond.hide(setup, "steered_wheel", 2000.0)
+    recording.write(setup, [], tmp_path / "case", {}, hidden.records)
+    made = gap(tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field")
+    assert made.names == [("wheel_steering", hidden.node)]
+    arm = made.result["found"][0]["parameters"]["arm"]
+    assert abs(arm["value"] - hidden.truth["yaw"]) < 3.0 * arm["sigma"]
