@@ -15,6 +15,7 @@ import argparse
 import contextlib
 import json
 import os
+import resource
 import statistics
 import subprocess
 import sys
@@ -72,6 +73,7 @@ def all_logs(folder, out):
     print(
         f"  processor a log: {1e3 * done['cpu_s'] / count:.0f} ms of work, {1e3 * cpu / count:.0f} ms in all"
     )
+    print(f"  {_work(out) / wall:.2f} of 2 workers at work on average, start and page among it")
     again, wall, cpu = hubodo("batch", "info", folder, "-o", out, "--workers", 2)
     print(f"info again: {again['fresh']} done, {wall:.1f} s, {cpu:.1f} s of processor")
 
@@ -86,12 +88,16 @@ def scaling(folder, scratch):
         for workers in rates:
             out = scratch / f"scaling-{turn}-{workers}"
             _, wall, _ = hubodo("batch", "allan", *chosen, "--node", "all", "-o", out, "--workers", workers)
-            finished = pd.concat(pd.read_parquet(path) for path in (out / "finished").iterdir())
             rates[workers].append(len(chosen) / wall)
-            busy[workers].append(finished.wall.sum() / (workers * wall))
+            busy[workers].append(_work(out) / (workers * wall))
     one, two = (statistics.median(rates[workers]) for workers in (1, 2))
     print(f"allan, {len(chosen)} logs, 1 and 2 workers: {one:.2f}, {two:.2f} logs/s: {two / one:.2f} times")
     print(f"  busy: {statistics.median(busy[1]):.2f}, {statistics.median(busy[2]):.2f} of the time")
+
+
+def _work(out):
+    """s that workers spent on logs."""
+    return sum(pd.read_parquet(path, columns=["wall"]).wall.sum() for path in (out / "finished").iterdir())
 
 
 def year(out, scratch):
@@ -111,6 +117,8 @@ def year(out, scratch):
             f"{found['logs']} logs, {found['hours']:.0f} h, {found['gaps']} gaps in {wall:.1f} s, "
             f"{cpu:.1f} s of processor"
         )
+    most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+    print(f"the largest process had {most:.0f} MB")
 
 
 def _again(frame, times):
