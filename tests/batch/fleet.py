@@ -34,7 +34,7 @@ from batch.fleet_logs import FleetLog, cut, write
 from hubodo.fleet.engine import engine
 
 VEHICLES, BROKEN_EACH, GAP_EACH = 40, 400, 100
-SCALING_LOGS, TURNS = 120, 3
+SCALING_LOGS, TURNS = 600, 3
 YEAR_LOGS = 24_000
 
 
