@@ -76,8 +76,8 @@ gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the t
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
 gap-beyond: setup    ## nine kinds that no list has, given a name and found by it; two drives of one vehicle compared; some fifteen minutes
-	$(BIN)/python tests/gap_matrix/scaffolded.py --seeds 20:23
-	$(BIN)/python tests/gap_matrix/two_drives.py --first 100 --seconds 60
+	$(BIN)/python tests/gap_matrix/judge/scaffolded.py --seeds 20:23
+	$(BIN)/python tests/gap_matrix/judge/two_drives.py --first 100 --seconds 60
 
 gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some four minutes
 	$(BIN)/python tests/signal_path/hidden.py

@@ -12,6 +12,7 @@ import os
 import random
 import select
 import struct
+import tempfile
 import termios
 import threading
 import time
@@ -78,7 +79,7 @@ class FakeNode:
     skew_ppm: float = 0.0
     fingerprint: int = FINGERPRINT
     serial: bytes = b"FAKE0001"
-    link: Path | None = None  # a symlink to the pseudo terminal of the moment
+    link: Path | None = None  # a symlink to the pseudo terminal of the moment; None: another at each plug
     seed: int = 1
     answers: bool = True
     hello_period: float = 5.0  # s, as the firmware
@@ -100,7 +101,8 @@ class FakeNode:
         self._stop = threading.Event()
         self._lock = threading.RLock()
         self._master = self._slave = -1
-        self._spare: list[int] = []
+        self._folder = tempfile.TemporaryDirectory(prefix="hubodo-fake-")
+        self._way = Path()
         self._virtual_ns = 0 if self.computer is None else self.computer.now_ns()
         self._on_port: Sent = []
         self._boot()
@@ -121,8 +123,7 @@ class FakeNode:
         if self._thread.is_alive():
             self._thread.join(5)
         self.unplug(drain=False)
-        while self._spare:
-            os.close(self._spare.pop())
+        self._folder.cleanup()
 
     def __enter__(self) -> FakeNode:
         return self.start()
@@ -131,23 +132,23 @@ class FakeNode:
         self.stop()
 
     def plug(self) -> None:
-        """A new pseudo terminal under another name than the one before."""
+        """A new pseudo terminal under another name than the one before.
+
+        A link to it: its own number may be another test's next, whose node a recorder here would then open.
+        """
         with self._lock:
             self.plugs += 1
             self._delimited = True
             self._unheard = 0
             self._listened_to = self.computer is None
             self._master, self._slave = os.openpty()
-            while os.ttyname(self._slave) == self.path:
-                self._spare += [self._master, self._slave]  # held, so that the name is really another
-                self._master, self._slave = os.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
-            self.path = os.ttyname(self._slave)
+            self._way = self.link or Path(self._folder.name, f"tty{self.plugs}")
+            self._way.unlink(missing_ok=True)
+            self._way.symlink_to(os.ttyname(self._slave))
+            self.path = str(self._way)
             self._decoder = FrameDecoder()
-            if self.link is not None:
-                self.link.unlink(missing_ok=True)
-                self.link.symlink_to(self.path)
 
     def unplug(self, *, drain: bool = True) -> None:
         """The device goes; what the host has not read yet is let through first, so that a test can count."""
@@ -159,8 +160,7 @@ class FakeNode:
                 os.close(self._slave)
                 os.close(self._master)
             self._master = self._slave = -1
-            if self.link is not None:
-                self.link.unlink(missing_ok=True)
+            self._way.unlink(missing_ok=True)
 
     def reset(self) -> None:
         """The node restarts: clock, counters and sequence numbers from 0, a new boot id, Hello."""

@@ -9,7 +9,7 @@ import pytest
 
 from gap_matrix import cases, recording
 from gap_matrix.dose import STRENGTHS, Meter
-from gap_matrix.two_drives import changed, null, pair
+from gap_matrix.judge.two_drives import changed, null, pair
 from hubodo.cli import main
 
 SEED, SECONDS = 7, 60.0

@@ -75,8 +75,13 @@ class Journal:
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        with self._path.open("w" if self._head else "a", encoding="utf-8") as file:
-            file.write(f"{self._head}{json.dumps(line)}\n")
+        try:
+            with self._path.open("w" if self._head else "a", encoding="utf-8") as file:
+                file.write(f"{self._head}{json.dumps(line)}\n")
+        except OSError as error:
+            # Writing does not say what was written to; half a round is of no use.
+            self._path.unlink(missing_ok=True)
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
         self._head = ""
 
     def forget(self) -> None:

@@ -97,9 +97,9 @@ class VirtualComputer:
     def _step(self, t_ns: int) -> None:
         links = {link.device_path: link for link in self._links if link.device_path}
         for device in self._devices:
-            link = links.get(device.path)
+            link = links.get(os.path.realpath(device.path))
             device.live_until(t_ns, None if link is None else link.take_count())
-        sent = [(links.get(device.path), device.sent()) for device in self._devices]
+        sent = [(links.get(os.path.realpath(device.path)), device.sent()) for device in self._devices]
         self._now_ns = t_ns
         came = [chunk for link, counts in sent if link is not None for chunk in link.read(counts)]
         for chunk in sorted(came, key=lambda chunk: chunk.t_ns):

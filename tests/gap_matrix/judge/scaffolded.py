@@ -1,6 +1,6 @@
 """Kinds that no list has: hidden, given a name, looked for again under it; how often, and how near the truth.
 
-    python tests/gap_matrix/scaffolded.py [--seeds 0:5] [--nats 2000] [--seconds 90]
+    python tests/gap_matrix/judge/scaffolded.py [--seeds 0:5] [--nats 2000] [--seconds 90]
 
 named: `--scaffold` made an effect of the right formula on the right node. within 3 σ: of its
 parameters. again: with it loaded, the next search finds it first, by that name, and leaves no gap. Logs in
@@ -20,7 +20,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
-sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
 from gap_matrix import beyond, cases, recording
 from gap_matrix.make_case import make

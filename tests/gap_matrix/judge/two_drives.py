@@ -1,6 +1,6 @@
 """Two drives of one vehicle: what `gap --before --after` says when nothing has changed, and when it has.
 
-    python tests/gap_matrix/two_drives.py [--nulls 60] [--changes 10] [--first 0] [--seconds 90]
+    python tests/gap_matrix/judge/two_drives.py [--nulls 60] [--changes 10] [--first 0] [--seconds 90]
 
 The p-values of pairs in which nothing has changed are uniform: their quantiles are printed, with the
 Kolmogorov-Smirnov test of that. Then effects are changed between the drives, strong ones, and it is counted
@@ -20,7 +20,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
-sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
 import tempfile
 
