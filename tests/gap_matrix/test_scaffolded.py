@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from gap_matrix import beyond, cases, recording
-from gap_matrix.make_case import make
 from gap_matrix.judge.scaffolded import Score, scaffolded, tried
+from gap_matrix.make_case import make
 from gap_runs import gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
