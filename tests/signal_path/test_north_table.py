@@ -55,6 +55,8 @@ def bench(tmp_path):
 
     def turning(begin, end, put):
         length = abs(end - begin) / SPEED
+        while not motion.begun:
+            time.sleep(0.02)  # The board is being switched on.
         start = time.monotonic()
         # Told a little ahead: the board makes its samples just before it sends them.
         first = max(start - min(motion.begun), motion.lived[0]) + 0.2
