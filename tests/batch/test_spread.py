@@ -59,6 +59,8 @@ def test_of_counts_that_are_the_same_in_most_logs_the_others_stand_out_and_no_si
     counts = np.zeros(100)
     counts[3] = 7.0
     assert list(np.flatnonzero(deviations(counts, np.full(100, np.nan)))) == [3]
+    said = fleet_page(rows(100, verb="info", quantity="gaps", value=counts))
+    assert "all others are alike" in said and "inf" not in said.replace("info", "")
     values, sigmas = np.random.default_rng(1).normal(0.0, 1.0, 100), np.full(100, 0.1)
     values[5], sigmas[5] = 30.0, 20.0
     assert abs(deviations(values, sigmas)[5]) < 2.0

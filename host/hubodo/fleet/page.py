@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -74,7 +75,7 @@ def _outliers(table: pd.DataFrame) -> Iterator[Section]:
             row.node,
             f"{row.verb} {row.quantity}",
             _value(row.value, row.unit),
-            f"{row.deviations:+.1f}",
+            f"{row.deviations:+.1f}" if math.isfinite(row.deviations) else "all others are alike",
         )
         for row in found.itertuples()
     ]
