@@ -14,7 +14,7 @@ from enum import IntEnum
 from random import Random
 from typing import Protocol
 
-from hubodo.emulator.chips.nrf24 import Weather
+from hubodo.emulator.chips.nrf24 import LATE_NS, TWICE_NS, Weather
 
 BROADCAST = b"\xff" * 6
 MOST, PEERS, HEAD = 250, 20, 13
@@ -24,7 +24,6 @@ NOT_INIT, ARG, NO_MEM, FULL, NOT_FOUND, EXIST = 1, 2, 3, 4, 5, 7
 _TRIES, _QUEUE = 7, 6
 _PREAMBLE_NS, _BYTE_NS, _WRAPPING = 192e3, 8e3, 43
 _DIFS_NS, _SLOT_NS, _SLOTS, _ACK_NS = 50e3, 20e3, 32, 314e3
-_TWICE_NS, _LATE_NS = 2e6, 5e6
 _RSSI_DBM = -50
 
 
@@ -167,11 +166,11 @@ class EspNow:
         """A packet that has come through the air."""
         weather, draw = self._air.weather, self._air.random.random
         if draw() < weather.late:
-            self._air.later(t + _LATE_NS, lambda now: self._store(sender, data))
+            self._air.later(t + LATE_NS, lambda now: self._store(sender, data))
             return
         self._store(sender, data)
         if draw() < weather.twice:
-            self._air.later(t + _TWICE_NS, lambda now: self._store(sender, data))
+            self._air.later(t + TWICE_NS, lambda now: self._store(sender, data))
 
     def _store(self, sender: bytes, data: bytes) -> None:
         if not self.listens:

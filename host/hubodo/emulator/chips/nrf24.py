@@ -22,7 +22,8 @@ _WRITABLE |= {RF_SETUP: 0xBE, DYNPD: 0x3F, FEATURE: 7, **{0x11 + pipe: 0x3F for 
 _DEPTH, _PIPES, _MOST = 3, 6, 32
 _POWER_UP_NS, _SETTLE_NS = 1.5e6, 130e3
 _WIRE = 1 + 5 + 2
-_TWICE_NS, _LATE_NS = 2e6, 5e6
+TWICE_NS, LATE_NS = 2e6, 5e6
+"""See `Weather`."""
 
 
 @dataclass(frozen=True)
@@ -271,16 +272,16 @@ class Nrf24:
     def _take(self, pipe: int, payload: bytes, t: float) -> None:
         weather, draw = self._air.weather, self._air.random.random
         if draw() < weather.late:
-            self._store_later(pipe, payload, t + _LATE_NS)
+            self._store_later(pipe, payload, t + LATE_NS)
             return
         self._store(pipe, payload)
         if draw() < weather.twice:
-            self._store_later(pipe, payload, t + _TWICE_NS)
+            self._store_later(pipe, payload, t + TWICE_NS)
 
     def _store_later(self, pipe: int, payload: bytes, t: float) -> None:
         def now(t: float) -> None:
             if not self._store(pipe, payload):
-                self._store_later(pipe, payload, t + _TWICE_NS)
+                self._store_later(pipe, payload, t + TWICE_NS)
 
         self._air.later(t, now)
 
