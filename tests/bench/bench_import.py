@@ -7,7 +7,6 @@ side by side by time. The peer reads with `pandas.read_csv`, checks nothing and 
 one file after the other, with `mcap`'s writer; their bytes are made at once by numpy. Processor time.
 """
 
-import argparse
 import json
 import statistics
 import tempfile
@@ -16,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas
+from asked import asked
 from mcap.writer import CompressionType, Writer
 from told import tell
 
@@ -83,14 +83,7 @@ def bench(seconds, rounds, seed):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=36.0)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    given = asked(__doc__, seconds=36.0)
     rows = bench(given.seconds, given.rounds, given.seed)
     if given.json:
         print(json.dumps(rows, indent=1))

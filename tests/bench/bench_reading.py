@@ -7,7 +7,6 @@ The log is a recorder's: a node at 208 Hz, a temperature each sixteen samples. "
 one do; "mcap-ros2" lets its decoder make objects of them first. Both end in the same arrays as ours.
 """
 
-import argparse
 import json
 import statistics
 import struct
@@ -16,6 +15,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from asked import asked
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from told import tell
@@ -108,14 +108,7 @@ def bench(seconds, rounds, seed):
 
 
 def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", action="store_true")
-    given = parser.parse_args()
+    given = asked(__doc__, seconds=60.0)
     rows = bench(given.seconds, given.rounds, given.seed)
     if given.json:
         print(json.dumps(rows, indent=1))
