@@ -1,0 +1,51 @@
+"""Logs and results at Google: an emulated Cloud Storage on loopback, spoken to by the ordinary client."""
+
+import json
+
+import pandas as pd
+import pytest
+from gcp_storage_emulator.server import create_server
+
+from batch.fleet_logs import FleetLog, write
+from in_process import hubodo
+
+pytestmark = pytest.mark.real_time
+
+BUCKET = "drives"
+
+
+@pytest.fixture
+def store(monkeypatch):
+    """A client of the store, which workers find, too, by the variable that Google's own tools read."""
+    # The client's asking for a bucket's kind speaks gRPC, which the emulated store does not.
+    monkeypatch.setenv("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
+    server = create_server("127.0.0.1", 0, in_memory=True, default_bucket=BUCKET)
+    server.start()
+    address = "http://{}:{}".format(*server._api._httpd.server_address[:2])
+    monkeypatch.setenv("STORAGE_EMULATOR_HOST", address)
+    from gcsfs import GCSFileSystem
+
+    yield GCSFileSystem(token="anon", endpoint_url=address, skip_instance_cache=True)
+    server.stop()
+
+
+def test_a_google_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, here, tmp_path):
+    folder = tmp_path / "logs"
+    for day in range(2):
+        path = write(folder, FleetLog(f"van-{day}", day, seed=day))
+        store.put_file(str(path), f"{BUCKET}/{path.relative_to(folder)}")
+
+    def batch(logs, out, *engine):
+        done = hubodo("batch", "allan", logs, "-o", out, *(engine or ("--workers", 1)), "--json")
+        assert done.code == 0, done.err
+        return json.loads(done.out)
+
+    assert batch(folder, tmp_path / "out", *here)["done"] == 2
+    there = batch(f"gs://{BUCKET}/", f"gs://{BUCKET}/results")
+    assert (there["done"], there["refused"], there["fresh"]) == (2, 0, 2)
+    assert batch(f"gs://{BUCKET}/*/*.mcap", f"gs://{BUCKET}/results")["fresh"] == 0
+    store.get_file(f"{BUCKET}/results/table.parquet", str(tmp_path / "table.parquet"))
+    here = pd.read_parquet(tmp_path / "out" / "table.parquet")
+    far = pd.read_parquet(tmp_path / "table.parquet")
+    far.log = far.log.str.replace(f"gs://{BUCKET}/", f"{folder}/")
+    pd.testing.assert_frame_equal(here.drop(columns="cpu"), far.drop(columns="cpu"))
