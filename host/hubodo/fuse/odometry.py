@@ -14,9 +14,9 @@ from hubodo.one_record import check_one_record
 from hubodo.vehicle import Side
 
 _PORTION_NS = 1_000_000_000
+"""Of each wheel that are handled in turn."""
 _LONGEST = 20_000.0
 """s; over a pause poses go on as evenly as elsewhere, and more of them do not fit into memory."""
-"""ns of each wheel that are handled in turn."""
 
 
 @dataclass(frozen=True, slots=True)

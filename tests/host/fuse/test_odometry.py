@@ -1,6 +1,7 @@
 """Differential odometry against paths known in closed form, and its covariance against many noisy drives."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -211,6 +212,48 @@ def test_the_covariance_covers_many_noisy_drives():
         total += float(error @ np.linalg.solve(np.array(truth.covariance), error))
     # 99.9 % of chi-square(300) lies within 225..387.
     assert 225 < total < 387, f"seed {seed}"
+
+
+CONSTANTS = ("radius", "radius_each", "track", "left_bias", "right_bias")
+
+
+def constants_off(cfg, name, by):
+    """The configuration with one of its constants off; of `radius_each` the left wheel's."""
+    left, right, track = cfg.left, cfg.right, cfg.track_width
+    if name.startswith("radius"):
+        left = replace(left, radius=left.radius * (1 + by))
+    if name == "radius":
+        right = replace(right, radius=right.radius * (1 + by))
+    if name == "left_bias":
+        left = replace(left, gyro_bias=by)
+    if name == "right_bias":
+        right = replace(right, gyro_bias=by)
+    if name == "track":
+        track *= 1 + by
+    return replace(cfg, left=left, right=right, track_width=track)
+
+
+@pytest.mark.parametrize("name", CONSTANTS)
+def test_what_a_constant_does_to_the_pose_is_the_derivative_of_the_pose(name):
+    """Steps of half a second, within which the heading turns far, against central differences."""
+    silent = dict.fromkeys(("gyro", "road", "lateral", "speed_walk", "radius", "radius_each", "track"), 0.0)
+    sigma = 0.01
+    noise = OdometryNoise(**silent | ({name: sigma} if name in silent else {}))
+    known = {f"{side}_bias": (0.0, sigma if name == f"{side}_bias" else 0.0) for side in ("left", "right")}
+    cfg = config(noise=noise, step_ns=S // 2, **known)
+    wheels = pair(8, lambda t: 1 + 0.2 * t, lambda t: 0.8 * math.sin(0.5 * t))
+
+    def pose(by, which=name):
+        last = drive(constants_off(cfg, which, by), *wheels)[-1]
+        return np.array([last.x, last.y, last.heading])
+
+    by = 1e-5
+    slopes = [(pose(by) - pose(-by)) / (2 * by)]
+    if name == "radius_each":  # the other wheel's is as free
+        slopes.append((pose(by, "radius") - pose(-by, "radius")) / (2 * by) - slopes[0])
+    expected = sigma**2 * sum(np.outer(slope, slope) for slope in slopes)
+    covariance = np.array(drive(cfg, *wheels)[-1].covariance)
+    assert covariance == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_on_a_straight_way_a_heading_that_strays_as_a_random_walk_carries_the_place_sideways():
