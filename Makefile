@@ -43,8 +43,8 @@ bench: setup         ## speed and memory beside the peers, in the same run; the 
 	$(BIN)/python tests/bench/table.py
 
 HOURS := 3
-soak: setup          ## hours of recording in virtual time, memory at each, make soak HOURS=24; some twelve minutes
-	$(BIN)/python tests/soak/soak.py --hours $(HOURS)
+soak: setup          ## hours of recording in virtual time, memory at each; some twelve minutes (HOURS=24 SOAK=--no-odometry: twenty)
+	$(BIN)/python tests/soak/soak.py --hours $(HOURS) $(SOAK)
 
 papers: setup        ## four papers, their figures beside ours
 	$(BIN)/python tests/papers/shah.py
