@@ -9,9 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 from scipy.linalg import solveh_banded
 from scipy.optimize import minimize_scalar
 
@@ -26,6 +27,15 @@ _SAMPLED = (
     sum(np.sinc((_OMEGA + 2 * np.pi * f) / (2 * np.pi)) ** (_DEGREE + 1) for f in (-2, -1, 0, 1, 2)) ** 2
 )
 _ROUGHNESS = (2.0 - 2.0 * np.cos(_OMEGA)) ** _ORDER
+
+
+class Motion(NamedTuple):
+    """A function of time at N times, (N,) each: value, two derivatives, and the integral since the start."""
+
+    value: Array
+    slope: Array
+    bend: Array
+    integral: Array
 
 
 @dataclass(frozen=True)
@@ -45,21 +55,50 @@ class Smooth:
     memory: float
 
     def __call__(self, t: Array, derivative: int = 0) -> Array:
-        """Value, or a derivative, at t, (N,) s; outside, the end values hold and slopes are zero."""
-        inside = np.clip(t, self.start, self.end)
-        made = np.asarray(self.spline(inside, derivative))
-        # A nanosecond of slack: a stamp at the end itself may be rounded beyond it.
-        return np.where(np.abs(t - inside) < 1e-9, made, 0.0) if derivative else made
+        """Value, slope or bend, by how often it is derived, at t, (N,) s; see `motion`."""
+        return self.motion(t)[derivative]
 
     def integral(self, t: Array) -> Array:
         """From `start` to t, (N,) s; outside, the end values go on."""
+        return self.motion(t).integral
+
+    def motion(self, t: Array) -> Motion:
+        """All of it at t, (N,) s; outside, the end values hold, slopes are zero and the integral goes on."""
+        knots, pieces = self._pieces
         inside = np.clip(t, self.start, self.end)
-        made = np.asarray(self._whole(inside)) - float(self._whole(self.start))
-        return made if (inside == t).all() else made + np.asarray(self.spline(inside)) * (t - inside)
+        place = np.searchsorted(knots, inside, side="right") - 1
+        np.minimum(place, len(knots) - 2, out=place)
+        s = inside - knots[place]
+        whole, *powers = pieces.take(place, axis=1)
+        value, integral = powers[-1], powers[-1] / len(powers)
+        slope = bend = np.zeros_like(s)
+        # Horner's rule for all four at once.
+        for count, power in zip(range(len(powers) - 1, 0, -1), powers[-2::-1], strict=True):
+            bend = bend * s + 2.0 * slope
+            slope = slope * s + value
+            value = value * s + power
+            integral = integral * s + power / count
+        integral = integral * s + whole
+        beyond = t - inside
+        if beyond.any():
+            # A nanosecond of slack: a stamp at the end itself may be rounded beyond it.
+            there = np.abs(beyond) < 1e-9
+            slope, bend = np.where(there, slope, 0.0), np.where(there, bend, 0.0)
+            integral += value * beyond
+        return Motion(value, slope, bend, integral)
 
     @cached_property
-    def _whole(self) -> BSpline:
-        return self.spline.antiderivative()
+    def _pieces(self) -> tuple[Array, Array]:
+        """The knots within, (M+1,) s, and (degree + 2, M): the integral up to each, and the polynomial there.
+
+        Lowest power first. A polynomial takes a fifth of the time that a sum of B-splines does.
+        """
+        of = PPoly.from_spline(self.spline)
+        inner = slice(_DEGREE, len(of.x) - 1 - _DEGREE)
+        knots, powers = of.x[inner.start : inner.stop + 1], of.c[::-1, inner]
+        step = np.diff(knots)
+        over = sum(power * step ** (k + 1) / (k + 1) for k, power in enumerate(powers))
+        return knots, np.vstack([np.concatenate([[0.0], np.cumsum(over)[:-1]]), powers])
 
 
 def constant(value: float, start: float, end: float) -> Smooth:

@@ -67,18 +67,8 @@ class Inputs:
 
     def at(self, t: Array) -> Body:
         """Everything at times t, (N,) s since the log began."""
-        return Body(
-            t,
-            self.speed(t),
-            self.speed(t, 1),
-            self.speed(t, 2),
-            self.speed.integral(t),
-            self.yaw_rate(t),
-            self.yaw_rate(t, 1),
-            self.yaw_rate(t, 2),
-            self.yaw_rate.integral(t),
-            np.interp(t, self.temperature_t, self.temperature),
-        )
+        temperature = np.interp(t, self.temperature_t, self.temperature)
+        return Body(t, *self.speed.motion(t), *self.yaw_rate.motion(t), temperature)
 
 
 class MotionCorrection(Protocol):
