@@ -93,10 +93,13 @@ def _tried(shape: Shape, views: Sequence[_View], nodes: int) -> Iterator[Depende
     """A shape on each target, on those of a triad where it pays, and on all nodes alike."""
     by_target: dict[Target, list[tuple[_View, Array, Array]]] = {}
     paying: dict[tuple[str, int], list[tuple[Target, float]]] = {}
+    of_node: dict[str, Array] = {}
     for view in views:
         if shape.of_wheel and not view.node.on_wheel:
             continue
-        columns = shape.columns(view.chain)
+        columns = of_node.get(view.node.name)
+        if columns is None:
+            columns = of_node[view.node.name] = shape.columns(view.chain)
         score, inner, tempering = _sums(columns, view)
         by_target.setdefault(view.target, []).append((view, score, inner))
         evidence = _gain(score, inner) / tempering - _cost(shape, view)
