@@ -181,16 +181,19 @@ class Grip:
         variance += push.variance
         common += math.sqrt(max(push.common, 0.0)) + _LEANS * abs(push.yaw_rate) * WINDOW
         self._total = residual, variance, common
-        found, most = None, _SURE**2
+        found, most, sums = None, _SURE**2, self._sums
         for count in BANK:
-            if count > len(self._sums):
+            if count > len(sums):
                 break
-            then = self._sums[-count]
+            then = sums[-count]
             span = count * WINDOW
             slipped = residual - then.residual - span * then.slope
+            # Most sums are nowhere near: nothing further of them needs a look.
+            if -_LEAST <= slipped <= _LEAST:
+                continue
             stays = (common - then.common) ** 2 + (_DRIFT * span) ** 2 + (made_up * span) ** 2
             ratio = slipped * slipped / (variance - then.variance + stays)
-            if ratio > most and abs(slipped) > _LEAST:
+            if ratio > most:
                 found, most = then.number, ratio
         return found
 
