@@ -137,10 +137,11 @@ class WheelUpdate:
             sigma = 1.0 / whiten.diagonal()
             compared = self._compared if len(pairs) == 2 and not out else None
             wider, slipping = two_wheels.robust_variances(white, sigma, z, r, compared)
-            diagonal += wider - r
-            whiten = _whitening(s)
-            white = whiten.dot(z)
-            nis = float(white.dot(white))
+            if wider is not r:
+                diagonal += wider - r
+                whiten = _whitening(s)
+                white = whiten.dot(z)
+                nis = float(white.dot(white))
         root = whiten.dot(hp)
         x = list(map(add, x, white.dot(root).tolist()))
         # p - root' root in one go. To BLAS, which counts by columns, `.T` is the array as it lies.
