@@ -17,7 +17,7 @@ from hubodo.recording import Table
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.frame import frame_covariance
 from hubodo.sensors.imu.rests import find_rests
-from hubodo.sensors.imu.turns import calibrate_by_turns, collect_turns
+from hubodo.sensors.imu.turns import Turns, calibrate_by_turns, carried, carried_slopes, collect_turns
 from hubodo.verbs import calibrate_imu as verb
 
 GYRO = Errors(
@@ -36,6 +36,23 @@ def z_scores(triad, sigma, errors):
     truth = np.concatenate([errors.b, matrix(errors).ravel()])
     found = np.concatenate([triad.bias, triad.matrix.ravel()])
     return (found - truth) / sigma
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 200])
+def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have_it(steps):
+    rng = np.random.default_rng(steps)
+    change = 0.05 * rng.standard_normal((4, steps, 3))
+    rate = np.cumsum(change, axis=1)
+    start = rng.standard_normal((4, 3))
+    start /= np.linalg.norm(start, axis=1)[:, None]
+    turns = Turns(rate, change, np.full((4, steps), 0.01), start, start, np.arange(4), np.zeros(4, bool))
+    at = np.concatenate([(np.eye(3) + 0.03 * rng.standard_normal((3, 3))).ravel(), rng.normal(0, 0.01, 3)])
+    end, slopes = carried_slopes(turns, at[:9].reshape(3, 3), at[9:])
+    np.testing.assert_array_equal(end, carried(turns, at[:9].reshape(3, 3), at[9:]))
+    for place, step in enumerate(1e-5 * np.eye(12)):
+        there, back = (carried(turns, (at + by)[:9].reshape(3, 3), (at + by)[9:]) for by in (step, -step))
+        off = np.abs(slopes[..., place] - (there - back) / 2e-5).max()
+        assert off < 1e-4 * np.abs(slopes).max(), place
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

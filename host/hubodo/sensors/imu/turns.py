@@ -15,6 +15,14 @@ from numpy.typing import NDArray
 
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.pose_set import ANY_TRIAD, SEEN
+from hubodo.sensors.imu.quaternions import (
+    cross,
+    matrices_back,
+    product,
+    products_after,
+    quaternions,
+    rotate_back,
+)
 from hubodo.sensors.imu.rests import Rests
 
 Array = NDArray[np.float64]
@@ -25,6 +33,8 @@ MIN_ANGLE = 0.17
 OUTLIER = 6.0
 """Times the robust scatter of the errors; beyond it a turn was clipped, knocked or had a gap."""
 _PAD_S = 0.1
+_NEAR = 1e-6
+"""Change of the parameters through which the derivatives stay what they are."""
 _NAMES = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
 _UNITS = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
 
@@ -129,12 +139,44 @@ def collect_turns(t: Array, gyro: Array, bias: Array, rests: Rests, gravity: Arr
 
 def carried(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
     """(T, 3) where the gyros say gravity points at the end of each turn."""
+    return rotate_back(product(quaternions(_angles(turns, matrix, bias_change))).T, turns.start)
+
+
+def carried_slopes(turns: Turns, matrix: Array, bias_change: Array) -> tuple[Array, Array]:
+    """`carried`, and (T, 3, 12) its derivatives by `matrix`, row by row, and `bias_change`.
+
+    A step whose rotation vector a changes by da turns gravity at the end, u, by u x f with
+    f = S' (1 - [a x] / 2 + [a x]² / 6) da, S the steps after it: the right Jacobian of SO(3) (Sola, Deray,
+    Atchuthan 2018) to the second order of a. What the coning term changes is left out, 1e-4 of the rest.
+    """
+    angle = _angles(turns, matrix, bias_change)
+    whole, after = products_after(quaternions(angle))
+    end = rotate_back(whole.T, turns.start)
+    x, y, z = 0.5 * np.moveaxis(angle, -1, 0)
+    rest = 1.0 - (x * x + y * y + z * z) / 1.5
+    first = np.array([[rest, z, -y], [-z, rest, x], [y, -x, rest]])
+    # [a x]² = a a' - a²
+    felt = np.moveaxis(first, (0, 1), (-2, -1)) + angle[..., :, None] * angle[..., None, :] / 6.0
+    inverse = np.linalg.inv(matrix)
+    felt = matrices_back(after) @ felt
+    by = np.concatenate([(turns.rate - bias_change) @ inverse.T, np.ones((*turns.dt.shape, 1))], axis=-1)
+    by = by * turns.dt[..., None]
+    # (T, 3, 4, 3): f by what each column of the inverse does to each axis of the rate, and to one.
+    summed = (felt.reshape(*by.shape[:2], 9).transpose(0, 2, 1) @ by).reshape(-1, 3, 3, 4)
+    summed = -summed.transpose(0, 1, 3, 2) @ inverse
+    turned = np.concatenate(
+        [summed[:, :, :3].transpose(0, 1, 3, 2).reshape(-1, 3, 9), summed[:, :, 3]], axis=-1
+    )
+    return end, np.cross(end[:, :, None], turned, axis=1)
+
+
+def _angles(turns: Turns, matrix: Array, bias_change: Array | float) -> Array:
+    """(T, L, 3) rad by which the node turns in each step."""
     inverse = np.linalg.inv(matrix)
     rate = (turns.rate - bias_change) @ inverse.T
     dt = turns.dt[..., None]
     # Second term: coning of a rate that changes evenly within the step, w0 x w1 dt²/12.
-    angle = rate * dt + _cross(rate, turns.change @ inverse.T) * dt**2 / 12
-    return _rotate_back(_product(_quaternion(angle)).T, turns.start)
+    return np.asarray(rate * dt + cross(rate, turns.change @ inverse.T) * dt**2 / 12)
 
 
 def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
@@ -199,17 +241,20 @@ def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
     Returns the parameters (12,), their covariance and their response (12, 3 T) to the misses.
     """
     p, scatter = np.zeros(12), 0.01
-    h = 1e-6
     before = np.concatenate([np.full(9, ANY_TRIAD.rest), bias_sigma]) ** -2
-    miss = carried(turns, *_split(p)) - turns.end
+    end, slopes = carried_slopes(turns, *_split(p))
+    miss = end - turns.end
     for _ in range(12):
-        columns = [(carried(turns, *_split(p + h * e)) - turns.end - miss).ravel() / h for e in np.eye(12)]
-        jacobian = np.column_stack(columns) / scatter
+        jacobian = slopes.reshape(-1, 12) / scatter
         information = jacobian.T @ jacobian + np.diag(before)
         response = -np.linalg.solve(information, jacobian.T) / scatter
         step = response @ miss.ravel() - np.linalg.solve(information, before * p)
         p = p + step
-        miss = carried(turns, *_split(p)) - turns.end
+        if np.abs(step).max() > _NEAR:
+            end, slopes = carried_slopes(turns, *_split(p))
+        else:
+            end = carried(turns, *_split(p))
+        miss = end - turns.end
         # A miss has two components, gravity being of unit length.
         used = -float(np.trace(response @ jacobian)) * scatter
         freedom = max(1.0, 2 * len(miss) - used)
@@ -246,43 +291,3 @@ def _check_unit(turns: Turns) -> None:
 
 def _between(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """np.cross for arrays (..., 3), several times as fast."""
-    ax, ay, az, bx, by, bz = (v[..., i] for v in (a, b) for i in range(3))
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
-
-
-def _quaternion(angle: Array) -> Array:
-    """(4, ...) unit quaternions, scalar first, of rotation vectors (..., 3)."""
-    x, y, z = np.moveaxis(angle, -1, 0)
-    size = np.sqrt(x * x + y * y + z * z)
-    share = np.sinc(size / (2 * np.pi)) / 2
-    return np.stack([np.cos(size / 2), share * x, share * y, share * z])
-
-
-def _product(q: Array) -> Array:
-    """(4, T) ordered product of (4, T, L), pair by pair, so that the depth is log2 L."""
-    while q.shape[2] > 1:
-        if q.shape[2] % 2:
-            one = np.zeros((4, q.shape[1], 1))
-            one[0] = 1
-            q = np.concatenate([q, one], axis=2)
-        (w, x, y, z), (v, i, j, k) = q[..., ::2], q[..., 1::2]
-        q = np.stack(
-            [
-                w * v - (x * i + y * j + z * k),
-                w * i + v * x + (y * k - z * j),
-                w * j + v * y + (z * i - x * k),
-                w * k + v * z + (x * j - y * i),
-            ]
-        )
-    return q[..., 0]
-
-
-def _rotate_back(q: Array, vector: Array) -> Array:
-    """R' v with R the rotation of q: the components of a fixed vector after the node turned by R."""
-    u = -q[:, 1:]
-    twice = 2 * _cross(u, vector)
-    return np.asarray(vector + q[:, :1] * twice + _cross(u, twice))
