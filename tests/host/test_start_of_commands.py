@@ -70,3 +70,21 @@ def test_import_loads_nothing_and_open_what_reading_takes(tmp_path):
     assert {name for name in imported if name.startswith("hubodo")} == {"hubodo", "hubodo.version"}
     assert "numpy" not in imported
     assert not opened & (SLOW | {"pandas"}) and "numpy" in opened
+
+
+PARTS = """
+import json, sys
+import hubodo.verbs.flash
+said = [sorted(sys.modules)]
+import hubodo.verbs.fuse, hubodo.verbs.play, hubodo.verbs.record
+print(json.dumps([*said, sorted(sys.modules)]))
+"""
+
+
+def test_commands_that_know_effects_load_no_part_of_scipy_that_they_seldom_need(tmp_path):
+    _, (flash, driving) = loaded(PARTS, tmp_path)
+    assert "hubodo.effects" in flash and "scipy" not in flash
+    seldom = {
+        f"scipy.{part}" for part in ("interpolate", "optimize", "signal", "spatial", "special", "stats")
+    }
+    assert "scipy.linalg" in driving and not driving & seldom

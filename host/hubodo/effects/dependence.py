@@ -6,7 +6,6 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects.base import Chain
-from hubodo.smooth import smooth
 
 # (m/s)²: at a crawl a path may bend as it likes, and no steering follows.
 _CRAWL = 0.25
@@ -14,6 +13,9 @@ _CRAWL = 0.25
 
 def temperature_rate(chain: Chain) -> Array:
     """°C per second, as smooth as the thermometer asks for."""
+    # Half a second of loading that only this needs: every command that knows effects would wait for it.
+    from hubodo.smooth import smooth
+
     edges = np.unique(np.searchsorted(chain.t, np.arange(chain.t[0], chain.t[-1], 0.5)))
     if len(edges) < 20:
         return np.zeros_like(chain.t)

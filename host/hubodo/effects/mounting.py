@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
 from hubodo.effects.base import Chain, Effect, Estimate, Geometry, parameter
@@ -44,6 +43,9 @@ class NodeMisalignment(Effect):
     @cached_property
     def rotation(self) -> Array:
         """R(x, y, z), (3, 3)."""
+        # A tenth of a second of loading that only a simulated node needs.
+        from scipy.spatial.transform import Rotation
+
         return np.asarray(Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix())
 
     def mount(self, chain: Chain) -> None:

@@ -9,11 +9,11 @@ as well, as those of real receivers are: else the odometry would be blamed for w
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import OptimizeResult, minimize
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.factor_graph import Graph
@@ -22,6 +22,9 @@ from hubodo.fuse.graph.factors.factor import Linear
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.review import COUNTS
 from hubodo.fuse.graph.solver import Solution
+
+if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
 
 Numbers = NDArray[np.intp]
 
@@ -211,6 +214,9 @@ def _most_likely(seen: list[_Components]) -> Array:
 
 
 def _found(seen: list[_Components], begin: Array, bounds: list[tuple[float, float]]) -> OptimizeResult:
+    # A quarter of a second of loading that only a drive with fixes needs.
+    from scipy.optimize import minimize
+
     return minimize(_cost, begin, (seen,), "L-BFGS-B", True, bounds=bounds, options={"ftol": _LEVEL})
 
 
