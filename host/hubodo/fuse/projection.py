@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
-from pyproj.database import CRSInfo, query_utm_crs_info
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+
+# A tenth of a second of loading that only a drive with fixes needs.
+if TYPE_CHECKING:
+    from pyproj import Proj
+    from pyproj.database import CRSInfo
 
 FARTHEST = 300_000.0
 """m from the origin; beyond it a zone of 6 degrees is left so far that fixes are taken as false."""
@@ -118,9 +122,13 @@ def _within_a_turn(longitude_deg: float) -> float:
 
 @cache
 def _zones() -> list[CRSInfo]:
+    from pyproj.database import query_utm_crs_info
+
     return query_utm_crs_info(datum_name="WGS 84")
 
 
 @cache
-def _grid(epsg: int) -> pyproj.Proj:
-    return pyproj.Proj(f"EPSG:{epsg}")
+def _grid(epsg: int) -> Proj:
+    from pyproj import Proj
+
+    return Proj(f"EPSG:{epsg}")
