@@ -25,7 +25,7 @@ COLUMNS = ["log", "vehicle", "date", "status", "node", "quantity", "value", "sig
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
-    for number in range(24):
+    for number in range(12):
         write(folder, FleetLog(f"van-{number % 3}", number, seed=number))
     return folder
 
@@ -43,7 +43,7 @@ def batch(logs, out, *options):
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, tmp_path, monkeypatch):
-    assert batch(logs, tmp_path / "here", "--workers", 2)["done"] == 24
+    assert batch(logs, tmp_path / "here", "--workers", 2)["done"] == 12
     with cluster(tmp_path, 2) as running:
 
         def lose_one(client, work, places):
@@ -55,7 +55,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
         monkeypatch.setattr("hubodo.fleet.workflow.each", lose_one)
         done = batch(logs, tmp_path / "there", "--scheduler", running.address)
         assert running.workers[0].wait() == -signal.SIGKILL and running.workers[1].poll() is None
-    assert done["done"] == 24
+    assert done["done"] == 12
     pd.testing.assert_frame_equal(numbers(tmp_path / "here"), numbers(tmp_path / "there"))
 
 
@@ -64,11 +64,11 @@ def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_pat
     killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
     monkeypatch.setattr("hubodo.verbs.batch.examine_one", _die_at_killer)
     first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
-    assert (first["done"], first["failed"]) == (8, 1)
+    assert (first["done"], first["failed"]) == (4, 1)
     assert "died" in first["errors"][0]["error"] and first["errors"][0]["log"] == str(killer)
     monkeypatch.undo()
     again = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
-    assert (again["fresh"], again["done"], again["failed"]) == (1, 9, 0)
+    assert (again["fresh"], again["done"], again["failed"]) == (1, 5, 0)
 
 
 def _die_at_killer(verb, options, log, folder):
@@ -88,10 +88,10 @@ def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path):
     assert process.returncode == 130, said
     assert said == "hubodo batch: interrupted; nothing more was written\n"
     finished = numbers(out).log.nunique()
-    assert 3 <= finished < 24
+    assert 3 <= finished < 12
     assert (out / "fleet.html").is_file()
     assert _none_left(process.pid)
-    assert batch(logs, out, "--workers", 2)["fresh"] == 24 - finished
+    assert batch(logs, out, "--workers", 2)["fresh"] == 12 - finished
 
 
 INTERRUPTED = """
