@@ -14,7 +14,7 @@ demo: setup          ## the main job, end to end, with no hardware
 	$(BIN)/hubodo demo -o out/demo
 
 test: setup browser compiler  ## everything that can be proven without hardware
-	$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check

@@ -25,7 +25,7 @@ LONGEST = (
 )
 """They go first: so no process is left with one of them when the others are done.
 
-The first of each line waits more than it works, so that one of three processes waits while two work.
+The first of each line waits more than it works, so that some processes wait while others work.
 """
 
 sys.path.insert(0, str(HERE))
