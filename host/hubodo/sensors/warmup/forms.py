@@ -18,7 +18,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,11 +121,11 @@ class _Record:
     flicker: FloatArray
     walk: FloatArray
 
-    @property
+    @cached_property
     def span(self) -> float:
         return float(self.t[-1] - self.t[0])
 
-    @property
+    @cached_property
     def shortest(self) -> float:
         return float(np.median(np.diff(self.t)))
 
