@@ -152,13 +152,20 @@ class Agreement:
         self.travel[1] += right * WINDOW
         self.turned += abs(yaw_rate) * WINDOW
         self.count += 1
-        for index, yaw in enumerate((*yaws, yaws[0] - yaws[1])):
-            self.yaws[index] += yaw * yaw
-        guesses = (right - left, right + left, -right - left, left - right)
-        for index, guess in enumerate(guesses):
-            self.squares[index] += (yaw_rate - guess / self.track) ** 2
-        allowed = _APART[0] ** 2 + _APART[1] ** 2 * 0.5 * (yaws[0] ** 2 + yaws[1] ** 2)
-        self.apart[0] += min((yaw_rate - guesses[0] / self.track) ** 2, _AT_MOST**2 * allowed)
+        first, second = yaws
+        felt, squares = self.yaws, self.squares
+        felt[0] += first * first
+        felt[1] += second * second
+        felt[2] += (first - second) ** 2
+        # As declared; the left node the other way round; the right one; both, or the sides exchanged.
+        declared, turned = (right - left) / self.track, (right + left) / self.track
+        off = (yaw_rate - declared) ** 2
+        squares[0] += off
+        squares[1] += (yaw_rate - turned) ** 2
+        squares[2] += (yaw_rate + turned) ** 2
+        squares[3] += (yaw_rate + declared) ** 2
+        allowed = _APART[0] ** 2 + _APART[1] ** 2 * 0.5 * (first * first + second * second)
+        self.apart[0] += min(off, _AT_MOST**2 * allowed)
         self.apart[1] += allowed
         if self.count < _ENOUGH:
             return None
@@ -197,7 +204,7 @@ class Agreement:
 
     def _mounting(self) -> float | None:
         """Another mounting that explains the yaw much better."""
-        best = min(range(4), key=lambda index: self.squares[index])
+        best = self.squares.index(min(self.squares))
         fits = self.squares[best] < _FITS**2 * self.count
         if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + _SAME**2 * self.count):
             return None
