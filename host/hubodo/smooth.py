@@ -29,7 +29,7 @@ _SAMPLED = (
 _ROUGHNESS = (2.0 - 2.0 * np.cos(_OMEGA)) ** _ORDER
 
 
-class Motion(NamedTuple):
+class Evaluated(NamedTuple):
     """A function of time at N times, (N,) each: value, two derivatives, and the integral since the start."""
 
     value: Array
@@ -62,7 +62,7 @@ class Smooth:
         """From `start` to t, (N,) s; outside, the end values go on."""
         return self.motion(t).integral
 
-    def motion(self, t: Array) -> Motion:
+    def motion(self, t: Array) -> Evaluated:
         """All of it at t, (N,) s; outside, the end values hold, slopes are zero and the integral goes on."""
         knots, pieces = self._pieces
         inside = np.clip(t, self.start, self.end)
@@ -85,7 +85,7 @@ class Smooth:
             there = np.abs(beyond) < 1e-9
             slope, bend = np.where(there, slope, 0.0), np.where(there, bend, 0.0)
             integral += value * beyond
-        return Motion(value, slope, bend, integral)
+        return Evaluated(value, slope, bend, integral)
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
