@@ -71,6 +71,14 @@ class Chain:
     heading: Array | float = 0.0
     terms: dict[str, list[Array]] = field(default_factory=dict)
 
+    def part(self, samples: slice) -> Chain:
+        """Of some samples."""
+        cut = {}
+        for one in fields(self):
+            value = getattr(self, one.name)
+            cut[one.name] = value[..., samples] if isinstance(value, np.ndarray) else value
+        return Chain(**{**cut, "terms": {}})
+
 
 @dataclass(frozen=True, slots=True)
 class Noise:

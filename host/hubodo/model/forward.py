@@ -16,6 +16,8 @@ from hubodo.model.rolling import Rolling, roll
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
 _KEPT = 3
+# Samples that are worked out together where what is true of each hangs on its own time alone.
+_AT_ONCE = 8192
 
 Carried = Callable[[Array], tuple[Array, Array, Array]]
 """At t, (N,) s: angular rate rad/s, its derivative and specific force m/s² in node axes, (3, N) each."""
@@ -41,6 +43,11 @@ class Reading:
     accel: Array
     rolling: Rolling | None
     body: Body
+
+    def part(self, samples: slice) -> Reading:
+        """Of some of the samples."""
+        rolling = None if self.rolling is None else self.rolling.part(samples)
+        return Reading(self.gyro[:, samples], self.accel[:, samples], rolling, self.body.part(samples))
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +101,32 @@ class NodeForward:
         phase: (N,) rad beside the wheel angle, see `roll`. late: (N,) s, by how much the stamps are.
         """
         effects = list(effects)
+        if len(self.t) > 2 * _AT_ONCE and not any(effect.remembers for effect in effects):
+            return self._in_parts(effects, start, phase, correction, late)
         chain, rolling, body = self._sensed(effects, start, phase, correction, late)
         for effect in effects:
             effect.clip(chain)
         return Reading(chain.gyro, chain.accel, rolling, body)
+
+    def _in_parts(
+        self,
+        effects: list[Effect],
+        start: NodeStart,
+        phase: Array | float,
+        correction: MotionCorrection | None,
+        late: Array | float,
+    ) -> Reading:
+        """As `mean`, some samples after the others: what is made of them stays in the processor's cache."""
+        body = self._body(effects, late, correction)
+        gyro, accel = np.empty((2, 3, len(self.t)))
+        angles = np.empty((3, len(self.t)))
+        for first in range(0, len(self.t), _AT_ONCE):
+            at = slice(first, first + _AT_ONCE)
+            own = self.part(at).mean(effects, start, _of(phase, at), correction, _of(late, at))
+            gyro[:, at], accel[:, at] = own.gyro, own.accel
+            if own.rolling is not None:
+                angles[:, at] = own.rolling.angle, own.rolling.spin, own.rolling.spin_acceleration
+        return Reading(gyro, accel, None if self.mount.side is None else Rolling(*angles), body)
 
     def sample(
         self, effects: Iterable[Effect], start: NodeStart, noise: Noise, rng: np.random.Generator
@@ -112,6 +141,16 @@ class NodeForward:
         """One draw of what the sensor feels, before its noise and limits."""
         chain, rolling, body = self._wandering(list(effects), start, rng)
         return Reading(chain.gyro, chain.accel, rolling, body)
+
+    def part(self, samples: slice) -> NodeForward:
+        """The same of some of the stamps; what was worked out of the inputs is not worked out again."""
+        bodies = {key: body.part(samples) for key, body in self._bodies.items()}
+        known = {hash(body.t.tobytes()): body for body in bodies.values()}
+        corrected = self._corrected
+        if corrected is not None:
+            before = next((bodies[key] for key, body in self._bodies.items() if body is corrected[1]), None)
+            corrected = before and (corrected[0], before, corrected[2].part(samples))
+        return replace(self, t=self.t[samples], _bodies=known, _corrected=corrected, _moves={})
 
     def geometry(self, effects: Iterable[Effect]) -> Geometry:
         """Vehicle and wheel with the effects in them."""
@@ -228,6 +267,11 @@ class NodeForward:
                 self._bodies.pop(next(iter(self._bodies)))
             made = self._bodies[key] = self.inputs.at(t)
         return made
+
+
+def _of(value: Array | float, samples: slice) -> Array | float:
+    """Of some samples; one value for all stays."""
+    return value[samples] if isinstance(value, np.ndarray) and value.size > 1 else value
 
 
 def transmit(chain: Chain, effects: Iterable[Effect], noise: Noise, rng: np.random.Generator) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -31,6 +31,10 @@ class Body:
     yaw_jerk: Array
     heading: Array
     temperature: Array
+
+    def part(self, samples: slice) -> Body:
+        """Of some of the times."""
+        return Body(*(getattr(self, one.name)[samples] for one in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)

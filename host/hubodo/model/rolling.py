@@ -20,6 +20,10 @@ class Rolling:
     spin: Array
     spin_acceleration: Array
 
+    def part(self, samples: slice) -> Rolling:
+        """Of some of the times."""
+        return Rolling(self.angle[samples], self.spin[samples], self.spin_acceleration[samples])
+
 
 def roll(body: Body, geometry: Geometry, start: float, phase: Array | float = 0.0) -> Rolling:
     """The wheel rolls over the ground: theta' = v_w / (R (1 + k theta'²)(1 + A cos(theta - p))) (1 + s v_w').

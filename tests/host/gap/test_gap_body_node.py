@@ -28,21 +28,28 @@ def test_the_attitude_of_each_is_free_beside_the_directions(monkeypatch):
     nodes = [SimpleNamespace(name=name, on_wheel=name == "left") for name in ("left", "frame", "seat")]
     directions = [SimpleNamespace(node="left"), SimpleNamespace(node="frame")]
     felt = {"left": [0], "frame": [1], "seat": []}
-    monkeypatch.setattr(
-        linearised,
-        "columns",
-        lambda *_: [(node, felt[node.name], np.zeros((len(felt[node.name]), 6, 4))) for node in nodes],
-    )
+
+    class NoMotion:
+        at = felt
+
+        def __init__(self, *_):
+            pass
+
+        def of(self, node, *_):
+            return np.zeros((len(felt[node.name]), 6, 4))
+
+    monkeypatch.setattr(linearised, "Directions", NoMotion)
     asked = {}
 
     def innovations(columns, size):
-        own = {node.name: one for node, one in columns}
-        asked.update(size=size, at={name: list(one.at) for name, one in own.items()})
-        asked["shapes"] = {name: one.made.shape for name, one in own.items()}
+        asked.update(size=size, at={name: list(at) for name, at in columns.at.items()})
+        asked["shapes"] = {node.name: columns.of(node, state, {}).shape for node in nodes}
         return SimpleNamespace(grams=None, raw=None, logs=0.0)
 
     problem = SimpleNamespace(nodes=nodes)
-    state = SimpleNamespace(attitude_columns=lambda node: np.ones((3, 6, 4)), problem=problem)
+    state = SimpleNamespace(
+        attitude_columns=lambda node: np.ones((3, 6, 4)), problem=problem, at_once=lambda name: True
+    )
     point = SimpleNamespace(state=state, problem=problem, innovations=innovations)
     made = linearise(point, directions)
     assert (asked["size"], made.nuisances, made.always) == (8, 6, [2, 3, 4, 5, 6, 7])

@@ -31,26 +31,39 @@ def drawn(seed):
                 rng.uniform(0.5, 2.0, (6, n)),
                 rng.standard_normal((len(feels), 6, n)),
                 feels,
-                0.3
-                * rng.standard_normal((len(feels), len(counts))).cumsum(axis=1)
-                * [[feels[0] == 0], [0.0]],
             )
         )
-    return shares
+    paths = np.zeros((len(WALKS), len(counts)))
+    paths[0] = 0.3 * rng.standard_normal(len(counts)).cumsum()
+    return shares, paths
 
 
-def dense(shares):
+def in_parts(shares):
+    """The same shares, cut behind the first block."""
+    made = []
+    for first, end in ((0, BLOCK), (BLOCK, None)):
+        made.append([cut(share, first, end) for share in shares])
+    return made
+
+
+def cut(share, first, end):
+    """Some windows of a share."""
+    edges = share.edges[first : None if end is None else end + 1]
+    inside = slice(edges[0], edges[-1])
+    arrays = {name: getattr(share, name)[..., inside] for name in ("columns", "z", "weight", "answers")}
+    return replace(share, edges=edges - edges[0], **arrays)
+
+
+def dense(shares, path):
     """(y, X, A, S, path): all readings, columns, answers to walks in their windows, and the walks' prior."""
     windows, count = len(shares[0].edges) - 1, len(WALKS)
     ys, xs, answers = [], [], []
-    path = np.zeros((windows, count))
     for share in shares:
-        path[:, list(share.feels)] = share.paths.T
         for k in range(windows):
             for n in range(share.edges[k], share.edges[k + 1]):
                 for row in range(6):
                     w = share.weight[row, n]
-                    ys.append(w * share.residual[row, n])
+                    ys.append(share.z[row, n])
                     x, a = np.zeros(COLUMNS), np.zeros((windows, count))
                     x[list(share.at)] = w * share.columns[:, row, n]
                     a[k, list(share.feels)] = w * share.answers[:, row, n]
@@ -62,19 +75,14 @@ def dense(shares):
         one = np.eye(windows) * walk.start if walk.white else walk.start + walk.intensity * WINDOW * later
         prior[:, c, :, c] = one
     size = windows * count
-    return np.array(ys), np.array(xs), np.array(answers), prior.reshape(size, size), path.ravel()
+    return np.array(ys), np.array(xs), np.array(answers), prior.reshape(size, size), path.T.ravel()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
-    shares = drawn(seed)
-    # Residuals of more than six sigma would be pulled in.
-    shares = [
-        replace(share, residual=share.residual / np.abs(share.residual * share.weight).max())
-        for share in shares
-    ]
-    y, x, a, prior, path = dense(shares)
-    found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK)
+    shares, paths = drawn(seed)
+    y, x, a, prior, path = dense(shares, paths)
+    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK)
     whole = np.eye(len(y)) + a @ prior @ a.T
     # The residual was taken about the path: the reading beside the model without it.
     both = np.column_stack([x, y + a @ path])
@@ -88,13 +96,9 @@ def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_walks_are_where_the_gaussian_expects_them(seed):
-    shares = drawn(seed)
-    shares = [
-        replace(share, residual=share.residual / np.abs(share.residual * share.weight).max())
-        for share in shares
-    ]
-    y, _, a, prior, path = dense(shares)
-    found = innovations(shares, WALKS, COLUMNS, WINDOW, BLOCK, smooth=True)
+    shares, paths = drawn(seed)
+    y, _, a, prior, path = dense(shares, paths)
+    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, smooth=True)
     whole = np.eye(len(y)) + a @ prior @ a.T
     expected = prior @ a.T @ np.linalg.solve(whole, y + a @ path) - path
     np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-5)
@@ -118,11 +122,10 @@ def test_a_single_walk_scores_and_is_smoothed_as_the_gaussian_says(seed):
 
 
 def test_nothing_that_wanders_leaves_plain_products():
-    shares = [
-        replace(share, answers=share.answers[:0], feels=(), paths=share.paths[:0]) for share in drawn(1)
-    ]
-    y, x, _, _, _ = dense([replace(share, answers=share.answers, feels=()) for share in shares])
+    shares, paths = drawn(1)
+    shares = [replace(share, answers=share.answers[:0], feels=()) for share in shares]
+    y, x, _, _, _ = dense(shares, paths)
     both = np.column_stack([x, y])
-    found = innovations(shares, (), COLUMNS, WINDOW, BLOCK)
+    found = innovations([shares], (), paths[:0], COLUMNS, WINDOW, BLOCK)
     np.testing.assert_allclose(found.grams.sum(axis=0), both.T @ both, rtol=1e-5)
     assert found.logs == 0.0

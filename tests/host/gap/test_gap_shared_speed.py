@@ -7,7 +7,7 @@ from gap_runs import changed_model
 from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.effects.empirical import empirical
 from hubodo.gap.judge.search import initial_state
-from hubodo.gap.linear.sensitivity import Direction, columns
+from hubodo.gap.linear.sensitivity import Direction, Directions
 from hubodo.gap.problem.build import build
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.screen.candidates import all_directions
@@ -48,8 +48,15 @@ def evaluated(state, direction, node):
     return stacked(state.with_terms([*kept, *at]).readings[node])
 
 
+def columns(at, directions):
+    """(P, 6, N) for each node: how it answers every direction, looked at in one go."""
+    samples = {node.name: slice(0, len(node.t)) for node in at.problem.nodes}
+    made, part = Directions(at, directions), at.part(samples)
+    return {node.name: made.of(node, part, samples) for node in part.problem.nodes}
+
+
 def assert_columns_are_those_evaluated_anew(at, directions):
-    found = {node.name: made for node, _, made in columns(at, directions)}
+    found = columns(at, directions)
     for k, direction in enumerate(directions):
         for node in at.problem.nodes:
             expected = (evaluated(at, direction, node.name) - stacked(at.readings[node.name])) / STEP
@@ -78,5 +85,23 @@ def test_beside_a_limit_what_is_added_beyond_it_is_not_read(state):
 
 def test_what_one_gyro_measured_otherwise_is_felt_by_the_other_node(state):
     directions = [it for it in all_directions(state) if it.effect.name == "gyro_bias" and it.node == "left"]
-    felt = {node.name: made for node, _, made in columns(state, directions)}
+    felt = columns(state, directions)
     assert np.abs(felt["right"][2]).max() > 1e-3
+
+
+@pytest.mark.parametrize("there", ["gyro_lag", "tyre_growth", "lever_arm"])
+def test_columns_of_a_part_are_a_part_of_the_columns(state, there):
+    """Also where what a node reads hangs on how it moved before."""
+    seed = BY_NAME[there].seeds()[0]
+    at = state.with_term(ModelTerm(seed.at(seed.coordinates() + 0.5 * seed.coordinate_scales()), ALL))
+    directions = all_directions(at)
+    whole, made = columns(at, directions), Directions(at, directions)
+    samples = {
+        node.name: slice(len(node.t) // 3, len(node.t) // 2 + k) for k, node in enumerate(at.problem.nodes)
+    }
+    part = at.part(samples)
+    for node in part.problem.nodes:
+        expected = whole[node.name][:, :, samples[node.name]]
+        sizes = np.abs(expected).max(axis=(1, 2), keepdims=True) + 1e-6
+        found = made.of(node, part, samples)
+        np.testing.assert_allclose(found / sizes, expected / sizes, atol=1e-4)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.gap.linear.sensitivity import Direction, columns
+from hubodo.gap.linear.sensitivity import Direction, Directions
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.point import NodeColumns, Point
+from hubodo.gap.process_noise.point import Point
 from hubodo.gap.state.state import State
 
 # Of what a column said before anything was taken out: less than this is rounding.
@@ -47,24 +47,34 @@ def linearise(point: Point, directions: Sequence[Direction]) -> Linearised:
     Nuisances are the attitudes of nodes on the body.
     """
     nuisances = 3 * sum(not node.on_wheel for node in point.problem.nodes)
-    found = point.innovations(_columns(point.state, directions), len(directions) + nuisances)
+    columns = _Columns(point.state, directions)
+    found = point.innovations(columns, len(directions) + nuisances)
     return Linearised(tuple(directions), nuisances, found.grams, found.raw, found.logs)
 
 
-def _columns(state: State, directions: Sequence[Direction]) -> Iterator[tuple[NodeData, NodeColumns]]:
-    """Those of each node, the attitude of one on the body after its directions."""
-    bodies = [node for node in state.problem.nodes if not node.on_wheel]
-    for node, felt, made in columns(state, directions):
-        at = felt
-        if not node.on_wheel:
-            made = np.concatenate([made, state.attitude_columns(node).astype(np.float32)])
-            first = len(directions) + 3 * bodies.index(node)
-            at = [*felt, *range(first, first + 3)]
-        own = NodeColumns(made, at)
-        del made
-        yield node, own
-        # Those of the next node are made when nobody has these any more.
-        del own
+class _Columns:
+    """Those of the directions; the attitude of a node on the body comes after its own."""
+
+    def __init__(self, state: State, directions: Sequence[Direction]) -> None:
+        self._directions = Directions(state, directions)
+        bodies = [node for node in state.problem.nodes if not node.on_wheel]
+        places = {node.name: len(directions) + 3 * k for k, node in enumerate(bodies)}
+        self.at = {
+            name: [*felt, *(range(places[name], places[name] + 3) if name in places else ())]
+            for name, felt in self._directions.at.items()
+        }
+        self._turns = {
+            node.name: state.attitude_columns(node) for node in bodies if not state.at_once(node.name)
+        }
+
+    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> Array:
+        """(P, 6, N), see `Columns`."""
+        made = self._directions.of(node, state, samples)
+        if node.on_wheel:
+            return made
+        whole = self._turns.get(node.name)
+        turns = state.attitude_columns(node) if whole is None else whole[:, :, samples[node.name]]
+        return np.concatenate([made, turns.astype(np.float32)])
 
 
 def solved(inner: Array, raw: Array) -> Array:

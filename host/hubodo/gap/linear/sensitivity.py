@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
+from hubodo.effects.base import Chain
 from hubodo.gap.linear.added import Added
-from hubodo.gap.linear.shared_speed import SharedSpeed
+from hubodo.gap.linear.shared_speed import SharedSpeed, SpeedAnswers
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.state import State, stacked
 from hubodo.model.inputs import MotionCorrection, SpeedCorrection
@@ -34,6 +37,10 @@ class Direction:
     def scale(self) -> float:
         return float(self.effect.coordinate_scales()[self.coordinate])
 
+    def felt_by(self, node: NodeData) -> bool:
+        """Whether it is on that node, or on the vehicle."""
+        return self.node in ("", node.name)
+
     def moved(self, by: float) -> Effect:
         """The effect, `by` scales further."""
         coordinates = self.effect.coordinates().copy()
@@ -41,60 +48,85 @@ class Direction:
         return self.effect.at(coordinates)
 
 
-def columns(state: State, directions: Sequence[Direction]) -> Iterator[tuple[NodeData, list[int], Array]]:
-    """For each node the directions that it feels, and (p, 6, N) float32: change of its channels for a scale.
+class Directions:
+    """How the channels of each node answer directions, at a state: a stretch of time after the other.
 
-    One node after the other, as they take much memory; where gyros measured the speed, all nodes feel all.
+    at: for each node the directions that it feels, by their places; where gyros measured the speed, all.
+    What hangs on what was before is worked out with all that was, and kept.
     """
-    nodes, shared = state.problem.nodes, SharedSpeed(state)
-    if state.problem.sources:
-        yield from _together(state, directions, list(range(len(directions))), nodes, shared)
-        return
-    for node in nodes:
-        felt = [k for k, direction in enumerate(directions) if direction.node in ("", node.name)]
-        yield from _together(state, directions, felt, (node,), shared)
 
+    def __init__(self, state: State, directions: Sequence[Direction]) -> None:
+        self._state, self._directions = state, directions
+        self._shared = SharedSpeed(state) if state.problem.sources else None
+        nodes = state.problem.nodes
+        self.at = {
+            node.name: [k for k, it in enumerate(directions) if self._shared or it.felt_by(node)]
+            for node in nodes
+        }
+        self._chains = {node.name: state.reached(node) for node in nodes if not state.at_once(node.name)}
+        self._more: dict[int, SpeedCorrection] = {}
+        self._kept = {node.name: dict[int, NDArray[np.float32]]() for node in nodes}
+        moves = {node.name: _Moves(state, node, self._chains.get(node.name)) for node in nodes}
+        for k, direction in enumerate(directions):
+            there = direction.moved(_MOVE)
+            own = [node.name for node in nodes if direction.felt_by(node)]
+            effects = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
+            # What changes the speed that the gyros of one node measured is felt by all the others.
+            more = self._shared and self._shared.more(effects, there, own, _MOVE)
+            if more:
+                self._more[k] = more
+            for node in nodes:
+                move, at_once = moves[node.name], state.at_once(node.name)
+                if more and not at_once:
+                    made = move.anew(effects[node.name], more)
+                elif node.name in own and (there.remembers or not (at_once or move.adds(there))):
+                    made = move.change(effects[node.name], there)
+                else:
+                    continue
+                self._kept[node.name][k] = made.astype(np.float32)
 
-def _together(
-    state: State,
-    directions: Sequence[Direction],
-    felt: list[int],
-    nodes: Sequence[NodeData],
-    shared: SharedSpeed,
-) -> Iterator[tuple[NodeData, list[int], Array]]:
-    """The columns of some nodes that feel the same directions."""
-    made = {node.name: np.zeros((len(felt), *node.y.shape), np.float32) for node in nodes}
-    moves = {node.name: _Moves(state, node) for node in nodes}
-    for row, direction in enumerate(directions[k] for k in felt):
-        there = direction.moved(_MOVE)
-        own = [node.name for node in state.problem.nodes if direction.node in ("", node.name)]
-        effects = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
-        # What changes the speed that the gyros of one node measured is felt by all the others.
-        more = shared.more(effects, there, own, _MOVE)
-        for node in nodes:
-            mine, into = node.name in own, made[node.name][row]
-            if more is not None and not shared.at_once(node):
-                into[:] = moves[node.name].anew(effects[node.name], more)
-            elif more is not None:
-                into[:] = shared.felt(node, more)
-                into += moves[node.name].change(effects[node.name], there) if mine else 0.0
-            elif mine:
-                into[:] = moves[node.name].change(effects[node.name], there)
-    for node in nodes:
-        yield node, felt, made.pop(node.name)
+    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
+        """(P, 6, N): change of the channels for a scale. node, state: of these samples alone."""
+        felt, kept, inside = self.at[node.name], self._kept[node.name], samples[node.name]
+        made = np.zeros((len(felt), *node.y.shape), np.float32)
+        chain = self._chains.get(node.name)
+        moves = _Moves(state, node, chain and chain.part(inside))
+        answers = SpeedAnswers(state, node) if self._more and state.at_once(node.name) else None
+        for into, k in zip(made, felt, strict=True):
+            direction, more = self._directions[k], self._more.get(k)
+            if k in kept:
+                into[:] = kept[k][:, inside]
+            elif direction.felt_by(node):
+                there = direction.moved(_MOVE)
+                into[:] = moves.change(_with(state.effects[node.name], there), there)
+            if answers and more:
+                into += answers.felt(more)
+        return made
 
 
 class _Moves:
     """How one node answers another effect, from where a state stands, per scale."""
 
-    def __init__(self, state: State, node: NodeData) -> None:
-        self._state, self._node = state, node
-        self._base = stacked(state.readings[node.name])
-        self._added = Added(state.reached(node), state.effects[node.name])
+    def __init__(self, state: State, node: NodeData, chain: Chain | None = None) -> None:
+        """chain: what reaches the sensor, where that hangs on what was before."""
+        self._state, self._node, self._chain = state, node, chain
+
+    @cached_property
+    def _base(self) -> Array:
+        return stacked(self._state.readings[self._node.name])
+
+    @cached_property
+    def _added(self) -> Added:
+        chain = self._chain or self._state.reached(self._node)
+        return Added(chain, self._state.effects[self._node.name])
+
+    def adds(self, there: Effect) -> bool:
+        """Whether an effect does nothing but add to what is read."""
+        return self._added.does(type(there))
 
     def change(self, effects: Mapping[type[Effect], Effect], there: Effect) -> Array:
         """(6, N), the motion as it is. effects: of the node, with that other one, `there`."""
-        if self._added.does(type(there)):
+        if self.adds(there):
             return self._added.change(there) / _MOVE
         return self._against(effects, self._state.correction)
 

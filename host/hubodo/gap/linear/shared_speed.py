@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,21 +18,11 @@ from hubodo.model.inputs import Driven, MotionCorrection, SpeedCorrection
 _DRIVEN = 1e-5
 
 
-@dataclass(frozen=True)
-class _Answers:
-    """Change of the channels of a node, (6, N), per m/s of speed, m/s² of acceleration and m of distance."""
-
-    speed: Array
-    acceleration: Array
-    distance: Array
-
-
 class SharedSpeed:
     """How the nodes answer, at a state, a speed that was measured otherwise."""
 
     def __init__(self, state: State) -> None:
         self._state = state
-        self._answers: dict[str, _Answers] = {}
         self._added = {
             node.name: Added(measuring_chain(node, state.effects[node.name]), state.effects[node.name])
             for node in state.problem.sources
@@ -63,32 +52,31 @@ class SharedSpeed:
         rate = self._added[node.name].change(there)[2]
         return np.asarray(self._state.speed_errors[node.name].per_rate * rate)
 
-    def at_once(self, node: NodeData) -> bool:
-        """Whether a node answers at any time only what is true at that time."""
-        return not any(kind.remembers for kind in self._state.effects[node.name])
 
-    def felt(self, node: NodeData, more: SpeedCorrection) -> Array:
-        """(6, N): change of a node's channels for a little more correction; for those that answer at once."""
-        answers = self._answers.get(node.name) or self._answered(node)
-        speed, acceleration, distance = more.at(self._state.readings[node.name].body.t)
-        made = answers.speed * speed + answers.acceleration * acceleration
-        if node.on_wheel:
-            made += answers.distance * distance
-        return made
+class SpeedAnswers:
+    """How one node that answers at once answers a little more of the speed that drives it."""
 
-    def _answered(self, node: NodeData) -> _Answers:
-        state, given = self._state, self._state.correction
-        base = stacked(state.readings[node.name])
+    def __init__(self, state: State, node: NodeData) -> None:
+        self._t = state.readings[node.name].body.t
+        base, given = stacked(state.readings[node.name]), state.correction
 
         def slope(by: MotionCorrection) -> Array:
             reading = state.reading(node, state.effects[node.name].values(), by)
             return (stacked(reading) - base) / _DRIVEN
 
-        speed, acceleration = slope(Driven(speed=_DRIVEN, before=given)), slope(Driven(0.0, _DRIVEN, given))
-        distance: Array = np.zeros(1)
+        # (6, N) each: change of the channels per m/s of speed, m/s² of acceleration, m of distance.
+        self._speed = slope(Driven(speed=_DRIVEN, before=given))
+        self._acceleration = slope(Driven(0.0, _DRIVEN, given))
+        self._distance: Array | None = None
         if node.on_wheel:
             # The way that a wheel has gone is how far it is round.
             radius = node.forward.geometry(state.effects[node.name].values()).radius
-            distance = state.phase_columns[node.name] / radius
-        made = self._answers[node.name] = _Answers(speed, acceleration, distance)
+            self._distance = state.phase_columns[node.name] / radius
+
+    def felt(self, more: SpeedCorrection) -> Array:
+        """(6, N): change of the node's channels for a little more correction."""
+        speed, acceleration, distance = more.at(self._t)
+        made = self._speed * speed + self._acceleration * acceleration
+        if self._distance is not None:
+            made += self._distance * distance
         return made

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -51,6 +52,10 @@ class NodeData:
         bent = np.diff(self.y[3:5], 2, axis=1)
         return float(np.median(np.abs(bent)) / 0.6745 / np.sqrt(6.0))
 
+    def part(self, samples: slice) -> NodeData:
+        """Some of its samples."""
+        return replace(self, t=self.t[samples], y=self.y[:, samples], forward=self.forward.part(samples))
+
     def decimated(self) -> NodeData:
         """Every k-th sample of it, at 100 to 200 Hz; itself where it is not faster."""
         every = int(1.0 / (_ENOUGH * float(np.median(np.diff(self.t)))) + 1e-6)
@@ -86,6 +91,10 @@ class Problem:
     def sources(self) -> tuple[NodeData, ...]:
         """The nodes whose gyros measured the speed."""
         return tuple(node for node in self.nodes if node.name in self.measured_by and node.on_wheel)
+
+    def part(self, samples: Mapping[str, slice]) -> Problem:
+        """With some samples of each node."""
+        return replace(self, nodes=tuple(node.part(samples[node.name]) for node in self.nodes))
 
     def decimated(self) -> Problem | None:
         """The same with nodes at 100 to 200 Hz, to be searched first; None where none is faster.

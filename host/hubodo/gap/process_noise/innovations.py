@@ -15,10 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Walk, WindowSums
-
-# Blocks of windows whose walks are kept together.
-_AT_ONCE = 32
+from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Sums, Walk, WindowSums
 
 
 @dataclass(frozen=True)
@@ -49,42 +46,60 @@ class _Step:
 
 
 def innovations(
-    shares: Iterable[Share], walks: Sequence[Walk], size: int, window: float, block: int, smooth: bool = False
+    parts: Iterable[Iterable[Share]],
+    walks: Sequence[Walk],
+    paths: Array,
+    size: int,
+    window: float,
+    block: int,
+    smooth: bool = False,
 ) -> Innovations:
     """size: P columns in all. window: s. block: windows whose grams are added up. smooth: ask for `mean`.
 
-    shares: each is asked for when the one before it has been summed up: not all need be there at once.
+    parts: of each stretch of time the shares of the nodes, whole blocks but in the last; each is asked for
+    when the one before it has been summed up: not all need be there at once. paths: (C, K) where each walk
+    was thought to be when residual and columns were taken.
     """
-    nodes = []
-    for share in shares:
-        nodes.append(WindowSums(share, walks, size, window, block))
-        del share
-    windows, count = len(nodes[0].cross), len(walks)
-    paths, raw = np.zeros((count, windows)), np.zeros(size + 1)
-    grams = np.zeros((len(nodes[0].squares), size + 1, size + 1))
-    for node in nodes:
-        paths[node.feels] = node.paths
-        raw[node.at] += node.raw
-        grams[:, node.at[:, None], node.at] += node.squares
+    nodes: list[WindowSums] = []
     moves = np.diff(paths, axis=1, prepend=0.0)
     start = np.array([walk.start for walk in walks])
     moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
-    filtered = _Filter(walks, size, window, smooth)
-    for first in range(0, windows, _AT_ONCE * block):
-        inside = slice(first, min(first + _AT_ONCE * block, windows))
-        shift, cross = np.zeros((2, inside.stop - first, count, size + 1))
-        own = np.zeros((inside.stop - first, count, count))
-        for node in nodes:
-            feels = node.feels[:, None]
-            shift[:, node.feels[node.free][:, None], node.at[:-1]] += node.shift[inside]
-            cross[:, feels, node.at] += node.cross[inside]
-            own[:, feels, node.feels] += node.own[inside]
-        # The residual was taken about the path: where that moves, the walk has to be paid for it.
-        shift[:, :, -1] += moves[:, inside].T
-        taken = filtered.take(cross, own, shift, block)
-        grams[first // block : first // block + len(taken)] -= taken
+    filtered, grams, first = _Filter(walks, size, window, smooth), list[Array](), 0
+    for shares in parts:
+        summed = []
+        for k, share in enumerate(shares):
+            if k == len(nodes):
+                nodes.append(WindowSums(share, walks, size, window, block))
+            summed.append((nodes[k], nodes[k].add(share)))
+            del share
+        windows = len(summed[0][1].cross)
+        grams.append(_taken(filtered, summed, moves[:, first : first + windows], size, block))
+        first += windows
+    raw = np.zeros(size + 1)
+    for node in nodes:
+        raw[node.at] += node.raw
     white = np.array([walk.white for walk in walks], bool)
-    return Innovations(grams, filtered.logs, raw, _smoothed(filtered.steps, white, count))
+    mean = _smoothed(filtered.steps, white, len(walks))
+    return Innovations(np.concatenate(grams), filtered.logs, raw, mean)
+
+
+def _taken(
+    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, size: int, block: int
+) -> Array:
+    """(B, P+1, P+1) the grams of one part. moves: (C, K) of the paths of the walks."""
+    count, windows = moves.shape
+    shift, cross = np.zeros((2, windows, count, size + 1))
+    own = np.zeros((windows, count, count))
+    grams = np.zeros((-(-windows // block), size + 1, size + 1))
+    for node, sums in summed:
+        feels = node.feels[:, None]
+        shift[:, node.feels[node.free][:, None], node.at[:-1]] += sums.shift
+        cross[:, feels, node.at] += sums.cross
+        own[:, feels, node.feels] += sums.own
+        grams[:, node.at[:, None], node.at] += sums.squares
+    # The residual was taken about the path: where that moves, the walk has to be paid for it.
+    shift[:, :, -1] += moves.T
+    return grams - filtered.take(cross, own, shift, block)
 
 
 class _Filter:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
+from hubodo.gap.process_noise.parts import window_of
 from hubodo.gap.process_noise.wheel_phase import WINDOW
 from hubodo.gap.process_noise.window_sums import Walk
 from hubodo.gap.state.state import State
@@ -18,56 +19,62 @@ from hubodo.vehicle import side_sign
 # s in which a clock that is corrected again and again wanders by as much as it is off.
 _CLOCK_WANDERS = 10.0
 
-
-@dataclass(frozen=True)
-class Felt:
-    """What one node feels of a walk.
-
-    Its place among all, (6, N) change of the channels, (N,) where it was thought to be.
-    """
-
-    place: int
-    answer: Array
-    path: Array | float = 0.0
+What = Literal["speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"]
 
 
 @dataclass(frozen=True)
-class ProcessNoise:
-    """walks: everything that wanders. felt: what each node feels of them, by its name."""
+class Wandering:
+    """Something that wanders. node: where; "" where all nodes feel it alike."""
 
-    walks: Sequence[Walk]
-    felt: Mapping[str, Sequence[Felt]]
+    walk: Walk
+    what: What
+    node: str = ""
+
+    def path(self, state: State) -> Array | float:
+        """(N,) of its node, where it was thought to be."""
+        followed = {"wheel": state.paths, "clock": state.late}.get(self.what, {})
+        return followed.get(self.node, 0.0)
 
 
-def process_noise(state: State, wheel_walks: Mapping[str, float]) -> ProcessNoise:
+def process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[Wandering]:
     """What wanders beside the model at a state. wheel_walks: rad²/s, of the angle of each wheel."""
-    walks: list[Walk] = []
-    felt: dict[str, list[Felt]] = {node.name: [] for node in state.problem.nodes}
-    for walk, answers in _input_noise(state):
-        for name, answer in answers.items():
-            felt[name].append(Felt(len(walks), answer))
-        walks.append(walk)
+    made = list(_input_noise(state.problem))
     for node in state.problem.nodes:
         if node.on_wheel:
-            path = state.paths.get(node.name, 0.0)
-            felt[node.name].append(Felt(len(walks), state.phase_columns[node.name], path))
-            walks.append(Walk(wheel_walks[node.name]))
-        for walk, answer, path in _own(state, node):
-            felt[node.name].append(Felt(len(walks), answer, path))
-            walks.append(walk)
-    return ProcessNoise(walks, felt)
+            made.append(Wandering(Walk(wheel_walks[node.name]), "wheel", node.name))
+        if state.problem.model.inputs.clock_sigma > 0.0:
+            made.append(Wandering(clock_walk(state.problem), "clock", node.name))
+        drift = sum(effect.drift() for effect in state.effects[node.name].values())
+        if drift > 0.0:
+            walk = Walk(drift, drift * WINDOW)
+            made += [Wandering(walk, row, node.name) for row in ("gx", "gy", "gz")]
+    return made
 
 
-def _own(state: State, node: NodeData) -> Iterator[tuple[Walk, Array, Array | float]]:
-    """What wanders in one node beside its wheel: walk, answer, and where it was thought to be."""
-    if state.problem.model.inputs.clock_sigma > 0.0:
-        yield clock_walk(state.problem), state.late_columns[node.name], state.late.get(node.name, 0.0)
-    drift = sum(effect.drift() for effect in state.effects[node.name].values())
-    if drift > 0.0:
-        for row in range(3):
-            answer = np.zeros_like(node.y)
-            answer[row] = 1.0
-            yield Walk(drift, drift * WINDOW), answer, 0.0
+def felt(wanderings: Sequence[Wandering], node: NodeData) -> list[int]:
+    """(C,) places of what one node feels."""
+    return [k for k, it in enumerate(wanderings) if it.node in ("", node.name)]
+
+
+def answers(state: State, node: NodeData, wanderings: Sequence[Wandering], begins: Array) -> Array:
+    """(C, 6, N): change of the channels of a node per unit of each that it feels.
+
+    begins: s, of the windows in which its samples are.
+    """
+    places = felt(wanderings, node)
+    made = np.zeros((len(places), *node.y.shape))
+    of_inputs = _input_answers(state, node, begins) if any(not it.node for it in wanderings) else {}
+    for into, place in zip(made, places, strict=True):
+        what = wanderings[place].what
+        if what == "wheel":
+            into[:] = state.phase_columns[node.name]
+        elif what == "clock":
+            into[:] = state.late_columns[node.name]
+        elif what in of_inputs:
+            into[:] = of_inputs[what]
+        else:
+            into[("gx", "gy", "gz").index(what)] = 1.0
+    return made
 
 
 def clock_walk(problem: Problem) -> Walk:
@@ -83,37 +90,32 @@ def window_variances(problem: Problem) -> tuple[float, float]:
     return speed, yaw_rate
 
 
-def _input_noise(state: State) -> Iterator[tuple[Walk, dict[str, Array]]]:
+def _input_noise(problem: Problem) -> Iterator[Wandering]:
     """The noise of the samples of the inputs, as it is left in the mean and in the slope of a window.
 
     White noise of n samples leaves 1/n of its variance in their mean and 12/(n T²) in their slope; the same
-    for all nodes. It turns a wheel within the window, too; how far from one window to the next is a walk.
+    for all nodes.
     """
-    grid = window_grid(state.problem)
-    speeds, yaws = [], []
-    for node in state.problem.nodes:
-        answers = state.input_answers(node)
-        at = node.t - (grid[window_of(grid, node)] + 0.5 * WINDOW)
-        bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
-        phase = state.phase_columns.get(node.name, np.zeros(1)) / node.forward.wheel_radius
-        y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
-        speeds.append((answers.speed + at * phase, at * answers.speed + answers.acceleration + bent * phase))
-        yaws.append((answers.yaw_rate - y * at * phase, at * answers.yaw_rate - y * bent * phase))
-    names = [node.name for node in state.problem.nodes]
-    for variance, felt in zip(window_variances(state.problem), (speeds, yaws), strict=True):
+    whats: tuple[tuple[What, What], ...] = (("speed", "speed slope"), ("yaw rate", "yaw rate slope"))
+    for variance, (level, slope) in zip(window_variances(problem), whats, strict=True):
         if variance > 0.0:
-            level, slope = zip(*felt, strict=True)
-            yield Walk(0.0, variance, white=True), dict(zip(names, level, strict=True))
-            yield Walk(0.0, 12.0 * variance / WINDOW**2, white=True), dict(zip(names, slope, strict=True))
+            yield Wandering(Walk(0.0, variance, white=True), level)
+            yield Wandering(Walk(0.0, 12.0 * variance / WINDOW**2, white=True), slope)
 
 
-def window_grid(problem: Problem) -> Array:
-    """(K,) s, where each window begins."""
-    first = min(node.t[0] for node in problem.nodes)
-    last = max(node.t[-1] for node in problem.nodes)
-    return np.arange(first, last, WINDOW)
+def _input_answers(state: State, node: NodeData, begins: Array) -> dict[What, Array]:
+    """(6, N) each: what a node answers to level and slope of the inputs' noise within a window.
 
-
-def window_of(grid: Array, node: NodeData) -> NDArray[np.intp]:
-    """(N,): in which window each sample of a node is."""
-    return np.clip(np.searchsorted(grid, node.t, side="right") - 1, 0, None)
+    That turns a wheel within the window, too; how far from one window to the next is a walk.
+    """
+    own = state.input_answers(node)
+    at = node.t - (begins[window_of(begins, node.t)] + 0.5 * WINDOW)
+    bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
+    phase = state.phase_columns.get(node.name, np.zeros(1)) / node.forward.wheel_radius
+    y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
+    return {
+        "speed": own.speed + at * phase,
+        "speed slope": at * own.speed + own.acceleration + bent * phase,
+        "yaw rate": own.yaw_rate - y * at * phase,
+        "yaw rate slope": at * own.yaw_rate - y * bent * phase,
+    }

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.process_noise import clock_walk
 from hubodo.gap.process_noise.weights import Weights, declared_walk, declared_weights, weights_of
 from hubodo.gap.process_noise.wheel_phase import follow, on_samples, smoothed
 from hubodo.gap.state.state import State
@@ -53,8 +54,8 @@ def _follow_clocks(state: State, walks: Mapping[str, float]) -> dict[str, Array]
 
     walks: rad²/s, of the wheels.
     """
-    clock, late = clock_walk(state.problem), dict[str, Array]()
-    for node, _, walk, mean in Point(state, declared_weights(state.problem, walks)).smoothed():
-        if walk == clock:
-            late[node.name] = state.late.get(node.name, 0.0) + mean
+    late = {node.name: np.zeros(len(node.t)) + state.late.get(node.name, 0.0) for node in state.problem.nodes}
+    for it in Point(state, declared_weights(state.problem, walks)).wandered():
+        if it.wandering.what == "clock":
+            late[it.node][it.samples] += it.mean
     return late

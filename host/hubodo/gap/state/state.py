@@ -55,6 +55,27 @@ class State:
         """With other terms, wheels and clocks not yet followed: where they went under these may mislead."""
         return replace(self, terms=tuple(terms), paths={}, late={})
 
+    def part(self, samples: Mapping[str, slice]) -> State:
+        """Of some samples of each node; its readings and slopes are those of this state, cut."""
+        made = replace(
+            self,
+            problem=self.problem.part(samples),
+            paths={name: path[samples[name]] for name, path in self.paths.items()},
+            late={name: late[samples[name]] for name, late in self.late.items()},
+        )
+        known = made.__dict__
+        known["effects"], known["correction"] = self.effects, self.correction
+        known["readings"] = {name: one.part(samples[name]) for name, one in self.readings.items()}
+        known["residuals"] = _cut(self.residuals, samples)
+        known["phase_columns"] = _cut(self.phase_columns, samples)
+        if self.problem.model.inputs.clock_sigma > 0.0:
+            known["late_columns"] = _cut(self.late_columns, samples)
+        return made
+
+    def at_once(self, name: str) -> bool:
+        """Whether a node answers at any time only what is true at that time."""
+        return not any(kind.remembers for kind in self.effects[name])
+
     def start(self, node: NodeData) -> NodeStart:
         return self.starts.get(node.name, NodeStart())
 
@@ -159,6 +180,10 @@ class State:
         own = self.effects[node.name].values()
         ahead, behind = (stacked(at(by).reading(node, own, self.correction)) for by in (_STEP, -_STEP))
         return (ahead - behind) / (2.0 * _STEP)
+
+
+def _cut(columns: Mapping[str, Array], samples: Mapping[str, slice]) -> dict[str, Array]:
+    return {name: column[:, samples[name]] for name, column in columns.items()}
 
 
 def stacked(reading: Reading) -> Array:
