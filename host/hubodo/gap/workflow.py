@@ -52,6 +52,7 @@ def find_gap(
         found.append(search(begin, accept, reject, watch))
         last, rounds = reconsider(found[-1], accept, reject, watch)
         last, rounds = beyond_chance(last, rounds, accept)
+        last = replace(last, final=last.final.bare())
     except KeyboardInterrupt:
         if journal is None or not found:
             raise
@@ -77,7 +78,7 @@ def _result(begin: State, found: SearchResult, rounds: Rounds, warnings: tuple[s
     terms = [term for term in final.state.terms if term.fitted]
     given = [term for term in final.state.terms if not term.fitted]
     stages = [_stage(begin, terms[:k], final) for k in range(len(terms))]
-    steps = [*(one.bare().residuals for one in stages), final.residuals]
+    steps = [one.bare().residuals for one in (*stages, final)]
     outside = [_trained(one, held) for one in (*stages, final)]
     findings = []
     for k, term in enumerate(terms):
@@ -109,7 +110,7 @@ def _stage(begin: State, terms: Sequence[ModelTerm], final: Point) -> Point:
     """The model as it was with only the first effects found, fitted anew."""
     keys = {term.key for term in terms}
     kept = [term for term in begin.terms if term.key not in keys]
-    return refit(final.at(begin.with_terms([*kept, *terms])), rounds=2).point
+    return refit(final.at(begin.with_terms([*kept, *terms])), rounds=2).point.bare()
 
 
 def _trained(point: Point, held: Split) -> float:

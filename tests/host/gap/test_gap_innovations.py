@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hubodo.gap.process_noise.innovations import innovations
-from hubodo.gap.process_noise.walk import scores, smoothed, walked
+from hubodo.gap.process_noise.walk import scores, smoothed
 from hubodo.gap.process_noise.window_sums import Share, Walk
 
 WINDOW, BLOCK, COLUMNS = 0.5, 3, 2
@@ -110,15 +110,14 @@ def test_a_single_walk_scores_and_is_smoothed_as_the_gaussian_says(seed):
     seen, variance, steps = rng.standard_normal(12), rng.uniform(0.1, 1.0, 12), rng.uniform(0.4, 0.6, 11)
     intensities, starts = np.array([0.0, 0.05, 2.0]), np.array([0.3, 0.1, 5.0])
     at = np.concatenate([[0.0], np.cumsum(steps)])
-    made = scores(seen, variance, steps, intensities, starts)
-    for one, q, start in zip(made, intensities, starts, strict=True):
+    likely = scores(seen, variance, steps, intensities, starts)
+    for one, q, start in zip(likely, intensities, starts, strict=True):
         prior = start + q * np.minimum.outer(at, at)
         whole = prior + np.diag(variance)
         density = -0.5 * (seen @ np.linalg.solve(whole, seen) + np.linalg.slogdet(whole)[1])
         assert one == pytest.approx(density, abs=1e-9)
-        walk = walked(seen, variance, steps, q, start)
-        assert walk.score == pytest.approx(density, abs=1e-9)
-        np.testing.assert_allclose(smoothed(walk, steps, q), prior @ np.linalg.solve(whole, seen), atol=1e-9)
+        made = smoothed(seen, variance, steps, q, start)
+        np.testing.assert_allclose(made, prior @ np.linalg.solve(whole, seen), atol=1e-9)
 
 
 def test_nothing_that_wanders_leaves_plain_products():

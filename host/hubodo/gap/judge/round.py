@@ -72,7 +72,7 @@ def look(
     are judged however little they promise. say: gets what is tried, and the share of the round behind it.
     """
     say("every effect in every scope", 0.0)
-    before = refit(point, rounds=1)
+    before = refit(point.bare(), rounds=1)
     screening = screen(before.point)
     screened = [it for it in screening.candidates if it.candidate.name not in reject]
     worth = _worth_a_refit(before, screened, reject, also)

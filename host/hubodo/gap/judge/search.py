@@ -84,7 +84,7 @@ def _search(
     behind: tuple[Round, ...] = (),
 ) -> SearchResult:
     """behind: rounds that came before, of which the state has what they added."""
-    current = refit_with_weights(state)
+    current = refit_with_weights(replace(state)).bare()
     rounds: list[Round] = []
     wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
     begun = sum(term.fitted for term in state.terms)
@@ -106,7 +106,7 @@ def _search(
         if best is None or number == _MOST:
             break
         state = (best.state or current.state).with_term(best.term)
-        tried = refit_with_weights(state)
+        tried = refit_with_weights(replace(state)).bare()
         if best.term.moves and not asked and _grown(current, tried):
             # The wheel was lost on the way: what needs that is no explanation.
             rounds.pop()
@@ -122,8 +122,8 @@ def _in_round(say: Say, number: int, words: str, share: float) -> None:
 
 
 def _grown(before: Refit, after: Refit) -> bool:
-    was = gap(replace(before.point, weights=after.point.weights).residuals)
-    return gap(after.point.residuals) > _NO_WORSE * was
+    was = gap(replace(before.bare().point, weights=after.point.weights).residuals)
+    return gap(after.bare().point.residuals) > _NO_WORSE * was
 
 
 def initial_state(problem: Problem) -> State:

@@ -64,7 +64,8 @@ def innovations(
     moves = np.diff(paths, axis=1, prepend=0.0)
     start = np.array([walk.start for walk in walks])
     moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
-    filtered, grams, first = _Filter(walks, size, window, smooth), list[Array](), 0
+    filtered, first = _Filter(walks, size, window, smooth), 0
+    grams = np.zeros((-(-paths.shape[1] // block), size + 1, size + 1))
     for shares in parts:
         summed = []
         for k, share in enumerate(shares):
@@ -73,24 +74,24 @@ def innovations(
             summed.append((nodes[k], nodes[k].add(share)))
             del share
         windows = len(summed[0][1].cross)
-        grams.append(_taken(filtered, summed, moves[:, first : first + windows], size, block))
+        inside = grams[first // block : -(-(first + windows) // block)]
+        _take(filtered, summed, moves[:, first : first + windows], block, inside)
         first += windows
     raw = np.zeros(size + 1)
     for node in nodes:
         raw[node.at] += node.raw
     white = np.array([walk.white for walk in walks], bool)
     mean = _smoothed(filtered.steps, white, len(walks))
-    return Innovations(np.concatenate(grams), filtered.logs, raw, mean)
+    return Innovations(grams, filtered.logs, raw, mean)
 
 
-def _taken(
-    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, size: int, block: int
-) -> Array:
-    """(B, P+1, P+1) the grams of one part. moves: (C, K) of the paths of the walks."""
-    count, windows = moves.shape
-    shift, cross = np.zeros((2, windows, count, size + 1))
+def _take(
+    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, block: int, grams: Array
+) -> None:
+    """One part: into its grams, (B, P+1, P+1). moves: (C, K) of the paths of the walks."""
+    (count, windows), size = moves.shape, grams.shape[-1]
+    shift, cross = np.zeros((2, windows, count, size))
     own = np.zeros((windows, count, count))
-    grams = np.zeros((-(-windows // block), size + 1, size + 1))
     for node, sums in summed:
         feels = node.feels[:, None]
         shift[:, node.feels[node.free][:, None], node.at[:-1]] += sums.shift
@@ -99,7 +100,7 @@ def _taken(
         grams[:, node.at[:, None], node.at] += sums.squares
     # The residual was taken about the path: where that moves, the walk has to be paid for it.
     shift[:, :, -1] += moves.T
-    return grams - filtered.take(cross, own, shift, block)
+    grams -= filtered.take(cross, own, shift, block)
 
 
 class _Filter:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.walk import UNKNOWN, scores, walked
+from hubodo.gap.process_noise.walk import UNKNOWN, scores
 from hubodo.gap.process_noise.walk import smoothed as walk_smoothed
 from hubodo.model.forward import Reading
 from hubodo.vehicle import facing_sign
@@ -97,8 +97,7 @@ def smoothed(phases: WindowPhases, walk: float) -> tuple[Array, float]:
     if tried[at] <= tried[0] + _CLEARLY:
         at = 0
     likeliest = float(grid[at])
-    followed = walked(phases.phase, phases.variance, steps, likeliest)
-    return walk_smoothed(followed, steps, likeliest), likeliest
+    return walk_smoothed(phases.phase, phases.variance, steps, likeliest), likeliest
 
 
 def on_samples(node: NodeData, phases: WindowPhases, path: Array) -> Array:

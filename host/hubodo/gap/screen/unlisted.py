@@ -11,6 +11,7 @@ from math import log
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 
 from hubodo.arrays import Array
@@ -132,11 +133,11 @@ def _tones(node: NodeData, z: Array) -> list[str]:
     """The strongest line in the spectrum of each channel, where it stands out, refined between the bins."""
     found = []
     grid = np.linspace(node.t[0], node.t[-1], len(node.t))
-    step = float(grid[1] - grid[0])
+    step, size = float(grid[1] - grid[0]), next_fast_len(2 * len(grid), real=True)
     for row in np.flatnonzero(node.used):
         even = np.interp(grid, node.t, z[row])
-        power = np.abs(np.fft.rfft(even, 2 * len(even))) ** 2 / len(even)
-        frequency = np.fft.rfftfreq(2 * len(even), step)
+        power = np.abs(np.fft.rfft(even, size)) ** 2 / len(even)
+        frequency = np.fft.rfftfreq(size, step)
         power[frequency < _TONE_ABOVE] = 0.0
         at = int(np.argmax(power))
         if power[at] > log(len(even)) + 8.0:
