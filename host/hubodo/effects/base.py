@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -135,8 +136,9 @@ class Effect:
     name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
     has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
     scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
-    of samples; its stage is inverted then. remembers: whether what it makes of the motion hangs on earlier
-    motion, too. proportional: whether what it adds to a reading is in proportion to its coordinates. alike:
+    of samples; its stage is inverted then. remembers: whether what it makes of a sample hangs on others, too,
+    as what a filter answers: without it a long log is worked out some samples at a time. proportional:
+    whether what it adds to a reading is in proportion to its coordinates. alike:
     effect that a drive may not tell from this one -> the manoeuvre that does; it stands in one of the two.
     """
 
@@ -152,12 +154,12 @@ class Effect:
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
-        return tuple(item.name for item in fields(cls))
+        return _names(cls, fitted=False)
 
     @classmethod
     def fitted(cls) -> tuple[str, ...]:
         """The parameters that a fit to a drive moves."""
-        return tuple(item.name for item in fields(cls) if item.metadata["fitted"])
+        return _names(cls, fitted=True)
 
     @classmethod
     def unit(cls, parameter: str) -> str:
@@ -304,3 +306,9 @@ class Effect:
 
     def unmount(self, chain: Chain) -> None:
         """Turn back what `mount` turned."""
+
+
+@cache
+def _names(kind: type[Effect], fitted: bool) -> tuple[str, ...]:
+    """Of the parameters of an effect, or of those that a fit moves."""
+    return tuple(item.name for item in fields(kind) if item.metadata["fitted"] or not fitted)

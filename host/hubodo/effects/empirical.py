@@ -146,7 +146,12 @@ def empirical(name: str) -> type[Effect]:
         items,
         bases=(_Empirical,),
         frozen=True,
-        namespace={"name": name, "expression": expression, "channels": rows},
+        namespace={
+            "name": name,
+            "expression": expression,
+            "channels": rows,
+            "remembers": "temperature_rate" in _split(expression),
+        },
     )
     nothing = np.zeros(2)
     zero = np.zeros((3, 2))

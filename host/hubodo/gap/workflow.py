@@ -78,8 +78,8 @@ def _result(begin: State, found: SearchResult, rounds: Rounds, warnings: tuple[s
     terms = [term for term in final.state.terms if term.fitted]
     given = [term for term in final.state.terms if not term.fitted]
     stages = [_stage(begin, terms[:k], final) for k in range(len(terms))]
+    outside = [_trained(one.bare(), held) for one in (*stages, final)]
     steps = [one.bare().residuals for one in (*stages, final)]
-    outside = [_trained(one, held) for one in (*stages, final)]
     findings = []
     for k, term in enumerate(terms):
         one = finding(term, found, rounds, steps[k : k + 2], outside[k : k + 2])
@@ -115,7 +115,7 @@ def _stage(begin: State, terms: Sequence[ModelTerm], final: Point) -> Point:
 
 def _trained(point: Point, held: Split) -> float:
     """The gap on what was held out, with the terms fitted to the rest."""
-    trained = refit(replace(point, weights=held.without(point.weights)), rounds=2)
+    trained = refit(replace(point, weights=held.without(point.weights)), rounds=2).bare()
     return gap(point.at(trained.state).residuals, held.inside)
 
 

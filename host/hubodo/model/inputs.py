@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -34,7 +34,18 @@ class Body:
 
     def part(self, samples: slice) -> Body:
         """Of some of the times."""
-        return Body(*(getattr(self, one.name)[samples] for one in fields(self)))
+        return Body(
+            self.t[samples],
+            self.speed[samples],
+            self.acceleration[samples],
+            self.jerk[samples],
+            self.distance[samples],
+            self.yaw_rate[samples],
+            self.yaw_acceleration[samples],
+            self.yaw_jerk[samples],
+            self.heading[samples],
+            self.temperature[samples],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +155,13 @@ class SpeedCorrection:
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Speed, acceleration and distance at other times, (N,) each."""
         made = self.speed, self.acceleration, self.distance
-        if np.array_equal(t, self.t):
-            return made
-        speed, acceleration, distance = (np.interp(t, self.t, one) for one in made)
+        first = int(np.searchsorted(self.t, t[0]))
+        if np.array_equal(t, self.t[first : first + len(t)]):
+            speed, acceleration, distance = (one[first : first + len(t)] for one in made)
+            return speed, acceleration, distance
+        # Values far from these times have no say, and would be looked through.
+        near = slice(max(first - 1, 0), int(np.searchsorted(self.t, t[-1], side="right")) + 1)
+        speed, acceleration, distance = (np.interp(t, self.t[near], one[near]) for one in made)
         return speed, acceleration, distance
 
     def apply(self, body: Body) -> Body:

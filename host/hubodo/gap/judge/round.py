@@ -82,7 +82,7 @@ def look(
         refits.append(refit(before.point.at(before.state.with_term(it.candidate.term))).bare())
     say("the best beside each other", _FITTED)
     if refits:
-        tracked = [track_wheel_phase(it.state) for it in refits]
+        tracked = [track_wheel_phase(it.bare().state) for it in refits]
         weights = _strictest(before.point.weights, [walks for _, walks in tracked])
         before = refit(Point(before.state, weights), rounds=0)
         refits = [fit_tracked(Point(replace(state), weights), rounds=1).bare() for state, _ in tracked]

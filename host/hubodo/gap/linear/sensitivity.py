@@ -63,10 +63,13 @@ class Directions:
             node.name: [k for k, it in enumerate(directions) if self._shared or it.felt_by(node)]
             for node in nodes
         }
-        self._chains = {node.name: state.reached(node) for node in nodes if not state.at_once(node.name)}
+        # What a node keeps of an evaluation goes with the copy.
+        whole = state.part({node.name: slice(0, len(node.t)) for node in nodes})
+        nodes = whole.problem.nodes
+        self._chains = {node.name: whole.reached(node) for node in nodes if not state.at_once(node.name)}
         self._more: dict[int, SpeedCorrection] = {}
         self._kept = {node.name: dict[int, NDArray[np.float32]]() for node in nodes}
-        moves = {node.name: _Moves(state, node, self._chains.get(node.name)) for node in nodes}
+        moves = {node.name: _Moves(whole, node, self._chains.get(node.name)) for node in nodes}
         for k, direction in enumerate(directions):
             there = direction.moved(_MOVE)
             own = [node.name for node in nodes if direction.felt_by(node)]
@@ -100,7 +103,7 @@ class Directions:
                 there = direction.moved(_MOVE)
                 into[:] = moves.change(_with(state.effects[node.name], there), there)
             if answers and more:
-                into += answers.felt(more)
+                answers.add(more, into)
         return made
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
@@ -65,18 +66,13 @@ class SpeedAnswers:
             return (stacked(reading) - base) / _DRIVEN
 
         # (6, N) each: change of the channels per m/s of speed, m/s² of acceleration, m of distance.
-        self._speed = slope(Driven(speed=_DRIVEN, before=given))
-        self._acceleration = slope(Driven(0.0, _DRIVEN, given))
-        self._distance: Array | None = None
+        answers = [slope(Driven(speed=_DRIVEN, before=given)), slope(Driven(0.0, _DRIVEN, given))]
         if node.on_wheel:
             # The way that a wheel has gone is how far it is round.
             radius = node.forward.geometry(state.effects[node.name].values()).radius
-            self._distance = state.phase_columns[node.name] / radius
+            answers.append(state.phase_columns[node.name] / radius)
+        self._answers = answers
 
-    def felt(self, more: SpeedCorrection) -> Array:
-        """(6, N): change of the node's channels for a little more correction."""
-        speed, acceleration, distance = more.at(self._t)
-        made = self._speed * speed + self._acceleration * acceleration
-        if self._distance is not None:
-            made += self._distance * distance
-        return made
+    def add(self, more: SpeedCorrection, into: NDArray[np.float32]) -> None:
+        """The change of the node's channels for a little more correction, to (6, N)."""
+        into += sum(answer * by for answer, by in zip(self._answers, more.at(self._t), strict=False))

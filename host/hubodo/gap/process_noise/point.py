@@ -43,16 +43,16 @@ class Columns(Protocol):
 
 @dataclass(frozen=True)
 class Wandered:
-    """What a node did with something that wanders, in a stretch of time.
+    """What a node did with all that wanders, in a stretch of time.
 
-    answer: (6, N) per unit of it. mean: (N,) where it is beside its path, as all windows show it.
+    node, state: of some samples alone. made: what wanders; (6, N) of the channels per unit of it; and (N,)
+    where it is beside its path, as all windows show it.
     """
 
-    node: str
+    node: NodeData
+    state: State
     samples: slice
-    wandering: Wandering
-    answer: Array
-    mean: Array
+    made: Sequence[tuple[Wandering, Array, Array]]
 
 
 @dataclass(frozen=True)
@@ -133,54 +133,73 @@ class Point:
         return made
 
     def wandered(self) -> Iterator[Wandered]:
-        """All that wanders, in each node, in one stretch of time after the other."""
+        """Of each node, in one stretch of time after the other."""
         wanderings, grid = process_noise(self.state, self.weights.walks), window_grid(self.problem)
         mean = self.innovations(None, 0, smooth=True).mean
         for part in parts(self.problem):
             state = self.state.part(part.samples)
             for node in state.problem.nodes:
-                inside = window_of(grid, node.t)
-                made = answers(state, node, wanderings, part.begins)
-                for place, answer in zip(felt(wanderings, node), made, strict=True):
+                inside, made = window_of(grid, node.t), []
+                moved = answers(state, node, wanderings, part.begins)
+                for place, answer in zip(felt(wanderings, node), moved, strict=True):
                     along, white = mean[:, place], wanderings[place].walk.white
                     there = along[inside] if white else np.interp(node.t, grid + 0.5 * WINDOW, along)
-                    yield Wandered(node.name, part.samples[node.name], wanderings[place], answer, there)
+                    made.append((wanderings[place], answer, there))
+                yield Wandered(node, state, part.samples[node.name], made)
 
     @cached_property
     def residuals(self) -> Mapping[str, Residual]:
         """Of each node, beside all that the model says: stale samples and noisy effects, too."""
         return {name: self._with_scatter(one) for name, one in self.mean_residuals.items()}
 
-    @cached_property
+    @property
     def mean_residuals(self) -> Mapping[str, Residual]:
         """Of each node, beside the mean that the model predicts, whatever it says about scatter."""
-        state, problem = self.state, self.problem
-        walked = {node.name: np.zeros_like(node.y) for node in problem.nodes}
-        of_inputs = {node.name: np.zeros_like(node.y) for node in problem.nodes}
+        return self._beside_mean[0]
+
+    @property
+    def of_inputs(self) -> Mapping[str, Array]:
+        """(6, N) of each node: what of the mean residuals the noise of the inputs may have made."""
+        return self._beside_mean[1]
+
+    @cached_property
+    def _beside_mean(self) -> tuple[Mapping[str, Residual], Mapping[str, Array]]:
+        problem, nodes = self.problem, self.problem.nodes
+        values = {name: value.copy() for name, value in self.state.residuals.items()}
+        of_inputs = {node.name: np.zeros_like(node.y) for node in nodes}
+        sigmas = {node.name: np.empty_like(node.y) for node in nodes}
+        squares = {node.name: np.zeros((2, 6)) for node in nodes}
         for it in self.wandered():
-            beside = of_inputs if it.wandering.walk.white else walked
-            beside[it.node][:, it.samples] += it.answer * it.mean
-        speed, yaw_rate = window_variances(problem)
+            name, at = it.node.name, it.samples
+            for wandering, answer, mean in it.made:
+                if wandering.walk.white:
+                    of_inputs[name][:, at] += answer * mean
+                else:
+                    values[name][:, at] -= answer * mean
+            own = it.state.input_answers(it.node)
+            sigmas[name][:, at] = input_noise(problem, own)
+            squares[name] += (own.speed**2).sum(axis=1), (own.yaw_rate**2).sum(axis=1)
         made = {}
-        for node in problem.nodes:
-            answers = state.input_answers(node)
-            input_sigma = input_noise(problem, answers)
+        for node in nodes:
+            speed, yaw_rate = np.array(window_variances(problem))[:, None] * squares[node.name] / len(node.t)
             made[node.name] = Residual(
                 node,
-                state.residuals[node.name] - walked[node.name],
-                np.hypot(sensor_noise(problem), input_sigma),
+                values[node.name],
+                np.hypot(sensor_noise(problem), sigmas[node.name]),
                 self.weights.noise[node.name],
-                input_sigma,
-                of_inputs[node.name],
-                speed * np.mean(answers.speed**2, axis=1) + yaw_rate * np.mean(answers.yaw_rate**2, axis=1),
-                state.effects[node.name],
+                sigmas[node.name],
+                speed + yaw_rate,
+                self.state.effects[node.name],
             )
-        return made
+        return made, of_inputs
 
     def _with_scatter(self, mean: Residual) -> Residual:
-        predicted = mean.predicted
-        if BY_NAME["sample_repeat"] in mean.effects:
+        effects, value, declared = mean.effects, mean.value, mean.declared
+        if BY_NAME["sample_repeat"] in effects:
             fresh = mean.noise.fresh
-            predicted = predicted[:, np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))]
-        declared = np.hypot(sensor_noise(self.problem, mean.effects.values()), mean.input_sigma)
-        return replace(mean, value=mean.node.y - predicted, declared=declared)
+            before = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
+            value = mean.node.y - mean.predicted[:, before]
+        sensors = sensor_noise(self.problem, effects.values())
+        if (sensors != sensor_noise(self.problem)).any():
+            declared = np.hypot(sensors, mean.input_sigma)
+        return replace(mean, value=value, declared=declared)

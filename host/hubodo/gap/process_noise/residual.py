@@ -23,8 +23,8 @@ class Residual:
 
     value: measured minus predicted, with what walks at random followed. declared: 1 sigma that the model file
     asks for, of sensors and inputs. noise: as the channels show it. input_sigma: the part of `declared` that
-    the inputs have. of_inputs: what of the value their noise may have made; input_variance: (6,) of that in a
-    window's mean. effects: what the model gives the node.
+    the inputs have. input_variance: (6,) of what their noise leaves in a window's mean. effects: what the
+    model gives the node.
     """
 
     node: NodeData
@@ -32,7 +32,6 @@ class Residual:
     declared: Array
     noise: ChannelNoise
     input_sigma: Array
-    of_inputs: Array
     input_variance: Array
     effects: Mapping[type[Effect], Effect]
 
@@ -47,8 +46,9 @@ def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float
     total, count = 0.0, 0
     for name, one in residuals.items():
         at = slice(None) if inside is None else inside[name]
-        z = (one.value / one.declared)[one.node.used][:, at]
-        total, count = total + float(np.sum(z**2)), count + z.size
+        for row in np.flatnonzero(one.node.used):
+            z = one.value[row, at] / one.declared[row, at]
+            total, count = total + float(z @ z), count + z.size
     return float(np.sqrt(total / count)) if count else float("nan")
 
 
@@ -59,6 +59,7 @@ def floor(residuals: Mapping[str, Residual]) -> float:
     """
     total, count = 0.0, 0
     for one in residuals.values():
-        spare = (np.hypot(one.noise.found, one.input_sigma) / one.declared)[one.node.used]
-        total, count = total + float(np.sum(spare**2)), count + spare.size
+        for row in np.flatnonzero(one.node.used):
+            spare = np.hypot(one.noise.found[row], one.input_sigma[row]) / one.declared[row]
+            total, count = total + float(spare @ spare), count + spare.size
     return float(np.sqrt(total / count)) if count else float("nan")

@@ -56,6 +56,7 @@ def _follow_clocks(state: State, walks: Mapping[str, float]) -> dict[str, Array]
     """
     late = {node.name: np.zeros(len(node.t)) + state.late.get(node.name, 0.0) for node in state.problem.nodes}
     for it in Point(state, declared_weights(state.problem, walks)).wandered():
-        if it.wandering.what == "clock":
-            late[it.node][it.samples] += it.mean
+        for wandering, _, mean in it.made:
+            if wandering.what == "clock":
+                late[it.node.name][it.samples] += mean
     return late

@@ -13,6 +13,8 @@ from hubodo.effects.base import Chain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
 
 HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
+REMEMBERING = ("temperature_rate",)
+"""Those that make of a sample what hangs on others, too."""
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def _views(point: Point, name: str) -> Iterator[_View]:
     node, chain = residual.node, scene(residual.node, point.state.readings[name])
     weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
     weight = weight * node.used[:, None]
-    z = winsorised((residual.value - residual.of_inputs) * weight)
+    z = winsorised((residual.value - point.of_inputs[name]) * weight)
     for target in (*CHANNELS, *WORLD):
         rows = [row for row, _ in target.rows]
         if (target.on_wheel and not node.on_wheel) or not node.used[rows].all():

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hubodo.effects import Effect
 from hubodo.effects.loaded import run_effects
-from hubodo.gap.scaffold.library import HELPERS, STAMP, Shape, ShapePlace, Target
+from hubodo.gap.scaffold.library import HELPERS, REMEMBERING, STAMP, Shape, ShapePlace, Target
 
 _WIDE = 106
 _SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
@@ -53,7 +53,9 @@ def source(name: str, summands: Sequence[Summand], seen: SeenIn | None = None) -
     lines += ["", "", "@dataclass(frozen=True)", f"class {class_name(name)}(Effect):"]
     lines += textwrap.indent(_formula(named), "    ").splitlines()
     lines += ["", f'    name: ClassVar[str] = "{name}"', f'    level: ClassVar[Level] = "{level}"']
-    lines += [f'    meaning: ClassVar[str] = "{name.replace("_", " ")}"', *body]
+    lines += [f'    meaning: ClassVar[str] = "{name.replace("_", " ")}"']
+    lines += ["    remembers: ClassVar[bool] = True"] if set(helpers) & set(REMEMBERING) else []
+    lines += body
     if seen:
         lines += ["", "", *_test(name, seen)]
     return "\n".join(lines) + "\n"

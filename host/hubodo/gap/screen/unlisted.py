@@ -62,7 +62,7 @@ def unlisted(point: Point) -> list[Structure]:
         node = residual.node
         chain = scene(node, point.state.readings[name])
         weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
-        z = winsorised((residual.value - residual.of_inputs) * weight)
+        z = winsorised((residual.value - point.of_inputs[name]) * weight)
         present = {effect.name for effect in residual.effects}
         fixed = [*LIBRARY, *_tones(node, z), *_steps(node, z)]
         for expression in fixed:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
@@ -80,15 +81,15 @@ class Regimes:
         self.course = moved
         self.entries: list[tuple[str, slice]] = []
         self.settling: list[tuple[str, slice]] = []
-        columns: list[Array] = []
+        columns: list[NDArray[np.float32]] = []
         for words, parts in (*_library(moved), *_settled(moved)):
             sizes = [float(np.sqrt(np.mean(part**2))) for part in parts]
             if min(sizes) < 1e-9:
                 continue
             entries = self.settling if words.startswith(_SETTLES) else self.entries
             entries.append((words, slice(len(columns), len(columns) + len(parts))))
-            columns += [part / size for part, size in zip(parts, sizes, strict=True)]
-        self.columns = np.stack(columns).astype(np.float32)
+            columns += [(part / size).astype(np.float32) for part, size in zip(parts, sizes, strict=True)]
+        self.columns = np.stack(columns)
         self.gram = (self.columns @ self.columns.T).astype(np.float64)
 
     def of(self, series: Array, noise: Array | float = 0.0) -> Regime:
