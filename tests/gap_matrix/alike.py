@@ -6,7 +6,7 @@ names, or little confidence in one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,8 +129,8 @@ def blunt(seed: int, pair: Pair, seconds: float = SECONDS) -> Setup:
     return replace(setup, drive=Drive(motion, temperature, "drive"), facing=facing)
 
 
-def records(setup: Setup, hidden: Effect, dead: str = "") -> dict[str, Record]:
+def records(setup: Setup, hidden: Iterable[Effect], dead: str = "") -> dict[str, Record]:
     """What both nodes write, with zeros for what is dead."""
-    made = {node: cases.record(setup, node, [hidden]) for node in effects.SIDES}
+    made = {node: cases.record(setup, node, hidden) for node in effects.SIDES}
     alive = np.repeat([dead != "gyro", dead != "accel"], 3)
     return {node: replace(one, values=one.values * alive) for node, one in made.items()}

@@ -11,14 +11,12 @@ interrupted goes on where it was. The test seeds are for the last run only: noth
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
@@ -27,8 +25,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 from gap_matrix import effects, outside
 from gap_matrix.dose import STRENGTHS
 from gap_matrix.judge import lines, tables
-from gap_matrix.judge.cells import PAIR_LIST_SEED, SEEDS, TABLES, Cell, Wanted, cells
+from gap_matrix.judge.cells import PAIR_LIST_SEED, SEEDS, TABLES, Wanted, cells
 from gap_matrix.judge.diagnoses import DIAGNOSES, fingerprint
+from gap_matrix.judge.resumed import Row, kept, rows
 from gap_matrix.judge.run import run
 
 
@@ -45,50 +44,25 @@ def main(argv: list[str] | None = None) -> int:
         pairs=args.pairs,
     )
     path = args.out / f"{args.seeds}-{args.diagnosis}-{fingerprint()}.jsonl"
-    args.out.mkdir(parents=True, exist_ok=True)
     plan = cells(wanted)
-    done = {row["key"]: row for row in _read(path)}
-    missing = [cell for cell in plan if cell.key not in done]
-    first = SEEDS[args.seeds][0]
+    first, known = SEEDS[args.seeds][0], {row["key"] for row in kept(path)}
     print(
         f"{len(plan)} cells, {args.seeds} seeds {first}..{first + len(SEEDS[args.seeds]) - 1}, pair list "
-        f"seed {PAIR_LIST_SEED}; {len(plan) - len(missing)} in {path}"
+        f"seed {PAIR_LIST_SEED}; {sum(cell.key in known for cell in plan)} in {path}"
     )
     begin = time.monotonic()
-    with path.open("a", encoding="utf-8") as file:
-        for k, row in enumerate(_rows(missing, args.diagnosis, args.jobs)):
-            done[row["key"]] = row
-            print(json.dumps(row), file=file, flush=True)
-            if args.progress:
-                print(
-                    f"{k + 1}/{len(missing)} {time.monotonic() - begin:.0f} s {lines.line(row)}", flush=True
-                )
-    rows = [done[cell.key] for cell in plan]
-    for text in tables.all_tables(rows):
+
+    def say(done: int, of: int, row: Row) -> None:
+        if args.progress:
+            print(f"{done}/{of} {time.monotonic() - begin:.0f} s {lines.line(row)}", flush=True)
+
+    judged = partial(run, diagnosis=args.diagnosis)
+    made = rows(path, plan, lambda cell: cell.key, judged, args.jobs, say)
+    for text in tables.all_tables(made):
         print(f"\n{text}")
     if args.failures:
-        print(f"\n{lines.failures(rows)}")
+        print(f"\n{lines.failures(made)}")
     return 0
-
-
-def _rows(missing: list[Cell], diagnosis: str, jobs: int) -> Iterator[dict[str, Any]]:
-    if jobs == 1:
-        yield from (run(cell, diagnosis) for cell in missing)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        for made in as_completed([pool.submit(run, cell, diagnosis) for cell in missing]):
-            yield made.result()
-
-
-def _read(path: Path) -> Iterator[dict[str, Any]]:
-    """Rows of an earlier run; a last line that was cut off is left."""
-    if not path.exists():
-        return
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    if lines and not lines[-1].endswith("\n"):
-        path.write_text("".join(lines[:-1]), encoding="utf-8")
-        lines = lines[:-1]
-    yield from map(json.loads, lines)
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:

@@ -88,7 +88,7 @@ def _look_alike(cell: Cell, seed: int, folder: Path) -> dict[str, Any]:
     truth = _truth(setup, [effect], [gain])
     truth["other"] = other.name
     truth["why"] = pair.why if is_blunt else ""
-    recording.write(setup, [effect], folder, truth, alike.records(setup, effect, dead))
+    recording.write(setup, [effect], folder, truth, alike.records(setup, [effect], dead))
     return truth
 
 
