@@ -22,7 +22,7 @@ from gap_matrix.world import Motion
 # Of a hundred trials, how many are of each kind.
 MIX = {"single": 44, "pair": 12, "null": 12, "outside": 8, "alike": 6, "blunt alike": 6, "blunt": 12}
 KINDS = (*MIX, "several")
-SECONDS = (40.0, 60.0)
+SECONDS = (33.0, 46.0)
 # Half of what nodes mostly sample at: as much is hidden in it, in half the time.
 RATE_HZ = (48.0, 52.0)
 FAINTEST, STRONGEST = 8.0, 3000.0  # nats
