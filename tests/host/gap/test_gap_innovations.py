@@ -12,6 +12,9 @@ from hubodo.gap.process_noise.window_sums import Share, Walk
 WINDOW, BLOCK, COLUMNS = 0.5, 3, 2
 # A wheel whose first angle is unknown, something slow, and something that is new in each window.
 WALKS = (Walk(0.02, start=1e5), Walk(0.1, start=0.01), Walk(0.0, start=0.3, white=True))
+# What the steps of the first two have in common, per second.
+TOGETHER = np.zeros((3, 3))
+TOGETHER[0, 1] = TOGETHER[1, 0] = 0.03
 SEEDS = (1, 2, 3)
 
 
@@ -74,6 +77,8 @@ def dense(shares, path):
         later = np.minimum.outer(np.arange(windows), np.arange(windows))
         one = np.eye(windows) * walk.start if walk.white else walk.start + walk.intensity * WINDOW * later
         prior[:, c, :, c] = one
+    for c, d in zip(*np.nonzero(TOGETHER), strict=True):
+        prior[:, c, :, d] = TOGETHER[c, d] * WINDOW * later
     size = windows * count
     return np.array(ys), np.array(xs), np.array(answers), prior.reshape(size, size), path.T.ravel()
 
@@ -82,7 +87,7 @@ def dense(shares, path):
 def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
     shares, paths = drawn(seed)
     y, x, a, prior, path = dense(shares, paths)
-    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK)
+    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, together=TOGETHER)
     whole = np.eye(len(y)) + a @ prior @ a.T
     # The residual was taken about the path: the reading beside the model without it.
     both = np.column_stack([x, y + a @ path])
@@ -98,7 +103,7 @@ def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
 def test_the_walks_are_where_the_gaussian_expects_them(seed):
     shares, paths = drawn(seed)
     y, _, a, prior, path = dense(shares, paths)
-    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, smooth=True)
+    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, smooth=True, together=TOGETHER)
     whole = np.eye(len(y)) + a @ prior @ a.T
     expected = prior @ a.T @ np.linalg.solve(whole, y + a @ path) - path
     np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,7 +71,7 @@ def _is_gyro(name: str | float) -> bool:
 def _input_noise(
     name: str | float, unit: str, source: Smooth, declared: float, felt: float, warnings: list[str]
 ) -> float:
-    """1 sigma of a sample of an input; none is left where it is one level.
+    """1 sigma of a sample of an input; none of a number, and of one that stands still.
 
     What gyros measured has the noise of gyros where nothing is declared. Where the samples scatter more than
     declared, and enough to be felt, they are believed, and that is said.
@@ -161,12 +161,17 @@ def _column(recording: Recording, name: str, origin: float, where: str) -> tuple
 
 
 def _behind(t: Array, values: Array) -> Smooth:
-    """The function of time behind an input; a level in white noise is that level and nothing of the noise."""
+    """The function of time behind an input; a level in white noise is its mean, as well as that is known."""
     white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
     if float(np.std(values)) <= _LEVEL * white or not np.ptp(values):
         mean = float(np.mean(values))
         still = abs(mean) < 4.0 * white / np.sqrt(len(values))
-        return constant(0.0 if still else mean, float(t[0]), float(t[-1]))
+        if still:
+            return constant(0.0, float(t[0]), float(t[-1]))
+        # Where the mean is off, a wheel turns on and on at another pace than the model's: to a filter of its
+        # angle that is what the noise of all samples, integrated, comes to.
+        level = constant(mean, float(t[0]), float(t[-1]))
+        return replace(level, noise=white, value_noise=white / np.sqrt(len(t)), memory=float(np.ptp(t)))
     return smooth(t, values)
 
 

@@ -53,18 +53,20 @@ def innovations(
     window: float,
     block: int,
     smooth: bool = False,
+    together: Array | float = 0.0,
 ) -> Innovations:
     """size: P columns in all. window: s. block: windows whose grams are added up. smooth: ask for `mean`.
 
     parts: of each stretch of time the shares of the nodes, whole blocks but in the last; each is asked for
     when the one before it has been summed up: not all need be there at once. paths: (C, K) where each walk
-    was thought to be when residual and columns were taken.
+    was thought to be when residual and columns were taken. together: (C, C) covariance per second of the
+    steps of different walks, zero on the diagonal.
     """
     nodes: list[WindowSums] = []
     moves = np.diff(paths, axis=1, prepend=0.0)
     start = np.array([walk.start for walk in walks])
     moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
-    filtered, first = _Filter(walks, size, window, smooth), 0
+    filtered, first = _Filter(walks, size, window, smooth, together), 0
     grams = np.zeros((-(-paths.shape[1] // block), size + 1, size + 1))
     for shares in parts:
         summed = []
@@ -106,10 +108,13 @@ def _take(
 class _Filter:
     """The walks carried from window to window: (C, P+1), what they do for each column, and their variance."""
 
-    def __init__(self, walks: Sequence[Walk], size: int, window: float, smooth: bool) -> None:
+    def __init__(
+        self, walks: Sequence[Walk], size: int, window: float, smooth: bool, together: Array | float
+    ) -> None:
         white = np.array([walk.white for walk in walks], bool)
         start, count = np.array([walk.start for walk in walks]), len(walks)
-        self._growth = np.diag([0.0 if walk.white else walk.intensity * window for walk in walks])
+        own = np.diag([0.0 if walk.white else walk.intensity for walk in walks])
+        self._growth = (own + together) * window
         self._lasting, self._anew = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0))
         self._carried = np.where(white, 0.0, 1.0)[:, None]
         self._known, self._variance = np.zeros((count, size + 1)), np.diag(start)

@@ -22,7 +22,14 @@ from hubodo.gap.process_noise.parts import (
     window_means,
     window_of,
 )
-from hubodo.gap.process_noise.process_noise import Wandering, answers, felt, process_noise, window_variances
+from hubodo.gap.process_noise.process_noise import (
+    Wandering,
+    answers,
+    felt,
+    process_noise,
+    shared_steps,
+    window_variances,
+)
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.weights import Weights
 from hubodo.gap.process_noise.wheel_phase import WINDOW
@@ -85,6 +92,7 @@ class Point:
             WINDOW,
             BLOCK,
             smooth,
+            shared_steps(self.problem, wanderings),
         )
 
     def _shares(self, wanderings: Sequence[Wandering], columns: Columns | None) -> Iterator[Iterator[Share]]:

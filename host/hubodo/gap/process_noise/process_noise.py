@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.parts import window_of
+from hubodo.gap.process_noise.weights import shared_walk
 from hubodo.gap.process_noise.wheel_phase import WINDOW
 from hubodo.gap.process_noise.window_sums import Walk
 from hubodo.gap.state.state import State
@@ -48,6 +50,16 @@ def process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[Wander
         if drift > 0.0:
             walk = Walk(drift, drift * WINDOW)
             made += [Wandering(walk, row, node.name) for row in ("gx", "gy", "gz")]
+    return made
+
+
+def shared_steps(problem: Problem, wanderings: Sequence[Wandering]) -> Array:
+    """(C, C) covariance per second of the steps of different wheels, which integrate the same inputs."""
+    made = np.zeros((len(wanderings), len(wanderings)))
+    nodes = {node.name: node for node in problem.nodes}
+    wheels = [(k, nodes[it.node]) for k, it in enumerate(wanderings) if it.what == "wheel"]
+    for (k, one), (j, other) in permutations(wheels, 2):
+        made[k, j] = shared_walk(problem, one, other)
     return made
 
 

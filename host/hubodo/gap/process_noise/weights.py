@@ -10,6 +10,7 @@ import numpy as np
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.noise import ChannelNoise, channel_noise, sensor_noise
 from hubodo.gap.state.state import State
+from hubodo.vehicle import side_sign
 
 # rad²/s: no wheel is known better than this, whatever is declared of the inputs.
 _LEAST_WALK = 1e-10
@@ -43,6 +44,16 @@ def weights_of(state: State, walks: Mapping[str, float]) -> Weights:
 
 def declared_walk(problem: Problem, node: NodeData) -> float:
     """rad²/s: how much a wheel's angle wanders when the noise of the inputs is integrated."""
-    across, along = 0.5 * node.forward.track_width * problem.yaw_rate_noise, problem.speed_noise
-    both = along**2 * problem.speed_period + across**2 * problem.yaw_rate_period
-    return max(both / node.forward.wheel_radius**2, _LEAST_WALK)
+    return max(shared_walk(problem, node, node), _LEAST_WALK)
+
+
+def shared_walk(problem: Problem, one: NodeData, other: NodeData) -> float:
+    """rad²/s: covariance of the steps of two wheels' angles, as both integrate the noise of the same inputs.
+
+    A wheel on the side y turns by the integral of (speed - y yaw rate) / radius.
+    """
+    along = problem.speed_noise**2 * problem.speed_period
+    turning = problem.yaw_rate_noise**2 * problem.yaw_rate_period
+    across = [side_sign(node.mount.side or "left") * 0.5 * node.forward.track_width for node in (one, other)]
+    radii = one.forward.wheel_radius * other.forward.wheel_radius
+    return (along + across[0] * across[1] * turning) / radii
