@@ -28,7 +28,7 @@ _REFITTED = 5
 _LOST, _STRICT = 30.0, 3
 # Structures without a name that are fitted; the share of the best gain and the evidence, in ln Bayes factor,
 # that each has to promise.
-_STRUCTURES, _SHARE, _LEAST = 2, 0.4, 3.0
+_STRUCTURES, _SHARE, _LEAST = 2, 0.25, 3.0
 # Of the time of a round, what is behind it when all is screened, fitted, and weighed alike.
 _SCREENED, _FITTED, _BESIDE = 0.15, 0.6, 0.9
 

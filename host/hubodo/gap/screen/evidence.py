@@ -10,8 +10,10 @@ from scipy.special import logsumexp
 
 from hubodo.arrays import Array
 
-# Prior widths in units of the usual sizes of the effects.
-WIDE = 1.0
+# Prior widths in units of the usual sizes of the effects, each as likely as the others: how large an effect is
+# on this vehicle nobody knows, within decades. With one width alone, of two names that fit alike the one that
+# happens to be nearer to its usual size would win, and a faint one would pay for all that it is not.
+WIDTHS = (1.0, 0.3, 0.1, 0.03, 0.01)
 
 
 def log_evidence(gain: float, value: Array, information: Array) -> float:
@@ -19,9 +21,9 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
 
     gain: in log-likelihood, all its coordinates fitted. value: (k,) how far they went, in scales.
     information: (k, k) about them, everything else fitted; coordinates without any say nothing either way.
-    Occam's factor of a prior of one scale, ½ ln det(1 + A) (MacKay 1992), with the tails of a Cauchy
-    distribution, so that an effect much larger than usual costs little; which coordinates are at work is not
-    known, so all their subsets share the prior, equally by size.
+    Occam's factor of a prior of one width, ½ ln det(1 + w² A) (MacKay 1992), with the tails of a Cauchy
+    distribution, so that an effect much larger than usual costs little; WIDTHS share the prior, and so do, as
+    nobody knows which coordinates are at work, all their subsets, equally by size.
     """
     seen = np.flatnonzero(np.diag(information) > 0.0)
     value, information = value[seen], information[np.ix_(seen, seen)]
@@ -40,7 +42,9 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
         inner, along = information[members[:, :, None], members[:, None, :]], slope[members][:, :, None]
         there = np.linalg.solve(inner + np.eye(size) * 1e-9, along)
         lost = np.maximum(whole - 0.5 * (along.transpose(0, 2, 1) @ there)[:, 0, 0], 0.0)
-        occam = 0.5 * np.linalg.slogdet(np.eye(size) + WIDE**2 * inner)[1]
-        far = np.log(1.0 + np.sum((there[:, :, 0] / WIDE) ** 2, axis=1))
-        terms += (gain - lost - occam - 0.5 * (size + 1) * far + share).tolist()
-    return float(logsumexp(terms))
+        length = np.sum(there[:, :, 0] ** 2, axis=1)
+        for width in WIDTHS:
+            occam = 0.5 * np.linalg.slogdet(np.eye(size) + width**2 * inner)[1]
+            far = 0.5 * (size + 1) * np.log1p(length / width**2)
+            terms += (gain - lost - occam - far + share).tolist()
+    return float(logsumexp(terms)) - log(len(WIDTHS))

@@ -100,9 +100,10 @@ def _gain_of(rounds: Rounds, term: ModelTerm) -> float:
 
 def _parameters(term: ModelTerm, final: Refit, own: Rival | None) -> dict[str, Value]:
     """Values with sigmas: those of a look at scatter where one proposed it, else those of the fit."""
-    if own is None or own.proposal is None:
+    if term.moves:
         return fitted_values(term, final)
-    effect, sigmas = term.effect, own.proposal.sigmas
+    effect = term.effect
+    sigmas = {} if own is None or own.proposal is None else own.proposal.sigmas
     return {
         name: Value(value, sigmas.get(name), effect.unit(name))
         for name, value in effect.values().items()
