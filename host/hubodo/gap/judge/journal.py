@@ -122,20 +122,21 @@ def _read(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _packed(made: Round) -> dict[str, Any]:
     return {
-        "rivals": [_packed_rival(rival, rival is made.best) for rival in made.rivals],
+        "rivals": [_packed_rival(rival, k == 0) for k, rival in enumerate(made.rivals)],
         "nothing": made.nothing,
         "screened": [[_packed_term(it.candidate.term), it.gain, it.evidence] for it in made.screened],
         "null": _text(made.null.surprises),
+        "tempering": made.tempering,
     }
 
 
-def _packed_rival(rival: Rival, best: bool) -> dict[str, Any]:
-    """best: the search goes on from where its refit ended."""
+def _packed_rival(rival: Rival, first: bool) -> dict[str, Any]:
+    """first: the search may go on from where its refit ended."""
     proposal = rival.proposal
     return {
         "term": _packed_term(rival.term),
         "numbers": [rival.gain, rival.evidence, rival.probability],
-        "state": None if rival.state is None else _packed_state(rival.state, best),
+        "state": None if rival.state is None else _packed_state(rival.state, first),
         "proposal": None
         if proposal is None
         else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where],
@@ -166,7 +167,7 @@ def _round(kept: Mapping[str, Any], point: Point) -> Round:
         screened.append(Screened(candidate, gain, evidence, np.empty(0), np.empty((0, 0))))
     rivals = tuple(_rival(rival, point) for rival in kept["rivals"])
     null = NullDistribution(_array(kept["null"]))
-    return Round(point.bare(), rivals, kept["nothing"], tuple(screened), null)
+    return Round(point.bare(), rivals, kept["nothing"], tuple(screened), null, kept["tempering"])
 
 
 def _rival(kept: Mapping[str, Any], point: Point) -> Rival:

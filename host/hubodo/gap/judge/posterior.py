@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import log
+from math import exp, log
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,6 +18,9 @@ from hubodo.gap.judge.rival import Rival
 # that does no better than an effect with a name is that effect.
 NOTHING, UNLISTED = log(0.5), log(1e-6)
 _LISTED = log(0.5)
+# Where such a term does better by more than this, in ln likelihood, it is not that effect: then it is as
+# likely as that something is missing which is not in the list.
+NEAR, _MISSING_FROM_LIST = 3.0, log(0.05)
 
 
 def judged(rivals: Sequence[Rival]) -> tuple[tuple[Rival, ...], float]:
@@ -30,6 +33,18 @@ def judged(rivals: Sequence[Rival]) -> tuple[tuple[Rival, ...], float]:
     share = _posterior({**scores, "nothing": NOTHING})
     made = [replace(rival, probability=share[str(k)]) for k, rival in enumerate(rivals)]
     return tuple(sorted(made, key=lambda it: -it.probability)), share["nothing"]
+
+
+def by_name(rivals: Sequence[Rival], own: Rival | None) -> dict[str, float]:
+    """The probability of each name, its scopes together, with doubt in the list where `own` fits worse."""
+    shares: dict[str, float] = {}
+    for rival in rivals:
+        name = rival.term.effect.name
+        better = own is not None and name.startswith(PREFIX) and rival.gain > own.gain + NEAR
+        doubt = exp(_MISSING_FROM_LIST - UNLISTED) if better and rival is not own else 1.0
+        shares[name] = shares.get(name, 0.0) + doubt * rival.probability
+    total = max(sum(shares.values()), 1.0)
+    return {name: share / total for name, share in shares.items()}
 
 
 def _priors(names: Sequence[str]) -> Array:

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 from hubodo.gap.judge.round import DECIDED, Round
 from hubodo.gap.judge.search import SearchResult, Watch
-from hubodo.gap.refit.refit import refit_with_weights
+from hubodo.gap.refit.refit import Refit, gain_over, refit, refit_with_weights
 
-# Changes at most: two names that take each other's place would go on for ever. Of more names than so many,
-# each stays as it was found: a turn costs a round for each.
+# Names replaced at most: two that take each other's place would go on for ever.
 _TIMES = 3
-_MANY = 4
+# Of more names than so many only those are looked at again that were added on trial, or that have lost half
+# of what they gained when they were found: a turn costs a round for each.
+_MANY, _LEFT = 4, 0.5
 # Of the progress, where this begins, and what it is.
 _FROM, _SHARE = 0.75, 0.15
 
@@ -33,37 +34,57 @@ def reconsider(
     """
     watch, rounds = watch or Watch(), dict[tuple[str, str], Round]()
     as_found = {made.best.label: made for made in found.rounds if made.best is not None}
-    terms = [term for term in found.final.state.terms if term.fitted]
-    if (len(terms) == 1 and not found.decimated and not accept) or len(terms) > _MANY:
-        # Alone it was judged beside all the others already; of so many, each as it was when it was found.
-        return found, {term.key: as_found[term.key] for term in terms if term.key in as_found}
-    final = found.final
-    for turn in range(_TIMES + 1):
-        changed, rounds = False, {}
-        for term in [term for term in final.state.terms if term.fitted]:
+    final, replaced = found.final, 0
+    names = [term for term in final.state.terms if term.fitted]
+    if len(names) == 1 and names[0].key in as_found and not found.decimated and not accept:
+        # Alone it was judged beside all the others already.
+        return found, {names[0].key: as_found[names[0].key]}
+    while True:
+        settled = {} if found.decimated or accept else _settled(final, as_found)
+        names = [term for term in final.state.terms if term.fitted]
+        doubted = [term for term in names if term.key not in settled]
+        rounds = {term.key: settled[term.key] for term in names if term.key in settled}
+        for k, term in enumerate(doubted):
             without = [other for other in final.state.terms if other.key != term.key]
             swapped = final.state.afresh(without)
             also = [term.key] if term.moves and term.effect.name in accept else []
-            watch.say(f"reconsidering {term.words}", _FROM + _SHARE * turn / (_TIMES + 1))
+            part = (replaced + k / len(doubted)) / (_TIMES + 1)
+            watch.say(f"reconsidering {term.words}", _FROM + _SHARE * min(part, 1.0))
             made = watch.journal.look(final.point.at(swapped), reject, also)
             rounds[term.key] = made
             best = made.best
-            stays = term.effect.name in accept or (best is not None and best.label == term.key)
-            # The last turn changes nothing: it only says how sure each name is.
-            if stays or turn == _TIMES:
+            if term.effect.name in accept or (best is not None and best.label == term.key):
+                continue
+            if best is not None and replaced == _TIMES:
+                # It only says how sure the name is.
                 continue
             if best is not None:
+                replaced += 1
                 swapped = swapped.with_terms([*without, best.term])
             final = refit_with_weights(swapped)
-            changed = True
             break
-        if not changed:
+        else:
             break
     for key, made in rounds.items():
         if made.rival(key) is None and key[0] not in accept:
             # Others of its kind took its place among the rivals: it counts as it was found.
             rounds[key] = as_found.get(key, made)
     return replace(found, final=final), rounds
+
+
+def _settled(final: Refit, as_found: Rounds) -> dict[tuple[str, str], Round]:
+    """The names that stay as they were when they were found, each with its round."""
+    made = {}
+    names = [term for term in final.state.terms if term.fitted]
+    for term in names if len(names) > _MANY else []:
+        own = as_found[term.key].rival(term.key) if term.key in as_found else None
+        without = [other for other in final.state.terms if other.key != term.key]
+        if own is None or not term.moves:
+            continue
+        left = gain_over(refit(final.point.at(final.state.afresh(without))), final)
+        if left > _LEFT * own.gain:
+            made[term.key] = as_found[term.key]
+    return made
 
 
 def beyond_chance(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.posterior import judged
 from hubodo.gap.judge.rival import Rival, named_rival, scattered_rival, unnamed_rival
 from hubodo.gap.process_noise.point import Point
@@ -29,6 +30,8 @@ _LOST, _STRICT = 30.0, 3
 # Structures without a name that are fitted; the share of the best gain and the evidence, in ln Bayes factor,
 # that each has to promise.
 _STRUCTURES, _SHARE, _LEAST = 2, 0.25, 3.0
+# ln Bayes factor of independent samples from which on a name is added to see what comes after it.
+_HOPED = 20.0
 # Of the time of a round, what is behind it when all is screened, fitted, and weighed alike.
 _SCREENED, _FITTED, _BESIDE = 0.15, 0.6, 0.9
 
@@ -41,7 +44,7 @@ class Round:
     """One round: where it began, its rivals, the most probable first, and the chance of nothing.
 
     screened: every candidate as the linear model saw it, the best first. null: what the best of them would
-    gain by chance.
+    gain by chance. tempering: by which the gains were divided, for what is left that samples share.
     """
 
     before: Point
@@ -49,11 +52,25 @@ class Round:
     nothing: float
     screened: tuple[Screened, ...]
     null: NullDistribution
+    tempering: float = 1.0
 
     @property
     def best(self) -> Rival | None:
         """The rival to be added; None where nothing is too likely."""
         return self.rivals[0] if self.rivals and self.nothing < 1.0 - DECIDED else None
+
+    @property
+    def hopeful(self) -> Rival | None:
+        """The rival that would be added if all that its fit leaves were noise; None where there is a best.
+
+        Where several effects are missing, each fit leaves what the others make, and no gain is believed.
+        """
+        if self.best is not None or not self.rivals:
+            return None
+        first = self.rivals[0]
+        plain = first.evidence + first.gain * (1.0 - 1.0 / self.tempering)
+        named = not first.term.effect.name.startswith(PREFIX)
+        return first if named and first.evidence > 0.0 and plain > _HOPED else None
 
     def rival(self, label: tuple[str, str]) -> Rival | None:
         """The rival of this effect and scope, where it was one."""
@@ -98,7 +115,7 @@ def look(
     rivals = [named_rival(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rivals += [scattered_rival(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rivals += [unnamed_rival(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    return Round(before.point.bare(), *judged(rivals), tuple(screened), screening.null)
+    return Round(before.point.bare(), *judged(rivals), tuple(screened), screening.null, tempering)
 
 
 def _worth_a_refit(

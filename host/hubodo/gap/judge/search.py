@@ -20,6 +20,8 @@ from hubodo.model.forward import NodeStart
 
 # Effects that are added at most, a round each: a bound on the time.
 _MOST = 8
+# Effects that are added on trial, as something else that is missing hides what they are worth.
+_HOPES = 3
 # What shows from one sample to the next needs every one.
 _FROM_ALL = ("sample_repeat",)
 # A fit may leave the gap this much larger: what is missing still may fit ill beside it.
@@ -33,8 +35,8 @@ _SHARE = 0.75
 class SearchResult:
     """All rounds of a search.
 
-    rounds: in order; each but the last added its best. final: the fit of all that was added. decimated:
-    whether the first rounds saw only some of the samples.
+    rounds: in order; each but the last added its best, or what it had hope for. final: the fit of all that
+    was added. decimated: whether the first rounds saw only some of the samples.
     """
 
     rounds: tuple[Round, ...]
@@ -87,7 +89,7 @@ def _search(
     current = refit_with_weights(replace(state)).bare()
     rounds: list[Round] = []
     wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
-    begun = sum(term.fitted for term in state.terms)
+    begun, hoped = sum(term.fitted for term in state.terms), 0
     for number in range(begun, _MOST + 1):
         others = {name for name in BY_NAME if name != wanted[0]} if wanted else set[str]()
         made = watch.journal.look(
@@ -103,6 +105,9 @@ def _search(
             wanted.pop(0)
             continue
         asked, wanted = bool(wanted), wanted[1:]
+        if best is None and hoped < _HOPES:
+            # What it is worth is seen beside all that comes after it, or it leaves again.
+            best, hoped = made.hopeful, hoped + 1
         if best is None or number == _MOST:
             break
         state = (best.state or current.state).with_term(best.term)
@@ -113,6 +118,8 @@ def _search(
             reject = {*reject, best.term.effect.name}
             continue
         current = tried
+        if made.best is None and not asked:
+            continue
         watch.reached(SearchResult((*behind, *rounds), current))
     return SearchResult((*behind, *rounds), current)
 

@@ -10,9 +10,9 @@ from scipy.special import logsumexp
 
 from hubodo.arrays import Array
 
-# Prior widths in units of the usual sizes of the effects, each as likely as the others: how large an effect is
-# on this vehicle nobody knows, within decades. With one width alone, of two names that fit alike the one that
-# happens to be nearer to its usual size would win, and a faint one would pay for all that it is not.
+# Prior widths in units of the usual sizes of the effects, each as likely as the others: how large an effect
+# is on this vehicle nobody knows, within decades. With one width alone, of two names that fit alike the one
+# that happens to be nearer to its usual size would win, and a faint one would pay for all that it is not.
 WIDTHS = (1.0, 0.3, 0.1, 0.03, 0.01)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hubodo.effects.empirical import PREFIX
+from hubodo.gap.judge.posterior import NEAR, by_name
 from hubodo.gap.judge.reconsider import Rounds
 from hubodo.gap.judge.rival import Rival
 from hubodo.gap.judge.search import SearchResult
@@ -20,7 +21,7 @@ from hubodo.gap.tell.words import manoeuvre, where_words
 _ALIKE = 0.05
 # Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
 # whole gain is this faint, the prior alone would decide between them.
-_NEAR, _FAINT = 3.0, 40.0
+_FAINT = 40.0
 # What was thought of a name beforehand may be wrong by this factor; a faint gain has to do without it.
 _PRIOR = 3.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
@@ -39,15 +40,13 @@ def finding(
     made, name = rounds.get(term.key), term.effect.name
     rivals: Sequence[Rival] = () if made is None else made.rivals
     own = None if made is None else made.rival(term.key)
-    by_name: dict[str, float] = {}
-    for rival in rivals:
-        by_name[rival.term.effect.name] = by_name.get(rival.term.effect.name, 0.0) + rival.probability
+    shares = by_name(rivals, own)
     gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
     behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     doubted = _in_shadow(term, found, rounds)
-    confidence = _confidence(by_name.get(name, 0.0), own, behind, doubted)
-    others = sorted(((share, other) for other, share in by_name.items() if other != name), reverse=True)
-    alike = tuple(other for share, other in others if share > _ALIKE or behind.get(other, np.inf) < _NEAR)
+    confidence = _confidence(shares.get(name, 0.0), own, behind, doubted)
+    others = sorted(((share, other) for other, share in shares.items() if other != name), reverse=True)
+    alike = tuple(other for share, other in others if share > _ALIKE or behind.get(other, np.inf) < NEAR)
     words = own.proposal.where if own is not None and own.proposal is not None else ""
     words = words or where_words(*steps)
     if alike:
@@ -70,8 +69,8 @@ def finding(
 def _confidence(share: float, own: Rival | None, behind: Mapping[str, float], in_shadow: bool) -> float:
     """share: probability of the name in its round. behind: gain of each other name below its own."""
     # What fits better may only be thought less likely beforehand.
-    better = any(by < -_NEAR for by in behind.values())
-    near = any(by < _NEAR for by in behind.values())
+    better = any(by < -NEAR for by in behind.values())
+    near = any(by < NEAR for by in behind.values())
     if better or in_shadow or (near and own is not None and own.gain < _FAINT):
         share = min(share, _DOUBTED)
     if own is not None and own.gain < _FAINT:
