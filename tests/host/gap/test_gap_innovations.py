@@ -103,7 +103,9 @@ def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
 def test_the_walks_are_where_the_gaussian_expects_them(seed):
     shares, paths = drawn(seed)
     y, _, a, prior, path = dense(shares, paths)
-    found = innovations(in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, smooth=True, together=TOGETHER)
+    found = innovations(
+        in_parts(shares), WALKS, paths, COLUMNS, WINDOW, BLOCK, smooth=True, together=TOGETHER
+    )
     whole = np.eye(len(y)) + a @ prior @ a.T
     expected = prior @ a.T @ np.linalg.solve(whole, y + a @ path) - path
     np.testing.assert_allclose(found.mean.ravel(), expected, atol=1e-5)
