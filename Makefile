@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -74,6 +74,12 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
+
+gap-reliability: setup ## what the confidence of a name is worth: two thousand short logs, on the test seeds; some thirty minutes
+	$(BIN)/python tests/gap_matrix/judge/reliability.py --seeds test
+
+gap-several: setup   ## three to five effects hidden at once, in any order, on the test seeds; some ten minutes
+	$(BIN)/python tests/gap_matrix/judge/several.py --seeds test
 
 gap-beyond: setup    ## nine kinds that no list has, given a name and found by it; two drives of one vehicle compared; some fifteen minutes
 	$(BIN)/python tests/gap_matrix/judge/scaffolded.py --seeds 20:23
