@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.gap.refit.refit import Refit, gain_over
 from hubodo.gap.scatter import Proposal
-from hubodo.gap.screen.evidence import WIDTHS, log_evidence
+from hubodo.gap.screen.evidence import USUAL, log_evidence
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import Screened
 from hubodo.gap.screen.unlisted import Structure
@@ -80,5 +80,5 @@ def _evidence(screened: Screened, information: Array, gain: float, tempering: fl
     """
     linear = log_evidence(screened.gain / tempering, screened.value, screened.information / tempering)
     unseen = (np.diag(screened.information) <= 0.0) & (np.diag(information) > 0.0)
-    extra = 0.5 * float(np.sum(np.log1p(WIDTHS[0] ** 2 * np.diag(information)[unseen] / tempering)))
+    extra = 0.5 * float(np.sum(np.log1p(USUAL**2 * np.diag(information)[unseen] / tempering)))
     return linear + (gain - screened.gain) / tempering - extra

@@ -10,10 +10,14 @@ from scipy.special import logsumexp
 
 from hubodo.arrays import Array
 
-# Prior widths in units of the usual sizes of the effects, each as likely as the others: how large an effect
-# is on this vehicle nobody knows, within decades. With one width alone, of two names that fit alike the one
-# that happens to be nearer to its usual size would win, and a faint one would pay for all that it is not.
-WIDTHS = (1.0, 0.3, 0.1, 0.03, 0.01)
+# Of a coordinate that only shows where a fit ends.
+USUAL = 1.0
+# Prior widths in units of the usual sizes of the effects, each as likely as the others up to the usual size,
+# larger ones as much less likely as they are larger: how large an effect is on this vehicle nobody knows,
+# within decades. With one width alone, of two names that fit alike the one that happens to be nearer to its
+# usual size would win, and a faint one would pay for all that it is not.
+WIDTHS = np.geomspace(0.01, 100.0, 9)
+_CHANCES = np.minimum(1.0, 1.0 / WIDTHS) / np.minimum(1.0, 1.0 / WIDTHS).sum()
 
 
 def log_evidence(gain: float, value: Array, information: Array) -> float:
@@ -21,9 +25,9 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
 
     gain: in log-likelihood, all its coordinates fitted. value: (k,) how far they went, in scales.
     information: (k, k) about them, everything else fitted; coordinates without any say nothing either way.
-    Occam's factor of a prior of one width, ½ ln det(1 + w² A) (MacKay 1992), with the tails of a Cauchy
-    distribution, so that an effect much larger than usual costs little; WIDTHS share the prior, and so do, as
-    nobody knows which coordinates are at work, all their subsets, equally by size.
+    The marginal likelihood under a Gaussian prior of each of WIDTHS, with Occam's factor ½ ln det(1 + w² A)
+    (MacKay 1992); which coordinates are at work is not known, so all their subsets share the prior, equally by
+    size.
     """
     seen = np.flatnonzero(np.diag(information) > 0.0)
     value, information = value[seen], information[np.ix_(seen, seen)]
@@ -40,11 +44,11 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
         share = -log(k) - log(comb(k, size))
         members = np.array(list(combinations(range(k), size)))
         inner, along = information[members[:, :, None], members[:, None, :]], slope[members][:, :, None]
-        there = np.linalg.solve(inner + np.eye(size) * 1e-9, along)
-        lost = np.maximum(whole - 0.5 * (along.transpose(0, 2, 1) @ there)[:, 0, 0], 0.0)
-        length = np.sum(there[:, :, 0] ** 2, axis=1)
-        for width in WIDTHS:
-            occam = 0.5 * np.linalg.slogdet(np.eye(size) + width**2 * inner)[1]
-            far = 0.5 * (size + 1) * np.log1p(length / width**2)
-            terms += (gain - lost - occam - far + share).tolist()
-    return float(logsumexp(terms)) - log(len(WIDTHS))
+        spread, axes = np.linalg.eigh(inner)
+        spread = np.maximum(spread, 0.0)[:, None]
+        along = (axes.transpose(0, 2, 1) @ along).transpose(0, 2, 1)
+        # (subsets, widths): what a prior of that width leaves of the gain, and what it costs.
+        kept = 0.5 * np.sum(along**2 / (spread + WIDTHS[:, None] ** -2.0), axis=2)
+        occam = 0.5 * np.sum(np.log1p(WIDTHS[:, None] ** 2 * spread), axis=2)
+        terms += (gain - np.maximum(whole - kept, 0.0) - occam + np.log(_CHANCES) + share).ravel().tolist()
+    return float(logsumexp(terms))
