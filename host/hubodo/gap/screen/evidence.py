@@ -26,8 +26,8 @@ def log_evidence(gain: float, value: Array, information: Array) -> float:
     gain: in log-likelihood, all its coordinates fitted. value: (k,) how far they went, in scales.
     information: (k, k) about them, everything else fitted; coordinates without any say nothing either way.
     The marginal likelihood under a Gaussian prior of each of WIDTHS, with Occam's factor ½ ln det(1 + w² A)
-    (MacKay 1992); which coordinates are at work is not known, so all their subsets share the prior, equally by
-    size.
+    (MacKay 1992); which coordinates are at work is not known, so all their subsets share the prior, equally
+    by size.
     """
     seen = np.flatnonzero(np.diag(information) > 0.0)
     value, information = value[seen], information[np.ix_(seen, seen)]
