@@ -40,7 +40,7 @@ def reconsider(
         # Alone it was judged beside all the others already.
         return found, {names[0].key: as_found[names[0].key]}
     while True:
-        settled = {} if found.decimated or accept else _settled(final, as_found)
+        settled = _settled(final, as_found)
         names = [term for term in final.state.terms if term.fitted]
         doubted = [term for term in names if term.key not in settled]
         rounds = {term.key: settled[term.key] for term in names if term.key in settled}
@@ -60,6 +60,7 @@ def reconsider(
                 continue
             if best is not None:
                 replaced += 1
+                as_found[best.label] = made
                 swapped = swapped.with_terms([*without, best.term])
             final = refit_with_weights(swapped)
             break
@@ -81,7 +82,7 @@ def _settled(final: Refit, as_found: Rounds) -> dict[tuple[str, str], Round]:
         without = [other for other in final.state.terms if other.key != term.key]
         if own is None or not term.moves:
             continue
-        left = gain_over(refit(final.point.at(final.state.afresh(without))), final)
+        left = gain_over(refit(final.point.at(final.state.afresh(without)), rounds=2), final)
         if left > _LEFT * own.gain:
             made[term.key] = as_found[term.key]
     return made
