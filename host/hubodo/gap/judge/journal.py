@@ -32,7 +32,7 @@ from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
 
-_VERSION = 1
+_VERSION = 2
 
 
 class Journal:
