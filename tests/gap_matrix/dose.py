@@ -56,6 +56,10 @@ class Meter:
         base = self._nodes[node]
         return angle_free_gain(difference, base.turning, base.sigma, base.drift)
 
+    def readings(self, node: str) -> tuple[Array, Array]:
+        """(n, 6) each: what the channels of a node read without the effect and without noise, and 1 sigma."""
+        return self._nodes[node].clean, self._nodes[node].sigma
+
     def difference(self, node: str, effect: Effect) -> Array:
         """(n, 6): what an effect that is not chance changes in the channels of a node that it concerns."""
         base, taken, felt = self._nodes[node], self.setup.taken[node], self._nodes[node].felt

@@ -1,0 +1,36 @@
+"""The figure of limits: how far the sizes that are named lie above those that can be seen at all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gap_matrix.limit.table import WANTED, Limit
+from hubodo.report.drawing import blank, save
+
+
+def draw(limits: Sequence[Limit], path: Path) -> None:
+    """Ratios at 50 and 90 %, a row for each effect, and every trial above them."""
+    figure = blank(8.0, 1.2 + 0.26 * len(limits))
+    axes = figure.add_subplot()
+    axes.axvspan(1.0, WANTED, color="0.93", zorder=0)
+    for row, it in enumerate(limits):
+        spread = it.curve.spread(0.5)
+        for seen, mark in ((True, "|"), (False, "x")):
+            at = [np.exp(x) for x, named in it.trials if named is seen]
+            axes.plot(at, [row] * len(at), mark, color="0.6", markersize=4, zorder=1)
+        low, high = it.ratios[0] * np.exp([-spread, spread])
+        axes.plot([low, high], [row, row], color="C0", zorder=2)
+        axes.plot(it.ratios[0], row, "o", color="C0", zorder=3)
+        axes.plot(it.ratios[1], row, "o", color="C0", markerfacecolor="white", zorder=3)
+    axes.set_yticks(range(len(limits)), [it.name for it in limits])
+    axes.invert_yaxis()
+    axes.set_xscale("log")
+    axes.set_xlim(0.5, 6.0)
+    axes.set_xticks([0.5, 1, 1.5, 2, 3, 5], ["0.5", "1", "1.5", "2", "3", "5"])
+    axes.set_xlabel(
+        "size named, over that which an oracle sees, in 50 % (filled) and 90 % of drives; | named, x not"
+    )
+    save(figure, path)
