@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -74,6 +74,9 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
+
+gap-limit: setup     ## the smallest size of each effect that is named, beside what an oracle sees; some twenty minutes
+	$(BIN)/python tests/gap_matrix/limit/gap_limit.py --seed 412000
 
 gap-reliability: setup ## what the confidence of a name is worth: two thousand short logs, on the test seeds; some thirty minutes
 	$(BIN)/python tests/gap_matrix/judge/reliability.py --seeds test
