@@ -52,7 +52,9 @@ def test_an_effect_is_named_above_the_limit_and_gains_what_the_oracle_counts_on(
     hidden = cases.hidden_effect(setup, NAME)
     above = tried(setup, effects.scaled(hidden, 3.0 * power.half))
     below = tried(setup, effects.scaled(hidden, 0.3 * power.half))
-    expected = 0.5 * power.centre * (3.0 * power.half) ** 2
+    assert power.seen is not None
+    assert 0.0 < power.seen.beside < power.seen.centre
+    expected = 0.5 * power.seen.centre * (3.0 * power.half) ** 2
     print(
         f"seed {seed}: {above['found']}, {above['screened']} nats of {expected:.1f}; below: {below['found']}"
     )

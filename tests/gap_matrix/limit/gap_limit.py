@@ -120,7 +120,8 @@ def _oracle(seed: int) -> Row:
     begin = time.process_time()
     made = oracle(drive(seed, SECONDS))
     powers = {
-        name: {key: np.round(value, 6).tolist() for key, value in asdict(power).items()}
+        name: {key: np.round(getattr(power, key), 6).tolist() for key in ("factors", "one", "priced")}
+        | {"seen": power.seen and asdict(power.seen)}
         for name, power in made.items()
     }
     return {"seed": seed, "powers": powers, "cpu": round(time.process_time() - begin, 2)}
@@ -136,7 +137,8 @@ def _trial(name: str, seed: int, stage: int, power: Row, x: float) -> Row:
     half = half_seen(power["factors"], power["priced"])
     factor = in_whole_hits(setup, effect, largest_possible(effect, half * float(np.exp(x))))
     made = {"seed": seed, "stage": stage, "x": float(np.log(factor / half)), "factor": factor}
-    made["expected"] = 0.5 * (power["centre"] * factor**2 + power["freedom"])
+    if power["seen"]:
+        made["expected"] = 0.5 * (power["seen"]["centre"] * factor**2 + power["seen"]["freedom"])
     made |= {"typical": typical(effect), **tried(setup, scaled(effect, factor))}
     return {**made, "cpu": round(time.process_time() - begin, 2)}
 

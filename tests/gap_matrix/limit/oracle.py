@@ -23,6 +23,7 @@ from gap_matrix.effects import KINDS, SIDES, VEHICLE, Effect, scaled
 from gap_matrix.limit import chance
 from gap_matrix.world import Array
 from hubodo.effects import BY_NAME
+from hubodo.effects import Effect as HubodoEffect
 from hubodo.effects.warmup import GyroWarmup
 from hubodo.gap.judge.search import initial_state
 from hubodo.gap.linear.linearised import linearise
@@ -44,19 +45,32 @@ SPREAD = np.exp(np.linspace(-1.6, 1.2, 29))
 
 
 @dataclass(frozen=True)
+class Seen:
+    """What the matrices of a drive say of one effect at its typical size.
+
+    centre: non-centrality. freedom: its coordinates that are seen at all. beside, rival: non-centrality that
+    is left beside the other name that imitates it best, in any scope, and that name.
+    """
+
+    centre: float
+    freedom: int
+    beside: float
+    rival: str
+
+
+@dataclass(frozen=True)
 class Power:
     """How often an effect is seen in one drive.
 
     factors: (G,) times its typical size. one: (G,) share of logs in which a test of it alone sees it, with
-    the false alarms of a whole log. priced: the same where all names in all scopes share these. centre:
-    non-centrality at factor 1, freedom: coordinates that are seen; zero for what is of chance.
+    the false alarms of a whole log. priced: the same where all names in all scopes share these. seen: of what
+    moves the mean.
     """
 
     factors: Array
     one: Array
     priced: Array
-    centre: float = 0.0
-    freedom: int = 0
+    seen: Seen | None = None
 
     @property
     def half(self) -> float:
@@ -76,7 +90,7 @@ def oracle(setup: Setup, names: Sequence[str] = tuple(KINDS)) -> dict[str, Power
     seen = informations(_nothing_hidden(setup), shown) if shown else {}
     meter, powers = Meter(setup), dict[str, Power]()
     for name, effect in hidden.items():
-        powers[name] = _of_mean(*seen[name]) if name in seen else _of_chance(setup, meter, effect)
+        powers[name] = _of_mean(seen[name]) if name in seen else _of_chance(setup, meter, effect)
     return powers
 
 
@@ -87,42 +101,50 @@ def _nothing_hidden(setup: Setup) -> Point:
     return refit_with_weights(initial_state(problem)).point
 
 
-def informations(point: Point, hidden: Sequence[Effect]) -> dict[str, tuple[float, int]]:
-    """By name: non-centrality at the typical size, and the coordinates that the drive shows at all."""
-    warm = {
-        effect.name: effect.parameters["time_constant"]
-        for effect in hidden
-        if "time_constant" in effect.parameters and effect.name == "gyro_warmup"
-    }
+def informations(point: Point, hidden: Sequence[Effect]) -> dict[str, Seen]:
+    """By name."""
+    begins = {effect.name: _begin(effect) for effect in hidden}
     directions = all_directions(point.state)
-    for constant in warm.values():
-        seed = GyroWarmup(time_constant=constant)
-        directions += [Direction(seed, node.name, k) for node in point.problem.nodes for k in range(3)]
+    for seed in begins.values():
+        if isinstance(seed, GyroWarmup):
+            directions += [Direction(seed, node.name, k) for node in point.problem.nodes for k in range(3)]
     gram = linearise(point, directions).gram
+    everything = candidates(point.problem, directions)
     made = {}
     for effect in hidden:
-        kind = BY_NAME[effect.name]
-        true = kind(**effect.parameters)
-        begin = GyroWarmup(time_constant=warm[effect.name]) if effect.name in warm else kind.seeds()[0]
-        candidate = next(
-            it
-            for it in candidates(point.problem, directions)
-            if it.term.effect == begin and it.term.scope == effect.scope
-        )
-        made[effect.name] = _information(gram, candidate, true.coordinates() - begin.coordinates())
+        begin = begins[effect.name]
+        own = next(it for it in everything if (it.term.effect, it.term.scope) == (begin, effect.scope))
+        moved = BY_NAME[effect.name](**effect.parameters).coordinates() - begin.coordinates()
+        others = [it for it in everything if it.name != effect.name]
+        made[effect.name] = _seen(gram[:-1, :-1], own, moved / begin.coordinate_scales(), others)
     return made
 
 
-def _information(gram: Array, candidate: Candidate, moved: Array) -> tuple[float, int]:
-    count, freedom = len(candidate.basis), candidate.basis.shape[1]
-    value = (moved / candidate.term.effect.coordinate_scales())[:freedom]
-    inner = candidate.basis.T @ gram[:count, :count] @ candidate.basis
+def _begin(effect: Effect) -> HubodoEffect:
+    """The effect of the product where it is absent; what says what it is like is known."""
+    if effect.name == "gyro_warmup":
+        return GyroWarmup(time_constant=effect.parameters["time_constant"])
+    return BY_NAME[effect.name].seeds()[0]
+
+
+def _seen(gram: Array, own: Candidate, value: Array, others: Sequence[Candidate]) -> Seen:
+    """gram: (D, D) of the directions, walks taken out. value: (k,) in scales."""
+    along = own.basis @ value[: own.basis.shape[1]]
+    centre = float(along @ gram @ along)
+    inner = own.basis.T @ gram @ own.basis
+    left = {other.name: centre for other in others}
+    for other in others:
+        cross = other.basis.T @ gram @ along
+        taken = cross @ np.linalg.pinv(other.basis.T @ gram @ other.basis, 1e-9, hermitian=True) @ cross
+        left[other.name] = min(left[other.name], centre - float(taken))
+    rival = min(left, key=lambda name: left[name])
     seen = int(np.count_nonzero(np.linalg.eigvalsh(inner) > 1e-3))
-    return float(value @ inner @ value), seen
+    return Seen(centre, seen, max(left[rival], 0.0), rival)
 
 
-def _of_mean(information: float, freedom: int) -> Power:
-    """Power along the size. information: non-centrality at the typical one."""
+def _of_mean(seen: Seen) -> Power:
+    """Power along the size."""
+    freedom = seen.freedom
 
     def power(centre: Array, alarm: float) -> Array:
         if freedom == 1:
@@ -131,9 +153,9 @@ def _of_mean(information: float, freedom: int) -> Power:
 
     grid = np.geomspace(1e-2, 300.0, 400)
     half = float(np.interp(0.5, power(grid, SHARED), grid))
-    factors = SPREAD * np.sqrt(half / information)
-    centre = factors**2 * information
-    return Power(factors, power(centre, FALSE_ALARM), power(centre, SHARED), information, freedom)
+    factors = SPREAD * np.sqrt(half / seen.centre)
+    centre = factors**2 * seen.centre
+    return Power(factors, power(centre, FALSE_ALARM), power(centre, SHARED), seen)
 
 
 def _of_chance(setup: Setup, meter: Meter, effect: Effect) -> Power:

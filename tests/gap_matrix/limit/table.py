@@ -17,6 +17,8 @@ from hubodo.effects import BY_NAME
 SHARES = (0.5, 0.9)
 # What more than this separates from the oracle has a reason of its own.
 WANTED = 1.5
+# Nats by which a name has to fit better than another; what is nearer `gap` calls inseparable.
+TOLD = 3.0
 Row = Mapping[str, Any]
 
 
@@ -25,6 +27,8 @@ class Limit:
     """One effect. named, priced, alone: sizes at SHARES, of `gap`, of the oracle with the price and without.
 
     curve: of `gap`, over ln of size over the drive's own limit. instead: what was said beyond the middle.
+    screened: gain in the logs over what the oracle counts on, median. told, rival: size at which half of the
+    drives tell it by TOLD nats from the name that imitates it best; nan and "" where it is of chance.
     """
 
     name: str
@@ -37,6 +41,8 @@ class Limit:
     trials: tuple[tuple[float, bool], ...]
     instead: str
     screened: float
+    told: float
+    rival: str
 
 
 def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: float) -> Limit:
@@ -72,7 +78,17 @@ def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: floa
         tuple((row["x"], row["named"]) for row in trials),
         _instead([row for row in trials if not row["named"] and row["x"] > curve.middle - 0.2]),
         _as_promised(trials),
+        *_told(powers, typical),
     )
+
+
+def _told(powers: Sequence[Row], typical: float) -> tuple[float, str]:
+    """See `Limit`."""
+    seen = [own["seen"] for own in powers if own.get("seen")]
+    if not seen:
+        return float("nan"), ""
+    factors = [float(np.sqrt(2.0 * TOLD / max(one["beside"], 1e-9))) for one in seen]
+    return typical * float(np.median(factors)), Counter(one["rival"] for one in seen).most_common(1)[0][0]
 
 
 def _instead(missed: Sequence[Row]) -> str:
@@ -102,20 +118,21 @@ def text(limits: Sequence[Limit], rows: Mapping[str, Row], seeds: Sequence[int])
         "",
         "named: first, in its scope, confidence above 0.5. oracle: knows name, scope and sign; "
         f"{FALSE_ALARM:.0%} false alarms",
-        f"a log, shared by the {CANDIDATES} names in their scopes; alone: not shared",
+        f"a log, shared by the {CANDIDATES} names in their scopes; alone: not shared. told: {TOLD:.0f} nats "
+        "better than its nearest rival",
         "",
-        f"{'':22} {'unit':>13} {'named':>19} {'oracle':>19} {'alone':>9} {'ratio':>12}        "
-        "seen  said instead",
+        f"{'':22} {'unit':>13} {'named':>19} {'oracle':>19} {'alone':>9} {'told':>9} {'ratio':>12}",
         " " * 36
-        + "".join(f"{share:>10}" for share in ("50 %", "90 %", "50 %", "90 %", "50 %"))
-        + "  50 %   ±   90 %",
+        + "".join(f"{share:>10}" for share in ("50 %", "90 %", "50 %", "90 %", "50 %", "50 %"))
+        + "  50 %   ±   90 %  seen, said instead; nearest rival",
     ]
     for it in limits:
         spread = it.curve.spread(0.5)
         lines.append(
             f"{it.name:22} {it.unit:>13} {it.named[0]:9.3g} {it.named[1]:9.3g} {it.priced[0]:9.3g} "
-            f"{it.priced[1]:9.3g} {it.alone[0]:9.3g} {it.ratios[0]:5.2f} {spread:4.2f} {it.ratios[1]:5.2f}  "
-            f"{sum(seen for _, seen in it.trials):2}/{len(it.trials):2} {it.instead}"
+            f"{it.priced[1]:9.3g} {it.alone[0]:9.3g} {it.told:9.3g} {it.ratios[0]:5.2f} {spread:4.2f} "
+            f"{it.ratios[1]:5.2f}  {sum(seen for _, seen in it.trials):2}/{len(it.trials):2} "
+            f"{it.instead}; {it.rival}"
         )
     beyond = [it.name for it in limits if it.ratios[0] > WANTED]
     alarms = [seed for seed in seeds if rows[f"nothing/{seed}"]["found"]]
