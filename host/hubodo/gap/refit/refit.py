@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import moved, term_directions
@@ -26,6 +27,8 @@ _PARTS = (1.0, 0.3, 0.1)
 _KEPT = 0.5
 # Where a round leaves more than this of the step there was, and brings no likelihood, a fit goes in circles.
 _CIRCLES = 0.7
+# A scatter of the scores that is as likely as this, or likelier, is taken for chance: that is 1 sigma.
+_BY_CHANCE = 0.16
 # Rounds in which weights and fit may come to agree.
 _AGREED = 5
 
@@ -81,11 +84,16 @@ class Refit:
 
     @property
     def tempering(self) -> float:
-        """By how much the scatter of the scores exceeds what independent samples would give, at least 1."""
-        if not self.covariance.size:
+        """By how much the scatter of the scores exceeds what independent samples would give, at least 1.
+
+        Few blocks scatter by themselves: what one in six of such logs would show by chance is taken off.
+        """
+        seen = int(np.count_nonzero(np.diag(self.covariance)))
+        if not seen:
             return 1.0
-        share = np.trace(self.score.T @ self.score @ self.covariance) / len(self.covariance)
-        return max(1.0, float(share))
+        share = np.trace(self.score.T @ self.score @ self.covariance) / seen
+        freedom = seen * max(len(self.score) - 1.0, 1.0)
+        return max(1.0, float(share * freedom / chdtri(freedom, _BY_CHANCE)))
 
 
 def gain_over(before: Refit, made: Refit) -> float:
