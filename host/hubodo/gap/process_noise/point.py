@@ -123,7 +123,8 @@ class Point:
 
     def _weight(self, node: NodeData, samples: slice) -> Array:
         noise = self.weights.noise[node.name]
-        return np.asarray(noise.fresh[samples] * node.used[:, None] / noise.found[:, samples])
+        worth = noise.fresh[samples] * node.used[:, None] * ~node.clipped[:, samples]
+        return np.asarray(worth / noise.found[:, samples])
 
     def _z(self, node: NodeData, samples: slice) -> Array:
         """(6, N) residual of some samples, in sigma."""
