@@ -38,7 +38,8 @@ def lattice_step(residual: Residual) -> float:
         if not residual.node.used[row]:
             continue
         values = np.unique(np.round(residual.node.y[row], 9))
-        if len(values) < 3:
+        # Where hardly two readings are equal, what lies between them is no step; other axes show it.
+        if len(values) < 3 or len(values) > 0.5 * residual.node.y.shape[1]:
             continue
         gaps = np.diff(values)
         step = float(np.median(gaps[gaps <= 1.5 * gaps[gaps > 1e-8].min(initial=np.inf)]))
@@ -47,7 +48,7 @@ def lattice_step(residual: Residual) -> float:
             whole = np.round(values / step)
             step = float(values @ whole) / max(float(whole @ whole), 1.0)
         off = np.abs(values / step - np.round(values / step))
-        if np.mean(off < 0.02) < 0.98 or len(values) > 0.5 * residual.node.y.shape[1]:
+        if np.mean(off < 0.02) < 0.98:
             return 0.0
         found.append(step)
     if not found or np.ptp(found) > 1e-3 * found[0]:
