@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import log
 
 import numpy as np
-from scipy.special import chdtrc
+from scipy.special import chdtrc, logsumexp
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.base import Proposal, shared, single_cost
+from hubodo.gap.scatter.base import Proposal, shared
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "outliers"
@@ -18,6 +19,8 @@ _SIGMAS = np.geomspace(2.5, 100.0, 40)
 _SHARES = np.geomspace(1e-5, 0.3, 40)
 # Gain of ln likelihood that makes spikes of one channel worth a word.
 _SPIKY = 15.0
+# Noise is not quite Gaussian, whatever else is missing.
+_RELUCTANCE = 2.0
 _FAR, _UNLIKELY = 5.0, 1e-5
 
 
@@ -38,7 +41,9 @@ def look_for_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
         term = ModelTerm(BY_NAME[NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
         sigmas = {"probability": share / np.sqrt(hits), "sigma": sigma / np.sqrt(2.0 * hits)}
         where = f"about {hits:.0f} lonely readings, {sigma:.0f} times wider than the noise"
-        made.append(Proposal(term, gain, gain - 2.0 * single_cost(count) - 2.0, sigmas, where))
+        # Each share and each sigma of the grid is as likely beforehand.
+        evidence = float(logsumexp(table)) - log(table.size) - _RELUCTANCE
+        made.append(Proposal(term, gain, evidence, sigmas, where))
     return made
 
 
