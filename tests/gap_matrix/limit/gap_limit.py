@@ -121,7 +121,7 @@ def _oracle(seed: int) -> Row:
     made = oracle(drive(seed, SECONDS))
     powers = {
         name: {key: np.round(getattr(power, key), 6).tolist() for key in ("factors", "one", "priced")}
-        | {"seen": power.seen and asdict(power.seen)}
+        | {"seen": power.seen and asdict(power.seen), "least": power.least}
         for name, power in made.items()
     }
     return {"seed": seed, "powers": powers, "cpu": round(time.process_time() - begin, 2)}

@@ -21,6 +21,7 @@ from gap_matrix.cases import Setup
 from gap_matrix.dose import Meter
 from gap_matrix.effects import KINDS, SIDES, VEHICLE, Effect, scaled
 from gap_matrix.limit import chance
+from gap_matrix.limit.trial import in_whole_hits
 from gap_matrix.world import Array
 from hubodo.effects import BY_NAME
 from hubodo.effects import Effect as HubodoEffect
@@ -64,13 +65,14 @@ class Power:
 
     factors: (G,) times its typical size. one: (G,) share of logs in which a test of it alone sees it, with
     the false alarms of a whole log. priced: the same where all names in all scopes share these. seen: of what
-    moves the mean.
+    moves the mean. least: the factor of a single hit, of what comes in hits.
     """
 
     factors: Array
     one: Array
     priced: Array
     seen: Seen | None = None
+    least: float = 0.0
 
     @property
     def half(self) -> float:
@@ -165,10 +167,14 @@ def _of_chance(setup: Setup, meter: Meter, effect: Effect) -> Power:
         drawn = chance.statistic(setup, meter, scaled(effect, factor), np.random.default_rng(setup.seed))
         return tuple(float(np.mean(drawn > chance.threshold(drawn, one))) for one in (FALSE_ALARM, SHARED))
 
-    low, high = 1e-3, 1e3
-    for _ in range(12):
+    # Hits come in whole ones: nothing is smaller than the first.
+    least = in_whole_hits(setup, effect, 0.0)
+    low, high = max(least, 1e-2), 1e2
+    for _ in range(10):
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if power(middle)[1] < 0.5 else (low, middle)
     factors = SPREAD[::2] * np.sqrt(low * high)
-    both = np.maximum.accumulate(np.array([power(float(factor)) for factor in factors]), axis=0)
-    return Power(factors, both[:, 0], both[:, 1])
+    factors = np.sort(np.append(factors[factors > 0.995 * least], 0.99 * least if least else []))
+    both = np.array([power(float(factor)) if factor > 0.995 * least else (0.0, 0.0) for factor in factors])
+    both = np.maximum.accumulate(both, axis=0)
+    return Power(factors, both[:, 0], both[:, 1], least=least)

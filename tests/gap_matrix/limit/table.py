@@ -54,11 +54,12 @@ def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: floa
         return float(np.mean(curve.seen(np.log(factor) - halves)))
 
     def by_oracle(factor: float, kind: str) -> float:
-        return float(
-            np.mean([np.interp(np.log(factor), np.log(own["factors"]), own[kind]) for own in powers])
-        )
+        x = np.log(factor)
+        shares = [np.interp(x, np.log(own["factors"]), own[kind], left=0.0, right=1.0) for own in powers]
+        return float(np.mean(shares))
 
-    named = [size_seen(by_gap, share) for share in SHARES]
+    least = float(np.median([own.get("least", 0.0) for own in powers]))
+    named = [max(size_seen(by_gap, share), least) for share in SHARES]
     priced = [size_seen(lambda f: by_oracle(f, "priced"), share) for share in SHARES]
     alone = [size_seen(lambda f: by_oracle(f, "one"), share) for share in SHARES]
 

@@ -19,6 +19,7 @@ from hubodo.model.model_file import read_model
 
 # Beyond this confidence a name counts as given.
 CONFIDENT = 0.5
+RATE_HZ = 50.0
 
 
 def typical(effect: Effect) -> float:
@@ -80,4 +81,5 @@ def _diagnosed(setup: Setup, hidden: list[Effect]) -> GapResult:
 
 
 def drive(seed: int, seconds: float) -> Setup:
-    return cases.setup(seed, duration=seconds)
+    """A drive of this length; what its nodes sample at half their usual rate tells as much of names."""
+    return cases.sampled_at(cases.setup(seed, duration=seconds), RATE_HZ, np.random.default_rng(seed))
