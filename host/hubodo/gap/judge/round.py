@@ -26,7 +26,7 @@ DECIDED = 0.99
 _REFITTED = 5
 # Ratio of a wheel's walk to the declared one, both rad²/s, from which on the wheel counts as lost; candidates
 # that are refitted beside, then.
-_LOST, _STRICT = 30.0, 3
+_LOST, _STRICT = 3.0, 3
 # Structures without a name that are fitted; the share of the best gain and the evidence, in ln Bayes factor,
 # that each has to promise.
 _STRUCTURES, _SHARE, _LEAST = 2, 0.25, 3.0
