@@ -39,6 +39,8 @@ def look_for_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
         if not all(_steady(one, k) for one in members):
             continue
         cost = single_cost(sum(len(windows(one.node.t)) for one in members))
+        if sum(_as_a_step(one) for one in members) > float(curve[at]) - cost:
+            continue
         made.append(
             Proposal(
                 ModelTerm(BY_NAME[NAME](k=k), scope),  # type: ignore[call-arg]
@@ -114,6 +116,21 @@ def _steady(residual: Residual, k: float) -> bool:
             return False
         sizes.append(float(np.mean(z**2)))
     return bool(max(sizes) < 1.0 + _STEADY * np.sqrt(2.0 / len(z)) + 0.3)
+
+
+def _as_a_step(residual: Residual) -> float:
+    """Evidence, in nats, of one step of all gyro axes at once, at the time that fits best, and no walk.
+
+    Its time is one of all windows; each axis pays for its amplitude as in BIC.
+    """
+    gains, count = np.zeros(1), 0
+    for mean, variance, _ in _means(residual):
+        weight = np.cumsum((1.0 / variance)[::-1])[::-1]
+        gains = gains + 0.5 * np.cumsum((mean / variance)[::-1])[::-1] ** 2 / weight
+        count += 1
+    # From the first window on it is an offset, which is another name.
+    places = len(gains)
+    return float(gains[1:].max(initial=0.0) - np.log(places)) - count * single_cost(places)
 
 
 def _refined(curve: Array, grid: Array) -> tuple[float, float]:
