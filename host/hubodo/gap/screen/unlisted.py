@@ -29,6 +29,7 @@ _PERIODIC = [f"cos({k}*theta)" for k in range(1, 7)] + [
     "spin*cos(1*theta)",
     "yaw_rate*cos(1*theta)",
     ALL_HARMONICS,
+    f"spin^2*{ALL_HARMONICS}",
 ]
 _PRODUCTS = ["spin*acceleration", "spin*yaw_rate", "spin^2*spin"]
 # A constant is a bias, which has a name.
