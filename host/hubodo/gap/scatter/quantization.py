@@ -12,6 +12,8 @@ from hubodo.gap.scatter.base import Proposal, shared, single_cost
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "gyro_quantization"
+# Noise beyond what is declared may be this many times what rounding makes.
+_LARGER = 10.0
 
 
 def look_for_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
@@ -60,12 +62,15 @@ def _gain(residual: Residual, step: float) -> float:
     """ln likelihood with the variance of rounding, step²/12, less that with the declared noise alone.
 
     The lattice itself is beyond doubt; the question is whether it matters. Where the noise is larger than
-    declared for other reasons, the lattice gets no more credit than its step is worth.
+    declared for other reasons, the lattice gets no more credit than its step is worth; none where these are
+    by far the larger part.
     """
     total, worth = 0.0, 0.0
     for row in np.flatnonzero(residual.node.used[:3]):
         ok = residual.noise.fresh & ~residual.node.clipped[row]
         alone = residual.declared[row][ok] ** 2
+        if np.mean(residual.noise.found[row][ok] ** 2 - alone) > _LARGER * step**2 / 12.0:
+            return 0.0
         both = alone + step**2 / 12.0
         off = residual.value[row][ok] ** 2
         # Wild readings are another matter.
