@@ -131,6 +131,34 @@ def test_coarse_steps_get_no_more_credit_than_one_and_a_half_times_what_they_are
     assert found[0].gain == pytest.approx(1.5 * worth * 3 * y.shape[1], rel=1e-6)
 
 
+def test_a_lattice_is_seen_in_a_log_in_which_one_axis_hardly_reads_anything_twice():
+    step = 0.012
+    clean, y = white(np.random.default_rng(1), 400)
+    clean[2] += np.linspace(0.0, 60.0, 400)
+    y[2] += np.linspace(0.0, 60.0, 400)
+    y[:3] = step * np.round(y[:3] / step)
+    assert len(np.unique(y[2])) > 350
+    assert lattice_step(shown(y, clean)) == pytest.approx(step, rel=1e-5)
+
+
+def test_noise_that_is_far_larger_than_rounding_is_none_of_its_making():
+    step = 0.02
+    clean, y = white(np.random.default_rng(1))
+    y[:3] = step * np.round((y[:3] + 0.06 * np.random.default_rng(2).standard_normal(y[:3].shape)) / step)
+    one = shown(y, clean)
+    wide = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]]) * np.ones(y.shape)
+    assert look_for_quantization([replace(one, noise=replace(one.noise, found=wide))]) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_step_of_the_zero_is_no_random_walk(seed):
+    """As large as a walk would be, in all axes at once; the walks of the test below are found."""
+    rng = np.random.default_rng(seed)
+    clean, y = white(rng, 3000)
+    y[:3, 1100:] += np.array([[0.004], [-0.006], [0.003]])
+    assert look_for_random_walk([shown(y, clean)]) == []
+
+
 def repeated(rng, probability, step):
     """(clean, y, fresh): readings on a lattice, and some samples sent again."""
     clean, y = white(rng)
