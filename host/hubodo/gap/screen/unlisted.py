@@ -118,7 +118,7 @@ def _gain(made: Array, z: Array, edges: NDArray[np.intp]) -> float:
     """Gain of ln likelihood, less where the scores of blocks scatter more than independent samples would."""
     inner = made @ made.T
     values, vectors = np.linalg.eigh(inner)
-    if values[0] < 1e-9 * values[-1]:
+    if values[0] <= 1e-9 * values[-1]:
         return 0.0
     half = (vectors / np.sqrt(values)).T @ made
     along = half @ z
