@@ -13,7 +13,7 @@ from hubodo.gap.judge.posterior import by_name, judged
 from hubodo.gap.judge.rival import Rival
 from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
-from hubodo.gap.process_noise.process_noise import process_noise
+from hubodo.gap.process_noise.process_noise import process_noise, shared_steps
 from hubodo.gap.process_noise.weights import declared_walk
 from hubodo.gap.screen.evidence import WIDTHS, log_evidence
 from hubodo.gap.state.terms import ModelTerm
@@ -62,10 +62,11 @@ def test_both_wheels_are_carried_on_by_the_same_noise_of_a_level_speed(tmp_path)
     problem = build(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
     assert problem.speed_noise == setup.speed_noise
     walks = {node.name: declared_walk(problem, node) for node in problem.nodes}
-    noise = process_noise(initial_state(problem), walks)
-    own = np.diag([0.0 if walk.white else walk.intensity for walk in noise.walks])
-    wheels = np.flatnonzero(noise.together.any(axis=0))
-    found = (own + noise.together)[np.ix_(wheels, wheels)]
+    wanderings = process_noise(initial_state(problem), walks)
+    own = np.diag([0.0 if it.walk.white else it.walk.intensity for it in wanderings])
+    together = shared_steps(problem, wanderings)
+    wheels = np.flatnonzero(together.any(axis=0))
+    found = (own + together)[np.ix_(wheels, wheels)]
     # A level is the mean of its samples: after T seconds a wheel is off by T sigma / (radius sqrt(n)).
     count = 1.0 / cases.REFERENCE_STEP
     np.testing.assert_allclose(

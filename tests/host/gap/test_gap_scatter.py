@@ -32,7 +32,7 @@ def shown(y, predicted, *, name="left", limits=(np.inf, np.inf), fresh=None, eff
     sigma = np.broadcast_to(SIGMA, y.shape)
     zero = np.zeros_like(y)
     present = {BY_NAME[effect]: None for effect in effects}
-    return Residual(node, y - predicted, sigma, ChannelNoise(sigma, fresh), zero, zero, np.zeros(6), present)
+    return Residual(node, y - predicted, sigma, ChannelNoise(sigma, fresh), zero, np.zeros(6), present)
 
 
 def white(rng, count=1500):
