@@ -30,7 +30,7 @@ def draw(limits: Sequence[Limit], path: Path) -> None:
     axes.set_xscale("log")
     axes.set_xlim(0.5, 6.0)
     axes.set_xticks([0.5, 1, 1.5, 2, 3, 5], ["0.5", "1", "1.5", "2", "3", "5"])
-    axes.set_xlabel(
-        "size named, over that which an oracle sees, in 50 % (filled) and 90 % of drives; | named, x not"
-    )
+    axes.minorticks_off()
+    axes.set_xlabel("size named over size that an oracle sees, in 50 % (filled) and 90 % of drives")
+    axes.set_title("each trial: | named, x not", fontsize="small")
     save(figure, path)
