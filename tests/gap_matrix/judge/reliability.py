@@ -29,7 +29,7 @@ from gap_matrix.judge.trial_rows import judged
 from gap_matrix.judge.trials import KINDS, kinds
 from hubodo.effects.empirical import PREFIX
 
-FIRST = {"development": 20_000, "test": 420_000}
+FIRST = {"development": 20_000, "test": 430_000}
 # Nats from which on a drive tells on which node an effect is.
 _TOLD = 3.0
 

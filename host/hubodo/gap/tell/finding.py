@@ -22,7 +22,8 @@ _ALIKE = 0.05
 # Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
 # whole gain is this faint, the prior alone would decide between them.
 _FAINT = 40.0
-# What was thought of a name beforehand may be wrong by this factor; a faint gain has to do without it.
+# What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain is
+# faint, that alone is what they differ by.
 _PRIOR = 3.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is larger by this factor: what the term of a library leaves of it could pass for an effect.
@@ -70,10 +71,11 @@ def _confidence(share: float, own: Rival | None, behind: Mapping[str, float], in
     """share: probability of the name in its round. behind: gain of each other name below its own."""
     # What fits better may only be thought less likely beforehand.
     better = any(by < -NEAR for by in behind.values())
-    near = any(by < NEAR for by in behind.values())
-    if better or in_shadow or (near and own is not None and own.gain < _FAINT):
+    near = [other for other, by in behind.items() if by < NEAR]
+    faint = own is not None and own.gain < _FAINT
+    if better or in_shadow or (near and faint):
         share = min(share, _DOUBTED)
-    if own is not None and own.gain < _FAINT:
+    if faint or any(not other.startswith(PREFIX) for other in near):
         share /= share + _PRIOR * (1.0 - share)
     return share
 
