@@ -22,8 +22,8 @@ _ALIKE = 0.05
 # Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
 # whole gain is this faint, the prior alone would decide between them.
 _FAINT = 40.0
-# What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain is
-# faint, that alone is what they differ by.
+# What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain
+# is faint, names differ by that alone.
 _PRIOR = 3.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is larger by this factor: what the term of a library leaves of it could pass for an effect.
