@@ -151,13 +151,13 @@ def test_stretches_that_were_left_out_say_whether_it_helps() -> None:
     assert found.held_out.stretches == 4 and found.held_out.after.rms < 0.5 * found.held_out.before.rms
     plain = run(config(drive), tables(drive)).track
     stretched = replace(plain, x=1.01 * plain.x, y=1.01 * plain.y)
-    good = held_out(told, stretched, lambda left: (plain, (0.0, 0.0)), (0.0, 0.0))
+    good = held_out(told, stretched, lambda *_: (plain, (0.0, 0.0)), (0.0, 0.0))
     bad = held_out(
-        told, plain, lambda left: (replace(plain, x=1.1 * plain.x, y=1.1 * plain.y), (0.0, 0.0)), (0.0, 0.0)
+        told, plain, lambda *_: (replace(plain, x=1.1 * plain.x, y=1.1 * plain.y), (0.0, 0.0)), (0.0, 0.0)
     )
     assert good.improved and not bad.improved
     first = told.where(np.arange(len(told)) < 30)
-    assert held_out(first, plain, lambda left: (stretched, (0.0, 0.0)), (0.0, 0.0)).stretches == 0
+    assert held_out(first, plain, lambda *_: (stretched, (0.0, 0.0)), (0.0, 0.0)).stretches == 0
 
 
 def test_a_calibration_that_does_not_help_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:

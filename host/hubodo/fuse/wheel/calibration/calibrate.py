@@ -28,7 +28,7 @@ from hubodo.fuse.wheel.entries import (
     Entry,
 )
 from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
-from hubodo.fuse.wheel.records import Step
+from hubodo.fuse.wheel.records import Pose, Step
 from hubodo.fuse.wheel.step import WheelStep
 from hubodo.fuse.wheel.track import WheelTrack, collect, report
 from hubodo.recording import Table
@@ -108,7 +108,9 @@ def calibrate_wheels(
     antenna = (done.core.estimate(None, ANTENNA_X), done.core.estimate(None, ANTENNA_Y))
     track = drive.track
     found = drive.findings(done.core)
-    judged = held_out(drive.told, track, lambda told: drive.fitted(told, slow), _values(antenna))
+    judged = held_out(
+        drive.told, track, lambda told, until: drive.fitted(told, until, slow), _values(antenna)
+    )
     if not judged.improved:
         raise CalibrationError(
             f"calibrated on the rest, stretches that were left out are no better ({judged.words}); "
@@ -204,8 +206,11 @@ class _Drive:
         way = np.abs(np.diff(self.track.x + 1j * self.track.y))
         return findings(core, self.before, float(np.ptp(self.track.heading)), float(np.sum(way)))
 
-    def fitted(self, told: Positions, slow: float) -> tuple[WheelTrack, Antenna]:
-        """The track of a filter that was calibrated on these positions, and is not told any; its antenna."""
+    def fitted(self, told: Positions, until: float, slow: float) -> tuple[WheelTrack, Antenna]:
+        """The track of a filter that was calibrated on these positions, and is not told any; its antenna.
+
+        until: s, as far as the track is asked for.
+        """
         core = self.tell(told, slow).core
         found = self.findings(core)
         nodes = {
@@ -215,7 +220,11 @@ class _Drive:
         vehicle = known_of(OF_VEHICLE, _effects(found.vehicle, {}), "left")
         learnt = WheelStep(_known(self._plain, nodes, vehicle), self.slipped)
         learnt.begin([step.windows for step in self.steps if not step.listen])
-        poses = [learnt.step(step, LISTENED) for step in self.steps]
+        poses: list[Pose] = []
+        for step in self.steps:
+            poses.append(learnt.step(step, LISTENED))
+            if poses[-1].t >= until:
+                break
         antenna = (core.estimate(None, ANTENNA_X), core.estimate(None, ANTENNA_Y))
         return collect(poses), _values(antenna)
 

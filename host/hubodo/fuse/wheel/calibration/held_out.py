@@ -60,13 +60,13 @@ class LeftOut:
 def held_out(
     told: Positions,
     plain: WheelTrack,
-    fitted: Callable[[Positions], tuple[WheelTrack, Antenna]],
+    fitted: Callable[[Positions, float], tuple[WheelTrack, Antenna]],
     antenna: Antenna,
 ) -> LeftOut:
     """Judged on each of four stretches in turn.
 
-    plain: the track without a calibration; fitted: the track of a filter calibrated on other positions, which
-    it was not told, and its antenna; antenna: m, for the plain track.
+    plain: the track without a calibration; fitted: the track, until a time, s, at least, of a filter
+    calibrated on other positions, which it was not told, and its antenna; antenna: m, for the plain track.
     """
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(told.x), np.diff(told.y)))])
     if way[-1] < _STRETCHES * _LEAST or len(told) < 10 * _STRETCHES:
@@ -76,7 +76,7 @@ def held_out(
     after: list[Array] = []
     for number in range(_STRETCHES):
         left_out = told.where(part == number)
-        track, its_antenna = fitted(told.where(part != number))
+        track, its_antenna = fitted(told.where(part != number), float(left_out.t[-1]))
         before.append(off(plain, left_out, antenna))
         after.append(off(track, left_out, its_antenna))
     return LeftOut(_distances(before), _distances(after), _STRETCHES)
