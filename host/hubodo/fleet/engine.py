@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import multiprocessing
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _CONNECT_S = 10
-_START = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-"""How workers begin: forked off a process that has loaded Dask once for all of them, where there is fork."""
 
 
 @contextmanager
@@ -29,7 +26,6 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
     scheduler cannot be reached, InputError without Dask and for a limit that is none.
     """
     try:
-        from dask import config
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError("batch needs Dask: pip install 'hubodo[batch]'") from None
@@ -44,7 +40,6 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
             yield client
         return
     with (
-        config.set({"distributed.worker.multiprocessing-method": _START}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
