@@ -29,6 +29,7 @@ class Geometry:
     """Vehicle and wheel as a node sees them, before the sensor. SI; angles in rad.
 
     growth: s²/rad². slip: s²/m. eccentricity: (A cos phase, A sin phase). lever_arm: (3,) m, node axes.
+    aside: m, how far left of the middle of the vehicle the speed is measured.
     """
 
     side: Side | None
@@ -40,6 +41,7 @@ class Geometry:
     slip: float = 0.0
     eccentricity: tuple[float, float] = (0.0, 0.0)
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    aside: float = 0.0
 
 
 @dataclass(slots=True)
@@ -138,7 +140,8 @@ class Effect:
     scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
     of samples; its stage is inverted then. remembers: whether what it makes of a sample hangs on others, too,
     as what a filter answers: without it a long log is worked out some samples at a time. proportional:
-    whether what it adds to a reading is in proportion to its coordinates. alike:
+    whether what it adds to a reading is in proportion to its coordinates. of_reference: whether it is of a
+    speed that no node measured. alike:
     effect that a drive may not tell from this one -> the manoeuvre that does; it stands in one of the two.
     """
 
@@ -150,6 +153,7 @@ class Effect:
     undone: ClassVar[bool] = False
     remembers: ClassVar[bool] = False
     proportional: ClassVar[bool] = False
+    of_reference: ClassVar[bool] = False
     alike: ClassVar[Mapping[str, str]] = {}
 
     @classmethod

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Follows, Level, parameter
+from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Follows, Geometry, Level, parameter
 from hubodo.effects.dependence import steering_rate
 
 # m/s²: the torque turns round within so much of acceleration.
@@ -128,6 +128,27 @@ class ReferenceLatency(Effect):
         return t + self.delay
 
 
+@dataclass(frozen=True)
+class ReferenceArm(Effect):
+    """The reference's antenna sits this far left of the vehicle's middle: its speed is v - r arm."""
+
+    name: ClassVar[str] = "reference_arm"
+    of_reference: ClassVar[bool] = True
+    level: ClassVar[Level] = "vehicle"
+    meaning: ClassVar[str] = "the reference's antenna is not in the middle of the vehicle"
+    alike: ClassVar[Mapping[str, str]] = {
+        "track_width": "have a node on a wheel of each side: an arm speeds up both in the same turn",
+    }
+    arm: float = parameter("m", 0.2)
+
+    def shape(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, aside=geometry.aside + self.arm)
+
+    def in_words(self) -> str:
+        side = "left" if self.arm > 0.0 else "right"
+        return f"the reference's antenna sits {abs(self.arm):.2g} m {side} of the middle of the vehicle"
+
+
 FIELD: tuple[type[Effect], ...] = (
     WheelSteering,
     AxlePlay,
@@ -135,4 +156,5 @@ FIELD: tuple[type[Effect], ...] = (
     AccelTemperature,
     RoadBank,
     ReferenceLatency,
+    ReferenceArm,
 )

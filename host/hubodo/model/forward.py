@@ -307,6 +307,7 @@ def _on_wheel(body: Body, rolling: Rolling, geometry: Geometry, facing: float) -
     slope[1] = -facing * (across_slope * sin + turning * cos)
     slope[2] = facing * (rolling.spin_acceleration + lean * r_slope)
     hub_y = 0.5 * side * geometry.track_width - side * geometry.radius * np.sin(geometry.camber)
+    hub_y -= geometry.aside
     ahead = body.acceleration - r_slope * hub_y + STANDARD_GRAVITY * np.sin(geometry.grade)
     aside = r * (body.speed - r * hub_y)
     upwards = STANDARD_GRAVITY * np.cos(geometry.grade)
@@ -343,8 +344,10 @@ def _on_body(
         rate, slope = rate + turning, slope + turning_slope
     force = np.stack(
         [
-            body.acceleration + STANDARD_GRAVITY * np.sin(geometry.grade),
-            body.yaw_rate * body.speed,
+            body.acceleration
+            + body.yaw_acceleration * geometry.aside
+            + STANDARD_GRAVITY * np.sin(geometry.grade),
+            body.yaw_rate * (body.speed + body.yaw_rate * geometry.aside),
             zero + STANDARD_GRAVITY * np.cos(geometry.grade),
         ]
     )

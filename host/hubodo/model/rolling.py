@@ -29,11 +29,11 @@ def roll(body: Body, geometry: Geometry, start: float, phase: Array | float = 0.
     """The wheel rolls over the ground: theta' = v_w / (R (1 + k theta'²)(1 + A cos(theta - p))) (1 + s v_w').
 
     start: rad at the log's start. phase: (N,) rad, added to the angle, not to its rates: what the wheel
-    turned that the inputs do not know. v_w = v - r y_w.
+    turned that the inputs do not know. v_w = v - r y_w, y_w from where v is measured.
     """
     if geometry.side is None:
         raise ValueError("a node on the body has no wheel to roll")
-    y = side_sign(geometry.side) * geometry.track_width / 2.0
+    y = side_sign(geometry.side) * geometry.track_width / 2.0 - geometry.aside
     speed = body.speed - body.yaw_rate * y
     acceleration = body.acceleration - body.yaw_acceleration * y
     angle = (body.distance - body.heading * y) / geometry.radius + start + phase

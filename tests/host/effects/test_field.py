@@ -107,3 +107,18 @@ def test_a_steered_wheel_of_foreign_make_is_named_on_request(tmp_path):
     assert made.names == [("wheel_steering", hidden.node)]
     arm = made.result["found"][0]["parameters"]["arm"]
     assert abs(arm["value"] - hidden.truth["yaw"]) < 3.0 * arm["sigma"]
+
+
+@pytest.mark.parametrize("arm", [0.35, -0.2])
+def test_a_reference_whose_antenna_sits_aside_is_named_on_request(arm, tmp_path):
+    """The foreign log with the speed of another point: v - r arm, its samples rewritten."""
+    case = tmp_path / "case"
+    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+    head, rows = (case / "reference.csv").read_text().split("\n", 1)
+    table = np.array([line.split(",") for line in rows.split()], float)
+    table[:, 1] -= arm * table[:, 2]
+    np.savetxt(case / "reference.csv", table, fmt="%.7f", delimiter=",", header=head, comments="")
+    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert made.names == [("reference_arm", "vehicle")]
+    found = made.result["found"][0]["parameters"]["arm"]
+    assert abs(found["value"] - arm) < 3.0 * found["sigma"]

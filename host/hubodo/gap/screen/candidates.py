@@ -33,7 +33,7 @@ def all_directions(state: State) -> list[Direction]:
     """Every direction of every effect that shows in the mean, from where it stands or from its seeds."""
     nodes, made = state.problem.nodes, []
     for effect in BY_NAME.values():
-        if effect.shows != "mean":
+        if effect.shows != "mean" or (effect.of_reference and state.problem.sources):
             continue
         for scope in scopes(effect, nodes):
             if scope == ALL:
