@@ -39,8 +39,8 @@ SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
 MINUTES = (10, 30, 60)
 FORWARD_LIMIT = 0.015  # s
 WORKFLOW_LIMIT = 5.0  # s of processor
-MEMORY_LIMIT = 2.5  # GB
-GROWTH_LIMIT = 1.5  # times as much per minute in the longest log as in the shortest: caches are outgrown
+MEMORY_LIMIT = 1.0  # GB
+GROWTH_LIMIT = 1.1  # times as much per minute in the longest log as in the shortest
 RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
 RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
@@ -140,6 +140,7 @@ def by_length(lengths):
             f"(of {MEMORY_LIMIT:.1f}), found: {', '.join(one['found']) or 'nothing'}"
         )
     shortest, longest = (made[at]["seconds"] / at for at in (min(lengths), max(lengths)))
+    print(f"  a minute of the longest takes {longest / shortest:.2f} times as much (at most {GROWTH_LIMIT:.1f})")
     return (
         all(one["memory"] <= MEMORY_LIMIT and one["found"] == [HIDDEN] for one in made.values())
         and longest <= GROWTH_LIMIT * shortest

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from functools import cache
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -44,6 +43,10 @@ class Geometry:
     aside: float = 0.0
 
 
+_MOTION = ("angle", "spin", "spin_beside", "speed", "acceleration", "yaw_rate", "yaw_acceleration", "heading")
+"""What a chain has one of for each sample, or one for all."""
+
+
 @dataclass(slots=True)
 class Chain:
     """What travels down the sensor chain of one node, N samples; arrays of three are (3, N).
@@ -76,11 +79,13 @@ class Chain:
 
     def part(self, samples: slice) -> Chain:
         """Of some samples."""
-        cut = {}
-        for one in fields(self):
-            value = getattr(self, one.name)
-            cut[one.name] = value[..., samples] if isinstance(value, np.ndarray) else value
-        return Chain(**{**cut, "terms": {}})
+        triads = (self.rate, self.rate_derivative, self.force, self.gyro, self.accel)
+        made = Chain(self.t[samples], self.temperature[samples], *(one[:, samples] for one in triads))
+        made.facing = self.facing
+        for name in _MOTION:
+            value = getattr(self, name)
+            setattr(made, name, value[samples] if isinstance(value, np.ndarray) else value)
+        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -312,7 +317,12 @@ class Effect:
         """Turn back what `mount` turned."""
 
 
-@cache
+_NAMES: dict[tuple[type[Effect], bool], tuple[str, ...]] = {}
+
+
 def _names(kind: type[Effect], fitted: bool) -> tuple[str, ...]:
     """Of the parameters of an effect, or of those that a fit moves."""
-    return tuple(item.name for item in fields(kind) if item.metadata["fitted"] or not fitted)
+    key = kind, fitted
+    if key not in _NAMES:
+        _NAMES[key] = tuple(item.name for item in fields(kind) if item.metadata["fitted"] or not fitted)
+    return _NAMES[key]

@@ -148,8 +148,9 @@ class NodeForward:
         known = {hash(body.t.tobytes()): body for body in bodies.values()}
         corrected = self._corrected
         if corrected is not None:
-            before = next((bodies[key] for key, body in self._bodies.items() if body is corrected[1]), None)
-            corrected = before and (corrected[0], before, corrected[2].part(samples))
+            by, before, after = corrected
+            key = next((key for key, body in self._bodies.items() if body is before), None)
+            corrected = None if key is None else (by, bodies[key], after.part(samples))
         return replace(self, t=self.t[samples], _bodies=known, _corrected=corrected, _moves={})
 
     def geometry(self, effects: Iterable[Effect]) -> Geometry:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.sensitivity import Direction, Directions
@@ -67,8 +68,8 @@ class _Columns:
             node.name: state.attitude_columns(node) for node in bodies if not state.at_once(node.name)
         }
 
-    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> Array:
-        """(P, 6, N), see `Columns`."""
+    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
+        """(P, 6, N), see `NodeColumns`."""
         made = self._directions.of(node, state, samples)
         if node.on_wheel:
             return made

@@ -19,7 +19,7 @@ _BLOCKS = 16
 
 
 @dataclass(frozen=True)
-class Part:
+class Stretch:
     """Some windows that follow each other, whole blocks of them but for the last part.
 
     begins: (K,) s, where each window does. samples: those of each node, at least one. edges: for each node
@@ -31,7 +31,7 @@ class Part:
     edges: Mapping[str, NDArray[np.intp]]
 
 
-def parts(problem: Problem) -> list[Part]:
+def parts(problem: Problem) -> list[Stretch]:
     """All of a log, one part after the other."""
     grid = window_grid(problem)
     edges = {node.name: window_edges(grid, node) for node in problem.nodes}
@@ -44,7 +44,7 @@ def parts(problem: Problem) -> list[Part]:
     for first, end in zip(cuts, [*cuts[1:], len(grid)], strict=True):
         samples = {name: slice(int(own[first]), int(own[end])) for name, own in edges.items()}
         inside = {name: own[first : end + 1] - own[first] for name, own in edges.items()}
-        made.append(Part(grid[first:end], samples, inside))
+        made.append(Stretch(grid[first:end], samples, inside))
     return made
 
 

@@ -15,7 +15,7 @@ from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.innovations import Innovations, innovations
 from hubodo.gap.process_noise.parts import (
     BLOCK,
-    Part,
+    Stretch,
     parts,
     window_edges,
     window_grid,
@@ -38,12 +38,13 @@ from hubodo.gap.state.noise import input_noise, sensor_noise
 from hubodo.gap.state.state import State
 
 
-class Columns(Protocol):
+class NodeColumns(Protocol):
     """Columns of all nodes. at: for each node (P,) places of its own among all."""
 
-    at: Mapping[str, Sequence[int]]
+    @property
+    def at(self) -> Mapping[str, Sequence[int]]: ...
 
-    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> Array:
+    def of(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
         """(P, 6, N) of some samples of a node. node, state: of those samples alone."""
         ...
 
@@ -81,7 +82,7 @@ class Point:
         """Without what was worked out: for keeping, as a state of a long log takes much memory."""
         return Point(replace(self.state), self.weights)
 
-    def innovations(self, columns: Columns | None, size: int, smooth: bool = False) -> Innovations:
+    def innovations(self, columns: NodeColumns | None, size: int, smooth: bool = False) -> Innovations:
         """Of all nodes, and of their columns; size: of those in all. smooth: see there."""
         wanderings = process_noise(self.state, self.weights.walks)
         return innovations(
@@ -95,16 +96,18 @@ class Point:
             shared_steps(self.problem, wanderings),
         )
 
-    def _shares(self, wanderings: Sequence[Wandering], columns: Columns | None) -> Iterator[Iterator[Share]]:
+    def _shares(
+        self, wanderings: Sequence[Wandering], columns: NodeColumns | None
+    ) -> Iterator[Iterator[Share]]:
         wild = {node.name: bounds(self._z(node, slice(None))) for node in self.problem.nodes}
         for part in parts(self.problem):
             yield self._in_part(part, wanderings, columns, wild)
 
     def _in_part(
         self,
-        part: Part,
+        part: Stretch,
         wanderings: Sequence[Wandering],
-        columns: Columns | None,
+        columns: NodeColumns | None,
         wild: Mapping[str, Array],
     ) -> Iterator[Share]:
         state = self.state.part(part.samples)
@@ -194,7 +197,7 @@ class Point:
             made[node.name] = Residual(
                 node,
                 values[node.name],
-                np.hypot(sensor_noise(problem), sigmas[node.name]),
+                sensor_noise(problem),
                 self.weights.noise[node.name],
                 sigmas[node.name],
                 speed + yaw_rate,
@@ -203,12 +206,9 @@ class Point:
         return made, of_inputs
 
     def _with_scatter(self, mean: Residual) -> Residual:
-        effects, value, declared = mean.effects, mean.value, mean.declared
-        if BY_NAME["sample_repeat"] in effects:
+        value = mean.value
+        if BY_NAME["sample_repeat"] in mean.effects:
             fresh = mean.noise.fresh
             before = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
             value = mean.node.y - mean.predicted[:, before]
-        sensors = sensor_noise(self.problem, effects.values())
-        if (sensors != sensor_noise(self.problem)).any():
-            declared = np.hypot(sensors, mean.input_sigma)
-        return replace(mean, value=value, declared=declared)
+        return replace(mean, value=value, sensor_sigma=sensor_noise(self.problem, mean.effects.values()))

@@ -21,19 +21,24 @@ Masks = Mapping[str, NDArray[np.bool_]]
 class Residual:
     """One node at one point of the search; (6, N) where nothing else is said.
 
-    value: measured minus predicted, with what walks at random followed. declared: 1 sigma that the model file
-    asks for, of sensors and inputs. noise: as the channels show it. input_sigma: the part of `declared` that
-    the inputs have. input_variance: (6,) of what their noise leaves in a window's mean. effects: what the
-    model gives the node.
+    value: measured minus predicted, with what walks at random followed. sensor_sigma: (6, 1), 1 sigma that the
+    model file asks for, of the sensors; input_sigma: of the inputs. noise: as the channels show it.
+    input_variance: (6,) of what the inputs' noise leaves in a window's mean. effects: what the model gives
+    the node.
     """
 
     node: NodeData
     value: Array
-    declared: Array
+    sensor_sigma: Array
     noise: ChannelNoise
     input_sigma: Array
     input_variance: Array
     effects: Mapping[type[Effect], Effect]
+
+    @property
+    def declared(self) -> Array:
+        """1 sigma that the model file asks for, of sensors and inputs."""
+        return np.asarray(np.hypot(self.sensor_sigma, self.input_sigma))
 
     @property
     def predicted(self) -> Array:
@@ -46,8 +51,9 @@ def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float
     total, count = 0.0, 0
     for name, one in residuals.items():
         at = slice(None) if inside is None else inside[name]
+        declared = one.declared
         for row in np.flatnonzero(one.node.used):
-            z = one.value[row, at] / one.declared[row, at]
+            z = one.value[row, at] / declared[row, at]
             total, count = total + float(z @ z), count + z.size
     return float(np.sqrt(total / count)) if count else float("nan")
 
@@ -59,7 +65,8 @@ def floor(residuals: Mapping[str, Residual]) -> float:
     """
     total, count = 0.0, 0
     for one in residuals.values():
+        declared = one.declared
         for row in np.flatnonzero(one.node.used):
-            spare = np.hypot(one.noise.found[row], one.input_sigma[row]) / one.declared[row]
+            spare = np.hypot(one.noise.found[row], one.input_sigma[row]) / declared[row]
             total, count = total + float(spare @ spare), count + spare.size
     return float(np.sqrt(total / count)) if count else float("nan")

@@ -42,7 +42,7 @@ class Share:
     """
 
     edges: NDArray[np.intp]
-    columns: Array
+    columns: NDArray[np.float32]
     at: Sequence[int]
     z: Array
     weight: Array

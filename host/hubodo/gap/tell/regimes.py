@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,7 +83,7 @@ class Regimes:
         self.entries: list[tuple[str, slice]] = []
         self.settling: list[tuple[str, slice]] = []
         columns: list[NDArray[np.float32]] = []
-        for words, parts in (*_library(moved), *_settled(moved)):
+        for words, parts in chain(_library(moved), _settled(moved)):
             sizes = [float(np.sqrt(np.mean(part**2))) for part in parts]
             if min(sizes) < 1e-9:
                 continue
