@@ -79,9 +79,9 @@ class Chain:
 
     def part(self, samples: slice) -> Chain:
         """Of some samples."""
-        triads = (self.rate, self.rate_derivative, self.force, self.gyro, self.accel)
-        made = Chain(self.t[samples], self.temperature[samples], *(one[:, samples] for one in triads))
-        made.facing = self.facing
+        made = replace(self, t=self.t[samples], temperature=self.temperature[samples], terms={})
+        for name in ("rate", "rate_derivative", "force", "gyro", "accel"):
+            setattr(made, name, getattr(self, name)[:, samples])
         for name in _MOTION:
             value = getattr(self, name)
             setattr(made, name, value[samples] if isinstance(value, np.ndarray) else value)

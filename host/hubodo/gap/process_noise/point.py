@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME

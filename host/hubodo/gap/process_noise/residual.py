@@ -21,8 +21,8 @@ Masks = Mapping[str, NDArray[np.bool_]]
 class Residual:
     """One node at one point of the search; (6, N) where nothing else is said.
 
-    value: measured minus predicted, with what walks at random followed. sensor_sigma: (6, 1), 1 sigma that the
-    model file asks for, of the sensors; input_sigma: of the inputs. noise: as the channels show it.
+    value: measured minus predicted, with what walks at random followed. sensor_sigma: (6, 1), 1 sigma that
+    the model file asks for, of the sensors; input_sigma: of the inputs. noise: as the channels show it.
     input_variance: (6,) of what the inputs' noise leaves in a window's mean. effects: what the model gives
     the node.
     """
