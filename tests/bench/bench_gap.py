@@ -1,8 +1,9 @@
 """The gap workflow: on 240 s of two nodes at 100 Hz with an effect hidden, by length, and on real recordings.
 
-python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60] [--only parts,lengths,recordings]
+python tests/bench/bench_gap.py [ROUNDS] [--minutes 10,30,60] [--only parts,lengths,recordings,watch]
 
-Of each length and recording: processor time and the most memory, each in a process of its own.
+Of each length and recording: processor time and the most memory, each in a process of its own. Watch: a drive
+that is being recorded, looked at every few seconds of its own time, with an IMU that sits off the hub.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -15,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -25,14 +27,17 @@ import numpy as np
 
 from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
+from gap_matrix.effects import Effect as HiddenEffect
 from gap_runs import CAR, WHEELCHAIR
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
 from hubodo.gap.state.terms import ALL, ModelTerm
+from hubodo.gap.watch import GapWatch
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
+from hubodo.recording import Table
 from wanted import SHARED
 
 SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
@@ -44,6 +49,8 @@ GROWTH_LIMIT = 1.1  # times as much per minute in the longest log as in the shor
 RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
 RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
+ARM, WATCHED, EVERY = 0.15, 60.0, 5.0  # m; s of the drive, and between looks
+TOLD = f"left: the IMU sits {ARM:.2f} m off the hub"
 
 
 def make(folder, seconds):
@@ -140,7 +147,7 @@ def by_length(lengths):
             f"(of {MEMORY_LIMIT:.1f}), found: {', '.join(one['found']) or 'nothing'}"
         )
     shortest, longest = (made[at]["seconds"] / at for at in (min(lengths), max(lengths)))
-    print(f"  a minute of the longest takes {longest / shortest:.2f} times as much (at most {GROWTH_LIMIT:.1f})")
+    print(f"  a minute of the longest: {longest / shortest:.2f} times as much (at most {GROWTH_LIMIT:.1f})")
     return (
         all(one["memory"] <= MEMORY_LIMIT and one["found"] == [HIDDEN] for one in made.values())
         and longest <= GROWTH_LIMIT * shortest
@@ -167,6 +174,30 @@ def on_recordings():
     return good
 
 
+def while_recording():
+    """Prints when what is wrong is said of a drive that grows, and what looking at it takes."""
+    with tempfile.TemporaryDirectory() as name:
+        setup = cases.setup(SEED, duration=WATCHED)
+        hidden = HiddenEffect("lever_arm", "left", {"x": 0.8 * ARM, "y": 0.6 * ARM, "z": 0.0})
+        recording.write(setup, [hidden], Path(name), {})
+        log, vehicle = read_folder(Path(name)), read_model(Path(name) / "model.toml").vehicle
+    watch, said, taken = GapWatch(vehicle), [], []
+    for seconds in np.arange(EVERY, WATCHED + EVERY, EVERY):
+        begin = time.process_time()
+        said += [(seconds, words) for words in watch.look(replace(log, nodes=_until(log.nodes, seconds)))]
+        taken.append(time.process_time() - begin)
+    print(f"  while it is recorded (seed {SEED}): " + "; ".join(f"after {at:.0f} s {it}" for at, it in said))
+    print(f"  a look: at most {max(taken):.1f} s of processor, {len(taken)} looks {sum(taken):.1f} s")
+    return [words for _, words in said] == [TOLD]
+
+
+def _until(nodes, seconds):
+    return {
+        name: Table({column: table[column][table.t < table.t[0] + seconds] for column in table})
+        for name, table in nodes.items()
+    }
+
+
 def main(argv=None):
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -175,7 +206,7 @@ def main(argv=None):
     parser.add_argument(
         "--minutes", default=MINUTES, type=lambda text: tuple(int(it) for it in text.split(","))
     )
-    parser.add_argument("--only", default="parts,lengths,recordings")
+    parser.add_argument("--only", default="parts,lengths,recordings,watch")
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--model", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
@@ -190,6 +221,7 @@ def main(argv=None):
         "parts": lambda: by_parts(args.rounds),
         "lengths": lambda: by_length(args.minutes),
         "recordings": on_recordings,
+        "watch": while_recording,
     }
     good = [parts[name]() for name in args.only.split(",")]
     return not all(good)
