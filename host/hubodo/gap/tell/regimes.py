@@ -90,7 +90,10 @@ class Regimes:
             entries = self.settling if words.startswith(_SETTLES) else self.entries
             entries.append((words, slice(len(columns), len(columns) + len(parts))))
             columns += [(part / size).astype(np.float32) for part, size in zip(parts, sizes, strict=True)]
-        self.columns = np.stack(columns)
+        self.columns = np.empty((len(columns), len(moved.t)), np.float32)
+        for k in reversed(range(len(columns))):
+            # Of a long log they are large: what is copied goes at once.
+            self.columns[k] = columns.pop()
         self.gram = (self.columns @ self.columns.T).astype(np.float64)
 
     def of(self, series: Array, noise: Array | float = 0.0) -> Regime:
