@@ -39,8 +39,9 @@ def reconsider(
     if len(names) == 1 and names[0].key in as_found and not found.decimated and not accept:
         # Alone it was judged beside all the others already.
         return found, {names[0].key: as_found[names[0].key]}
-    while True:
-        settled = _settled(final, as_found)
+    changed = True
+    while changed:
+        changed, settled = False, _settled(final, as_found)
         names = [term for term in final.state.terms if term.fitted]
         doubted = [term for term in names if term.key not in settled]
         rounds = {term.key: settled[term.key] for term in names if term.key in settled}
@@ -62,9 +63,7 @@ def reconsider(
                 replaced += 1
                 as_found[best.label] = made
                 swapped = swapped.with_terms([*without, best.term])
-            final = refit_with_weights(swapped)
-            break
-        else:
+            final, changed = refit_with_weights(swapped), True
             break
     for key, made in rounds.items():
         if made.rival(key) is None and key[0] not in accept:
