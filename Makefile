@@ -28,19 +28,10 @@ package: setup       ## the package built, installed from wheels alone into a ne
 chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; some three minutes
 	$(BIN)/python tests/chip/chip.py --seconds 60
 
+BENCHES := decoder reading recording import filters hour fuse live allan gap web
 bench: setup         ## speed and memory beside the peers, in the same run; the table of all, and what has become slower
-	$(BIN)/python tests/bench/bench_decoder.py
-	$(BIN)/python tests/bench/bench_reading.py
-	$(BIN)/python tests/bench/bench_recording.py
-	$(BIN)/python tests/bench/bench_import.py
-	$(BIN)/python tests/bench/bench_filters.py
-	$(BIN)/python tests/bench/bench_hour.py
-	$(BIN)/python tests/bench/bench_fuse.py
-	$(BIN)/python tests/bench/bench_live.py
-	$(BIN)/python tests/bench/bench_allan.py
-	$(BIN)/python tests/bench/bench_gap.py
-	$(BIN)/python tests/bench/bench_web.py
-	$(BIN)/python tests/bench/table.py
+	@missed=0; for name in $(BENCHES); do $(BIN)/python tests/bench/bench_$$name.py || missed=1; done; \
+		$(BIN)/python tests/bench/table.py || missed=1; exit $$missed
 
 HOURS := 3
 soak: setup          ## hours of recording in virtual time, memory at each; some twelve minutes (HOURS=24 SOAK=--no-odometry: twenty)
