@@ -69,6 +69,6 @@ def test_both_wheels_are_carried_on_by_the_same_noise_of_a_level_speed(tmp_path)
     found = (own + together)[np.ix_(wheels, wheels)]
     # A level is the mean of its samples: after T seconds a wheel is off by T sigma / (radius sqrt(n)).
     count = 1.0 / cases.REFERENCE_STEP
-    np.testing.assert_allclose(
-        found, np.full((2, 2), setup.speed_noise**2 / count / setup.radius**2), rtol=0.05
-    )
+    each = setup.speed_noise**2 / count / setup.radius**2
+    # A tenth is each wheel's own: no two roll quite alike.
+    np.testing.assert_allclose(found, each * np.array([[1.0, 0.9], [0.9, 1.0]]), rtol=0.05)

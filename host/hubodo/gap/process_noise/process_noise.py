@@ -21,6 +21,11 @@ from hubodo.vehicle import side_sign
 # s in which a clock that is corrected again and again wanders by as much as it is off.
 _CLOCK_WANDERS = 10.0
 
+# Of the steps of two wheels' angles, what they have in common at most: no two wheels roll quite alike. With less
+# of their own, where one is lost, what the other leaves of its path would be judged by less than the arithmetic
+# holds.
+_ALIKE = 0.9
+
 What = Literal["speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"]
 
 
@@ -59,7 +64,7 @@ def shared_steps(problem: Problem, wanderings: Sequence[Wandering]) -> Array:
     nodes = {node.name: node for node in problem.nodes}
     wheels = [(k, nodes[it.node]) for k, it in enumerate(wanderings) if it.what == "wheel"]
     for (k, one), (j, other) in permutations(wheels, 2):
-        made[k, j] = shared_walk(problem, one, other)
+        made[k, j] = _ALIKE * shared_walk(problem, one, other)
     return made
 
 
