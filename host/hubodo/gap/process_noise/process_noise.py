@@ -21,9 +21,8 @@ from hubodo.vehicle import side_sign
 # s in which a clock that is corrected again and again wanders by as much as it is off.
 _CLOCK_WANDERS = 10.0
 
-# Of the steps of two wheels' angles, what they have in common at most: no two wheels roll quite alike. With less
-# of their own, where one is lost, what the other leaves of its path would be judged by less than the arithmetic
-# holds.
+# What two wheels' steps have in common at most: no two roll quite alike. With less of their own, where one is
+# lost, its path would be judged more strictly than the arithmetic holds.
 _ALIKE = 0.9
 
 What = Literal["speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"]
