@@ -5,6 +5,7 @@ import pytest
 
 from gap_matrix import cases, effects, recording
 from gap_matrix.dose import STRONG, Meter
+from gap_matrix.make_case import make
 from hubodo.effects import BY_NAME
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
@@ -15,6 +16,7 @@ from hubodo.model.model_file import read_model
 SEED, SECONDS, RATE_HZ = 11, 33.0, 50.0
 # In half a minute a walk may go where a warm-up would: it has to turn back first.
 LONGER = {"gyro_rate_random_walk": 60.0}
+LOST_S = 240.0
 
 
 def test_no_effect_is_left_out():
@@ -32,3 +34,12 @@ def test_an_effect_is_named_first(name, tmp_path):
     named = [(it.effect, it.scope) for it in result.found]
     print(f"seed {SEED}, {hidden.scope}: {dict(hidden.parameters)}, {nats:.0f} nats; named: {named}")
     assert named[:1] == [(name, hidden.scope)]
+
+
+def test_a_wheel_that_is_lost_within_seconds_is_named_by_its_radius(tmp_path):
+    """3 % of radius and a coarse reference: its angle, which both wheels' shared noise holds, runs away."""
+    (hidden,) = make(
+        tmp_path, 980, ["wheel_radius"], factor=10.0, duration=LOST_S, rate_hz=RATE_HZ, speed_noise=0.005
+    )
+    result = find_gap(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
+    assert [(it.effect, it.scope) for it in result.found] == [("wheel_radius", hidden.scope)]
