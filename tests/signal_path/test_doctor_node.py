@@ -56,7 +56,7 @@ NODES = {
         "rest",
         r"\+51\.\d+ deg/s",
     ),
-    "clock without a crystal": ({"clock": Clock("paced", ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
+    "clock without a crystal": ({"clock": Clock(ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
 }
 
 
