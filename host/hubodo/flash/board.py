@@ -19,6 +19,7 @@ from hubodo.flash.image import ARCHITECTURES, digests
 from hubodo.flash.manifest import MANIFEST, Manifest, read_manifest, stands
 from hubodo.flash.prompt import WANTED, BoardGone, FlashError, RawPrompt
 from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, other, plan, slot_named, slots_line
+from hubodo.flash.snippets import LOOK, PREPARE, RESET, ROLL_BACK, SERIAL, SURVEY, SWAP, TAKE
 from hubowire import FINGERPRINT, Frame, FrameDecoder, decode, encode, encode_frame, hello_identity
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
@@ -33,97 +34,8 @@ _PROMPT = b">>> "
 _RAW_PROMPT = b"\r\n>"
 # A port that goes away while it is read shows itself in any of these, by the moment and the driver.
 _LINK_GONE = (serial.SerialException, OSError, termios.error, TypeError)
-_LOOK = (
-    "import sys;i=sys.implementation;"
-    "print([sys.platform,getattr(i,'_machine',''),getattr(i,'_mpy',0),tuple(i.version[:3]),sys.version])"
-)
-_SERIAL = (
-    "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
-)
-# Reads each file in small pieces, into the same memory: a node has little.
-_HASH = """
-import os,hashlib,binascii
-b=bytearray(512)
-m=memoryview(b)
-def sha(n):
-    h=hashlib.sha256()
-    with open(n,'rb') as f:
-        while True:
-            k=f.readinto(b)
-            if not k:
-                return binascii.hexlify(h.digest()).decode()
-            h.update(m[:k])
-"""
-_SURVEY = (
-    _HASH
-    + """
-def walk(d):
-    for e in list(os.ilistdir(d or '/')):
-        n=d+'/'+e[0]
-        if not e[1]&0x4000:
-            print('# %s %s'%(sha(n),n))
-        elif n in {folders}:
-            walk(n)
-walk('')
-try:
-    print(open('/main.py').read())
-except OSError:
-    pass
-"""
-)
-_PREPARE = """
-import os
-for n in {folders}:
-    try:
-        os.mkdir(n)
-    except OSError:
-        pass
-for n in {remove}:
-    os.remove(n)
-b=bytearray(512)
-m=memoryview(b)
-for a,z in {copy}:
-    with open(a,'rb') as f:
-        with open(z,'wb') as g:
-            while True:
-                k=f.readinto(b)
-                if not k:
-                    break
-                g.write(m[:k])
-"""
-_SWAP = """
-import os
-for n in {swap}:
-    os.rename('/'+n+'{new}','/'+n)
-for n in {forget}:
-    os.remove(n)
-for n in {folders}:
-    try:
-        os.rmdir(n)
-    except OSError:
-        pass
-"""
 _PIECE = 256
 """Bytes of a file that a board takes at once, as hexadecimal digits: none of these is ctrl-C."""
-_TAKE = """
-import sys
-def take(n,z):
-    with open(n,'wb') as f:
-        while z:
-            k=min(z,{piece})
-            sys.stdout.write({wanted})
-            f.write(bytes.fromhex(sys.stdin.read(2*k)))
-            z-=k
-"""
-_ROLL_BACK = """
-import os
-t=open('/main.py').read()
-with open('/main.py{new}','w') as f:
-    f.write(t.replace({now!r},{then!r}))
-os.rename('/main.py{new}','/main.py')
-"""
-# The pause is for the host to close the port.
-_RESET = "import machine,time;time.sleep_ms(100);machine.reset()"
 
 
 @dataclass(frozen=True)
@@ -203,7 +115,7 @@ class FlashBoard:
 
     def look(self) -> BoardIdentity:
         """What MicroPython says of itself and of the board."""
-        platform, machine, mpy, version, text = ast.literal_eval(self.run(_LOOK).strip().splitlines()[-1])
+        platform, machine, mpy, version, text = ast.literal_eval(self.run(LOOK).strip().splitlines()[-1])
         number = mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[number] if number < len(ARCHITECTURES) else None
         return BoardIdentity(platform, machine, architecture, version, text)
@@ -218,14 +130,14 @@ class FlashBoard:
 
     def unique_id(self) -> str:
         """The board's own number, as its `Hello` tells it, in hex."""
-        return self.run(_SERIAL).strip().splitlines()[-1]
+        return self.run(SERIAL).strip().splitlines()[-1]
 
     def survey(self, names: Iterable[str]) -> tuple[dict[str, str], str | None]:
         """SHA-256 of every file where files of these names may be, by path; and the slot that runs."""
         folders = [
             slot + folder for slot in ("", *SLOTS) for folder in ("", *_folders(names)) if slot + folder
         ]
-        lines = self.run(_SURVEY.format(folders=folders)).splitlines()
+        lines = self.run(SURVEY.format(folders=folders)).splitlines()
         found = [line.split(" ", 2) for line in lines if line.startswith("# ") and line.count(" ") >= 2]
         held = {path: digest for _, digest, path in found if len(digest) == _HASH_CHARACTERS}
         return held, slot_named("\n".join(lines))
@@ -251,7 +163,7 @@ class FlashBoard:
         folders = _folders(image)
         if todo.slot is not None:
             made = [todo.slot, *(todo.slot + folder for folder in folders)]
-            self.run(_PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
+            self.run(PREPARE.format(folders=made, remove=todo.remove, copy=todo.copy))
         if todo.send:
             self._copy(todo.send, progress)
             held, _ = self.survey(image)
@@ -259,11 +171,11 @@ class FlashBoard:
             if wrong:
                 raise FlashError(f"{self.port}: {', '.join(wrong)} did not come back as sent; flash again")
         if todo.swap or todo.forget:
-            self.run(_SWAP.format(swap=todo.swap, new=NEW, forget=todo.forget, folders=folders))
+            self.run(SWAP.format(swap=todo.swap, new=NEW, forget=todo.forget, folders=folders))
         return sorted(_name(path, todo.slot) for path in todo.send)
 
     def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:
-        self.run(_TAKE.format(piece=_PIECE, wanted=repr(WANTED.decode())))
+        self.run(TAKE.format(piece=_PIECE, wanted=repr(WANTED.decode())))
         for number, (path, content) in enumerate(files.items(), 1):
             progress(f"{number} of {len(files)} files: {path}")
             self.run(f"take({path!r},{len(content)})", _pieces(content))
@@ -284,14 +196,14 @@ class FlashBoard:
             raise FlashError(
                 f"{self.port}: no whole firmware beside the one that runs: nothing to roll back to; flash it"
             )
-        self.run(_ROLL_BACK.format(new=NEW, now=slots_line(running), then=slots_line(slot)))
+        self.run(ROLL_BACK.format(new=NEW, now=slots_line(running), then=slots_line(slot)))
         return manifest
 
     def reset(self) -> None:
         """Restarts the board; the link may vanish and come back."""
         assert self._prompt is not None, "interrupted before"
         with contextlib.suppress(*_LINK_GONE):
-            self._prompt.begin(_RESET)
+            self._prompt.begin(RESET)
         self._close()
 
     def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
@@ -336,7 +248,7 @@ class FlashBoard:
 
 
 def _pieces(content: bytes) -> Iterator[bytes]:
-    """What _TAKE asks for."""
+    """What TAKE asks for."""
     for at in range(0, len(content), _PIECE):
         yield content[at : at + _PIECE].hex().encode()
 

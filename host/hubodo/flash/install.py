@@ -152,7 +152,11 @@ def roll_back(port: str, say: Say) -> RolledBack:
     say(f"{port}: looking")
     with FlashBoard(port) as board:
         board.interrupt()
-        board.roll_back()
+        try:
+            board.roll_back()
+        except FlashError:
+            _run_again(board)
+            raise
         say(f"{port}: starting")
         board.reset()
         node, fingerprint, version = board.wait_identity()

@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,11 +66,7 @@ class Surroundings:
         for process in self._processes():
             if process.name == str(os.getpid()):
                 continue
-            try:
-                opened = {str(fd.readlink()) for fd in (process / "fd").iterdir()}
-            except OSError:
-                continue
-            if real in opened:
+            if real in self._opened(process):
                 found.append(Holder(int(process.name), self._command(process)))
         return found
 
@@ -134,6 +131,16 @@ class Surroundings:
             return [path for path in (self.root / "proc").iterdir() if path.name.isdigit()]
         except OSError:
             return []
+
+    @staticmethod
+    def _opened(process: Path) -> set[str]:
+        """What a process has open; a file that it closes while we look takes only itself away."""
+        opened = set()
+        with suppress(OSError):
+            for fd in (process / "fd").iterdir():
+                with suppress(OSError):
+                    opened.add(str(fd.readlink()))
+        return opened
 
     @staticmethod
     def _command(process: Path) -> str:

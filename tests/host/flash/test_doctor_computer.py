@@ -3,7 +3,7 @@
 import json
 import os
 import re
-import threading
+import subprocess
 from dataclasses import dataclass, field
 
 import pytest
@@ -97,23 +97,33 @@ def test_who_has_a_port_is_named_and_a_held_port_is_not_listened_to(tmp_path):
     assert "2e8a:0005" in port.seen and "E6611" in port.seen and "end screen" in port.remedy
 
 
-def test_who_has_a_port_is_seen_on_this_computer_too(tmp_path):
+def test_a_file_that_is_closed_while_we_look_hides_no_holder(tmp_path):
+    device = tmp_path / "ttyACM0"
+    device.touch()
+    process(tmp_path, 4242, "screen", "/dev/null", device, "/dev/null")
+    descriptors = tmp_path / "proc" / "4242" / "fd"
+    for gone in ("0", "2"):  # listed, but no link any more: readlink refuses
+        (descriptors / gone).unlink()
+        (descriptors / gone).touch()
+    (holder,) = Surroundings(root=tmp_path).holders(str(device))
+    assert (holder.pid, holder.command) == (4242, "screen")
+
+
+def test_who_has_a_port_is_seen_on_this_computer_too():
     """A real port, held by a real process other than this one."""
     master, slave = os.openpty()
-    with serial.Serial(os.ttyname(slave), exclusive=True):
-        assert Surroundings().holders(os.ttyname(slave)) == [], "not by ourselves"
-        child = os.fork()
-        if not child:
-            threading.Event().wait(60)
-            os._exit(0)
-        try:
-            (holder,) = Surroundings().holders(os.ttyname(slave))
-            assert holder.pid == child and isinstance(holder, Holder) and holder.command
-        finally:
-            os.kill(child, 9)
-            os.waitpid(child, 0)
-    os.close(master)
-    os.close(slave)
+    try:
+        with serial.Serial(os.ttyname(slave), exclusive=True):
+            assert Surroundings().holders(os.ttyname(slave)) == [], "not by ourselves"
+            waits = subprocess.Popen(["cat"], stdin=subprocess.PIPE, pass_fds=[slave])
+            try:
+                (holder,) = Surroundings().holders(os.ttyname(slave))
+                assert (holder.pid, holder.command) == (waits.pid, "cat")
+            finally:
+                waits.communicate()
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 @pytest.mark.parametrize(
