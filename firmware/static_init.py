@@ -72,13 +72,15 @@ class StaticInit(BiasInitialiser):
             rest = (rest << 10) + (self._square_low[i] & _LOW_10)
             low, rest = rest // n, rest % n
             variance = (high << 20) + (middle << 10) + low - mean * mean
-            if variance > self._variance_limit[i]:
+            # The mean was cut to a whole number, and what that leaves counts twice the mean.
+            part_q8 = (part << 8) // n
+            cut_q8 = 2 * mean * part_q8 + (part_q8 * part_q8 >> 8)
+            if variance - (cut_q8 >> 8) > self._variance_limit[i]:
                 return self._refuse(REASON_WHEEL_TURNS)
             if i < _AXES:
                 if not -self._limit[i] <= self._reference[i] + mean <= self._limit[i]:
                     return self._refuse(REASON_WHEEL_TURNS)
-                part_q8 = (part << 8) // n
-                variance = (variance << 8) + (rest << 8) // n - 2 * mean * part_q8 - (part_q8 * part_q8 >> 8)
+                variance = (variance << 8) + (rest << 8) // n - cut_q8
                 self._found_q8[i] = variance if variance > 0 else 0
                 self._found_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
         for i in range(_AXES):

@@ -12,6 +12,7 @@ import wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from scipy.signal import lfilter
 from small_int import SmallInt
 
 HOUR = 749_000
@@ -29,16 +30,13 @@ def rows(*axes):
 
 
 def twin(z, gain_rate_q20, gain_bias_q30, bias=0.0):
-    """(rate, bias) after each sample, in float64: eq. 10-11 with the same two gains."""
+    """(rate, bias) after each sample, in float64: eq. 10-11 with the same two gains.
+
+    Both are a gain times the sum of all residuals, which is a filter of first order.
+    """
     rate_gain, bias_gain = gain_rate_q20 / 2**20, gain_bias_q30 / 2**30
-    rate = 0.0
-    out = np.empty((len(z), 2))
-    for i, sample in enumerate(z.tolist()):
-        residual = sample - rate - bias
-        rate += rate_gain * residual
-        bias += bias_gain * residual
-        out[i] = rate, bias
-    return out
+    residuals = lfilter([1.0], [1.0, rate_gain + bias_gain - 1.0], z - bias)
+    return np.column_stack([rate_gain * residuals, bias + bias_gain * residuals])
 
 
 def in_integers(table, gain_rate, gain_bias, chunk, bias_q14=(0, 0, 0)):
@@ -71,14 +69,19 @@ def hour_of_signals(seed):
     return rows(still, drive, saturating), rows(random_steps, full_swing, one_sided)
 
 
+@pytest.fixture(scope="module")
+def hour():
+    """Those of seed 7."""
+    return hour_of_signals(7)
+
+
 @pytest.mark.parametrize(
     ("which", "gain_rate", "gain_bias"),
     [(0, GAIN_RATE, GAIN_BIAS), (1, GAIN_RATE, GAIN_BIAS), (0, 5000, bias_filter.GAIN_LIMIT - 1)],
     ids=["still, drive, saturating", "steps, full swing, constant", "largest bias gain"],
 )
-def test_an_hour_of_samples_stays_within_a_tenth_of_a_step_of_float64(which, gain_rate, gain_bias):
-    seed = 7
-    table = hour_of_signals(seed)[which]
+def test_an_hour_of_samples_stays_within_a_tenth_of_a_step_of_float64(hour, which, gain_rate, gain_bias):
+    table = hour[which]
     expected = [twin(table[:, axis], gain_rate, gain_bias) for axis in range(3)]
     counts, held = [], []
     for count, estimator in in_integers(table, gain_rate, gain_bias, 15):
@@ -86,14 +89,14 @@ def test_an_hour_of_samples_stays_within_a_tenth_of_a_step_of_float64(which, gai
         held.append([state(estimator, axis) for axis in range(3)])
     error = np.abs(np.array(held) - np.stack(expected, axis=1)[np.array(counts) - 1])
     worst = error.max(axis=0)
-    print(f"seed {seed}: worst difference (rate, bias) by axis in steps: {worst.tolist()}")
+    print(f"seed 7: worst difference (rate, bias) by axis in steps: {worst.tolist()}")
     assert worst.max() <= 1 / 32 + 2**-13, "the bound that bias_filter.py claims"
     assert worst.max() <= 0.1
     assert estimator.saturations == 0
 
 
-def test_what_it_reports_is_what_it_holds():
-    table = hour_of_signals(3)[0][:5000]
+def test_what_it_reports_is_what_it_holds(hour):
+    table = hour[0][:5000]
     *_, (_, estimator) = in_integers(table, GAIN_RATE, GAIN_BIAS, 8)
     for axis in range(3):
         rate, bias = state(estimator, axis)
@@ -203,7 +206,81 @@ def test_bias_and_variance_at_rest_are_mean_and_spread_to_the_last_bit(n):
 def test_samples_without_any_noise_are_a_bias_like_others():
     table = np.tile([5, -5, 0, 0, 700, 1900], (2000, 1))
     static, ended = gathered(2000, table)
-    assert ended and static.bias_q14 == [5 << 14, -5 << 14, 0] and static.sigma_q12 == [0, 0, 0]
+    assert ended and static.bias_q14 == [5 << 14, -5 << 14, 0]
+    assert static.sigma_q12 == [0, 0, 0] and static.variance_q8 == [0, 0, 0]
+
+
+@pytest.mark.parametrize("first", [-6000, 6000])
+def test_a_noisy_gyro_of_small_steps_whose_first_sample_is_far_off_is_summed_up_as_exactly(first):
+    """Squares of 25 bits, whose sums need two words; 125 deg/s, steps of 0.004 deg/s, 0.7 deg/s of noise."""
+    n = 4097
+    table = rows(*(np.random.default_rng(axis).normal(0, 150.0, n) for axis in range(3)))
+    table[0, :3] = first
+    static, ended = gathered(n, table, (4_375_000, 61_000))
+    assert ended and static.state == wire.FILTER_STATE_TRACKING
+    for axis in range(3):
+        assert 0 <= table[:, axis].mean() - static.bias_q14[axis] / 2**14 < 2**-14
+        # The mean has 8 binary places here: twice an offset of 6000 steps makes of them so much.
+        assert static.variance_q8[axis] / 256 == pytest.approx(table[:, axis].var(), abs=2 * 6000 / 256 + 1)
+
+
+def resting():
+    return np.tile([0.0, 0.0, 0.0, 0.0, 700.0, 1900.0], (2000, 1))
+
+
+def swinging(column, size):
+    """From its mean to and fro."""
+    table = resting()
+    table[1:, column] += np.trunc(np.resize([size, -size], 1999))
+    return table
+
+
+def steady(size, first):
+    """Round the third axis, but for the first sample."""
+    table = resting()
+    table[:, 2] = size
+    table[0, 2] = first
+    return table
+
+
+def jerked(column, size):
+    """By a single sample."""
+    table = resting()
+    table[1000, column] = size
+    return table
+
+
+@pytest.mark.parametrize(
+    ("made", "at_the_bound"),
+    [
+        (lambda by: swinging(1, 1.0 / 0.07 * by), "1 deg/s"),
+        (lambda by: swinging(4, 20.0 / 0.488 * by), "0.02 g"),
+        (lambda by: steady(30.0 / 0.07 * by, 30.0 / 0.07 * by), "a mean of 30 deg/s"),
+        (lambda by: steady(-30.0 / 0.07 * by, -30.0 / 0.07 * by), "of -30"),
+        (lambda by: steady(30.0 / 0.07 * by, 26.0 / 0.07), "of 30, and first of 26"),
+        (lambda by: jerked(0, 30.0 / 0.07 * by), "once 30 deg/s more than at first"),
+        (lambda by: jerked(0, -30.0 / 0.07 * by), "once 30 deg/s less"),
+        (lambda by: jerked(3, 500.0 / 0.488 * by), "once 0.5 g more than at first"),
+        (lambda by: jerked(3, -500.0 / 0.488 * by), "once 0.5 g less"),
+    ],
+)
+def test_a_wheel_is_taken_to_rest_up_to_the_bound_and_not_beyond(made, at_the_bound):
+    """Whole deg/s and mg are in whole steps: a bound of 14 steps of 0.07 deg/s is 0.98 deg/s."""
+    refusals = [gathered(2000, np.trunc(made(by)))[0].refused for by in (0.94, 1.09)]
+    assert refusals == [0, wire.REASON_WHEEL_TURNS], at_the_bound
+
+
+@pytest.mark.parametrize("first", [-380, -365, 365, 380])
+def test_a_wheel_at_rest_whose_first_sample_is_far_off_is_at_rest(first):
+    """By numpy's variance, below (1 deg/s)^2 with the first sample in it, whatever the mean is cut to."""
+    noise = np.random.default_rng(3).normal(0.0, 1.0, 2000)
+    table = at_rest(2000, seed=7, bias=(0.0, 0.0, 0.0))
+    table[:, 1] = np.round(9.0 * noise + 0.49)
+    table[0, 1] = first
+    assert 0.8 < np.std(table[:, 1]) * 0.07 < 0.95
+    static, _ = gathered(2000, table)
+    assert static.refused == 0
+    assert static.bias_q14[1] / 2**14 == pytest.approx(table[:, 1].mean(), abs=2**-14)
 
 
 def turning(n, kind):

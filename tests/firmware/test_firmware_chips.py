@@ -1,15 +1,20 @@
 """Drivers of single chips on the emulated bus, against what the data sheets say."""
 
 from array import array
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from drivers.lis3mdl import LIS3MDL
+from drivers.lsm6ds33 import LSM6DS33
 from drivers.mpu6050 import MPU6050
+from drivers.nrf24 import Nrf24
 from emulated_bus import EmulatedBus
 
 from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
+from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
 from hubodo.emulator.motion import StillMotion
 from hubowire.messages import Part
@@ -45,6 +50,47 @@ def test_the_fifo_of_an_mpu_holds_85_samples_and_says_when_it_ran_over(samples, 
     assert chip.fifo_level() in (2, 3)
 
 
+@pytest.mark.parametrize(("words", "next_word", "whole"), [(14, 2, 1), (16, 4, 2), (3, 2, 0), (15, 0, 2)])
+def test_the_fifo_of_an_lsm6ds33_goes_on_with_the_next_whole_sample(words, next_word, whole):
+    """Words that wait, and which of the six of a sample comes next: what is torn is read and thrown away."""
+    chip = LSM6DS33(EmulatedBus(Lsm6ds33(unique_motion(4)), call_us=0), fifo=True)
+    thrown = []
+
+    def read(_address, register, into):
+        if register == 0x3A:
+            into[:] = bytes([words, 0, next_word, 0])[: len(into)]
+        else:
+            thrown.append(len(into) // 2)
+
+    chip.i2c = SimpleNamespace(readfrom_mem_into=read)
+    assert chip.fifo_level() == whole
+    assert sum(thrown) == (6 - next_word if next_word and words >= 6 - next_word else 0)
+
+
+@pytest.mark.parametrize(
+    ("looks", "whole", "needed"),
+    [
+        ([(0xF2, 0x01)], 83, 1),  # 498 words: too far from a carry to be torn
+        ([(0xFE, 0x01), (0xFE, 0x01)], 85, 2),  # 510 words, twice the same
+        ([(0xFC, 0x01), (0x02, 0x01)], 43, 2),  # 252 that became 258 between the bytes
+        ([(0xFC, 0x01), (0xFC, 0x00), (0xFC, 0x00)], 42, 3),
+        ([(0x00, 0x4C)], -1, 1),
+    ],
+)
+def test_a_count_of_the_fifo_near_a_carry_is_believed_when_two_looks_agree(looks, whole, needed):
+    """Low and high byte of each look, the flag of an overrun in the latter."""
+    chip = LSM6DS33(EmulatedBus(Lsm6ds33(unique_motion(4)), call_us=0), fifo=True)
+    left = list(looks)
+
+    def read(_address, register, into):
+        assert register == 0x3A
+        into[:] = bytes([*left.pop(0), 0, 0])[: len(into)]
+
+    chip.i2c = SimpleNamespace(readfrom_mem_into=read)
+    assert chip.fifo_level() == whole
+    assert len(looks) - len(left) == needed
+
+
 @pytest.mark.parametrize(("gauss", "per_gauss"), [(4, 6842), (8, 3421), (12, 2281), (16, 1711)])
 def test_the_magnetometer_reads_each_axis_of_the_field_in_its_own_place(gauss, per_gauss):
     """Steps per gauss: ST DocID024204, table 3."""
@@ -56,3 +102,129 @@ def test_the_magnetometer_reads_each_axis_of_the_field_in_its_own_place(gauss, p
     assert chip.read_into(words, 1) == 1
     assert words.tolist() == [0, *(pytest.approx(tesla * 1e4 * per_gauss, abs=0.51) for tesla in field), 0]
     assert chip.lsb_ft == pytest.approx(1e11 / per_gauss, rel=1e-7)
+
+
+class Nordic:
+    """SPI to registers and queues as in the nRF24L01+ product specification 1.0, tables 20 and 28."""
+
+    def __init__(self):
+        self.registers, self.commands, self.enabled_at = {}, [], []
+        self.times_us = []
+        self.waiting, self.selected, self.enabled = [], False, None
+        self.deaf = None
+        self.csn = SimpleNamespace(value=self._select)
+        self.ce = SimpleNamespace(value=self._enable)
+
+    def _select(self, level):
+        """A command begins where the line goes low, and ends where it goes high."""
+        assert level in (0, 1) and self.selected == bool(level)
+        self.selected = not level
+
+    def _enable(self, level):
+        assert level in (0, 1)
+        self.enabled = bool(level)
+        self.enabled_at.append((self.enabled, len(self.commands)))
+        self.times_us.append(PORT_TICKS.now_us)
+
+    def write(self, out):
+        self.write_readinto(out, bytearray(len(out)))
+
+    def write_readinto(self, out, into):
+        assert self.selected and len(out) == len(into)
+        out = bytes(out)
+        into[0] = 0x0E
+        self.commands.append(out)
+        self.times_us.append(PORT_TICKS.now_us)
+        if out[0] >> 5 == 1:
+            self.registers[out[0] & 0x1F] = bytes(5) if out[0] & 0x1F == self.deaf else out[1:]
+        elif out[0] == 0x60:
+            into[1] = len(self.waiting[0]) if self.waiting else 0
+        elif out[0] == 0x61:
+            into[1:] = self.waiting.pop(0)
+        elif out[0] == 0xE2:
+            self.waiting.clear()
+        elif out[0] < 0x20 and len(into) > 1:
+            into[1:] = self.registers.get(out[0], bytes(1))[: len(into) - 1]
+
+
+@pytest.mark.parametrize(("kbps", "setup"), [(250, 0x26), (1000, 0x06), (2000, 0x0E)])
+def test_a_radio_is_set_up_while_it_is_not_enabled(kbps, setup):
+    chip = Nordic()
+    Nrf24(chip, chip.csn, chip.ce, 76, kbps)
+    assert chip.enabled_at == [(False, 0)] and not chip.selected
+    expected = {0x03: 3, 0x05: 76, 0x06: setup, 0x1D: 7, 0x1C: 0x3F, 0x01: 0x3F, 0x07: 0x70}
+    assert {register: value[0] for register, value in chip.registers.items()} == expected
+    assert bytes([0xE1]) in chip.commands and bytes([0xE2]) in chip.commands
+    with pytest.raises(ValueError, match="radio_kbps 500"):
+        Nrf24(chip, chip.csn, chip.ce, 76, 500)
+    for lost in (0x03, 0x05):
+        chip = Nordic()
+        chip.deaf = lost
+        with pytest.raises(OSError, match="no nRF24"):
+            Nrf24(chip, chip.csn, chip.ce, 76, kbps)
+
+
+def test_a_radio_sends_to_one_address_and_listens_to_several():
+    chip = Nordic()
+    radio = Nrf24(chip, chip.csn, chip.ce, 76, 1000)
+    radio.send_to(b"\x01abcd", 15, 500)
+    assert chip.registers[0x10] == chip.registers[0x0A] == b"\x01abcd"
+    assert (chip.registers[0x02], chip.registers[0x04], chip.registers[0x00]) == (b"\x01", b"\x1f", b"\x0e")
+    assert chip.enabled
+    # Tpd2stby, table 16: 4.5 ms until its crystal runs; so long it waits after power comes and is asked for.
+    first, second = (np.diff(chip.times_us)[k] for k in (0, -1))
+    assert 4500 <= first < 10_000 and 4500 <= second < 10_000
+    radio.listen_to([b"\x01abcd", b"\x02abcd", b"\x03abcd"])
+    assert (chip.registers[0x0B], chip.registers[0x0C], chip.registers[0x0D]) == (
+        b"\x01abcd",
+        b"\x02",
+        b"\x03",
+    )
+    assert (chip.registers[0x02], chip.registers[0x00]) == (b"\x0e", b"\x0f")
+
+
+def test_packets_go_to_and_come_from_a_radio_whole():
+    chip = Nordic()
+    radio = Nrf24(chip, chip.csn, chip.ce, 76, 1000)
+    for size in (1, 32):
+        packet = bytes(range(7, 7 + size))
+        radio.out[1 : 1 + size] = packet
+        radio.write(size)
+        radio.write(size, sure=False)
+        radio.answer(2, size)
+        assert chip.commands[-3:] == [bytes([command]) + packet for command in (0xA0, 0xB0, 0xAA)]
+    chip.waiting = [b"x", bytes(range(32))]
+    assert (radio.read(), bytes(radio.came[1:2])) == (1, b"x")
+    assert (radio.read(), bytes(radio.came[1:])) == (32, bytes(range(32)))
+    assert radio.read() == 0
+    chip.waiting = [bytes(33)]
+    assert radio.read() == 0 and not chip.waiting, "a broken length: the queue is thrown away"
+    chip.registers[0x09] = b"\x01"
+    assert (radio.strong(), radio.status()) == (1, 0x0E)
+    chip.registers[0x09] = b"\x00"
+    assert radio.strong() == 0
+    radio.unqueue()
+    assert chip.commands[-1] == b"\xe1"
+    radio.clear(0x40)
+    assert chip.registers[0x07] == b"\x40" and not chip.selected
+
+
+@pytest.mark.parametrize("word", [-32768, -300, -1, 0, 1, 255, 256, 0x1234, 32767])
+@pytest.mark.parametrize(
+    "driver, silicon, register, order",
+    [(LSM6DS33, Lsm6ds33, 0x20, "little"), (MPU6050, Mpu6050, 0x41, "big")],  # OUT_TEMP_L; TEMP_OUT_H
+)
+def test_the_thermometer_is_read_beside_the_fifo_as_the_data_sheet_orders_its_bytes(
+    driver, silicon, register, order, word
+):
+    chip = driver(EmulatedBus(silicon(unique_motion(1), Specimen())), fifo=True)
+
+    def read(address, first, raw):
+        # Registers that follow have bytes of their own.
+        said = word.to_bytes(2, order, signed=True) + b"\xa5\x5a\xa5\x5a\xa5\x5a"
+        assert (address, first) == (chip.address, register)
+        raw[:] = said[: len(raw)]
+
+    chip.i2c = SimpleNamespace(readfrom_mem_into=read)
+    chip.read_temperature()
+    assert chip.temperature_raw == word

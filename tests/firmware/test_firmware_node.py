@@ -1,8 +1,15 @@
 """The whole node in real MicroPython on the virtual board: chips, faults, times, nothing invented."""
 
+from array import array
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from node import Node
+from outbox import Outbox
 
+import hubowire
+from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.board.settings import Clock, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, BusNack, MissedSamples, OdrStep, StuckBus
 from hubodo.emulator.chips.imu import Specimen
@@ -129,3 +136,124 @@ def test_an_unknown_mpu_is_used_and_its_id_told():
     sent, truth, _ = run(3, sensors=SensorBoard("mpu6050", specimen=Specimen(who_am_i=0x34)))
     assert len(matched(sent, truth)) > 500
     assert (0x68, 0x34, 0) in of(sent, m.Hello)[-1].parts
+
+
+class Mag:
+    """A magnetometer that answers with what is told: 0, 1 or an error."""
+
+    rate_hz = 80
+
+    def __init__(self):
+        self.answer, self.configured = 1, 0
+
+    def read_into(self, words, at):
+        if self.answer is None:
+            raise OSError(5)
+        words[at : at + 3] = array("h", (7, -8, 9))
+        return self.answer
+
+    def configure(self):
+        self.configured += 1
+
+
+def a_node(**parts):
+    """As much of a node as its loop looks at, on the ticks of the fake port."""
+    made = object.__new__(Node)
+    known = {"chip": None, "mag": None, "failures": 0, "paused": False, "i2c_errors": 0}
+    made.parts = SimpleNamespace(**{**known, **parts})
+    made.outbox = Outbox(4, 1)
+    made._mag_words, made._mag_waits = array("h", bytes(8)), 0
+    return made
+
+
+def test_a_field_is_told_with_its_time_and_asked_for_again_shortly_before_the_next():
+    node = a_node(mag=Mag())
+    PORT_TICKS.now_us = 123_456
+    node._read_mag(1000)
+    slot = node.outbox.oldest()
+    (frame,) = hubowire.FrameDecoder().feed(bytes(slot.raw[1 + node.outbox.sent : slot.end]))
+    assert hubowire.decode(frame.type_id, frame.payload) == m.Mag(123_456, (7, -8, 9))
+    assert node._mag_ms == 1000 + 1000 // 80 - 5
+    node._mag_waits = 3
+    node._read_mag(2000)
+    assert node._mag_waits == 0
+
+
+def test_a_magnetometer_that_has_nothing_new_is_asked_every_5_ms_and_set_up_again_after_a_second():
+    node = a_node(mag=Mag())
+    node.parts.mag.answer, ms = 0, 0
+    for k in range(1, 402):
+        node._read_mag(ms)
+        assert node._mag_ms == ms + 5 and not node.outbox.count
+        ms = node._mag_ms
+        assert node.parts.mag.configured == (k > 200), k
+    node._read_mag(ms)
+    assert node.parts.mag.configured == 2
+
+
+def test_an_error_of_the_magnetometer_counts_and_one_of_the_bus_leaves_it_alone():
+    node = a_node(mag=Mag())
+    node.parts.mag.answer = None
+    node._read_mag(100)
+    assert (node.parts.i2c_errors, node._mag_ms, node.outbox.count) == (1, 105, 0)
+    for of_the_bus in ({"failures": 1}, {"paused": True}):
+        node = a_node(mag=Mag(), **of_the_bus)
+        node._read_mag(100)
+        assert (node._mag_ms, node.outbox.count, node.parts.i2c_errors) == (105, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("look_ms", "due_us", "waiting", "waits", "sleeps_us"),
+    [
+        (20, None, 0, 20, 0),
+        (20, None, 1, 1, 0),
+        (20, 8100, 0, 8, 0),
+        (20, 1100, 0, 1, 0),
+        (20, 1099, 0, None, 999),
+        (20, 100, 0, None, 0),
+        (20, -500, 0, None, 0),
+        (3, 8100, 0, 3, 0),
+        (0, None, 0, None, 0),
+    ],
+)
+def test_it_listens_until_a_tenth_of_a_millisecond_before_what_is_due_and_sleeps_the_rest(
+    look_ms, due_us, waiting, waits, sleeps_us
+):
+    node, heard = a_node(), []
+    PORT_TICKS.now_us = 50_000_000
+    node._look_ms = 50_000 + look_ms
+    node.link = SimpleNamespace(wait=heard.append)
+    node.outbox = SimpleNamespace(count=waiting)
+    if due_us is not None:
+        node.parts.chip, node.sampler = "a chip", SimpleNamespace(due_us=50_000_000 + due_us)
+    node._idle(50_000_000)
+    assert heard == ([] if waits is None else [waits])
+    assert PORT_TICKS.now_us - 50_000_000 == sleeps_us
+    node.parts.paused = True
+    heard.clear()
+    PORT_TICKS.now_us = 50_000_000
+    node._idle(50_000_000)
+    assert heard == ([1 if waiting else look_ms] if look_ms else []), (
+        "no sample is due on a bus that is left alone"
+    )
+
+
+@pytest.mark.parametrize("takes_ms", [0, 40, None])
+def test_before_it_ends_a_link_has_a_third_of_a_second_to_take_what_waits(takes_ms):
+    node, fed = a_node(), []
+    PORT_TICKS.now_us = begin_us = 70_000_000
+    node.outbox = SimpleNamespace(count=0 if takes_ms == 0 else 1)
+
+    def send(outbox):
+        if takes_ms is not None and PORT_TICKS.now_us >= begin_us + 1000 * takes_ms:
+            outbox.count = 0
+
+    def feed():
+        assert len(fed) < 999
+        fed.append(PORT_TICKS.now_us)
+
+    node.link, node.board = SimpleNamespace(send=send), SimpleNamespace(feed=feed)
+    node.farewell()
+    took_ms = (PORT_TICKS.now_us - begin_us) / 1000
+    assert took_ms == pytest.approx(300 if takes_ms is None else takes_ms, abs=2)
+    assert len(fed) == pytest.approx(took_ms, abs=2), "the watchdog is fed meanwhile"

@@ -1,7 +1,11 @@
 """The whole node finds its gyro's bias in each way there is, and tells it beside raw samples."""
 
+from types import SimpleNamespace
+
+import bias_choice
 import numpy as np
 import pytest
+from node import Node
 
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
@@ -154,3 +158,79 @@ def test_the_kind_of_initialisation_is_chosen_while_running(kind):
         np.testing.assert_allclose(found, steps, atol=0.6)
     else:
         assert abs(found[2] - steps[2]) < 3 * sigma[2] and sigma[2] < sigma[0] / 4
+
+
+class Told:
+    """Notes what is called on it, in order."""
+
+    def __init__(self, **answers):
+        self.answers, self.calls = answers, []
+
+    def __getattr__(self, name):
+        def call(*words):
+            self.calls.append((name, *words))
+            answer = self.answers.get(name)
+            return answer(*words) if callable(answer) else answer
+
+        return call
+
+
+def node_in(state, ended=False, estimator=True):
+    made = object.__new__(Node)
+    made.sampler = SimpleNamespace(first_index=100)
+    made.init = Told(update=ended, now_q14=lambda axis: 10 + axis)
+    made.init.state, made.init.refused = state, 7
+    made.estimator = Told() if estimator else None
+    made.commands, made.rest = Told(), None
+    made._next_index = 100
+    return made
+
+
+@pytest.mark.parametrize("estimator", [True, False])
+@pytest.mark.parametrize("state", list(m.FilterState))
+def test_samples_go_to_what_looks_for_the_bias_or_once_it_is_known_to_the_filter(state, estimator):
+    node = node_in(state, estimator=estimator)
+    node._use("samples", 6, 8)
+    looked = [("update", "samples", 6, 8)]
+    assert node.init.calls == (looked if state == m.FilterState.INITIALISING else [])
+    if estimator:
+        assert node.estimator.calls == (looked if state == m.FilterState.TRACKING else [])
+    assert node.commands.calls == [] and node._next_index == 108
+
+
+def test_a_filter_begins_with_the_bias_of_each_axis_once_that_is_found_and_the_host_is_told():
+    node = node_in(m.FilterState.INITIALISING, ended=True)
+    node.rest = Told()
+    node._use("samples", 0, 4)
+    assert node.estimator.calls == [("begin", axis, 10 + axis) for axis in range(3)]
+    assert node.commands.calls == [("bias_done", 7)]
+    assert node.rest.calls == [("use", "samples", 0, 4)]
+    node.sampler.first_index = 105
+    node._use("samples", 0, 4)
+    assert ("gap",) in node.init.calls
+
+
+def test_a_warm_up_moves_the_bias_and_what_runs_alike():
+    node = node_in(m.FilterState.TRACKING)
+    node._drift(SimpleNamespace(step_q18=[1, -2, 3]))
+    moved = [("drift", 0, 1), ("drift", 1, -2), ("drift", 2, 3)]
+    assert node.init.calls == node.estimator.calls == moved
+
+
+def test_the_bias_of_the_settings_is_taken_over_once_for_a_size_of_step_with_what_has_grown_since(
+    monkeypatch,
+):
+    node = node_in(m.FilterState.WAITING)
+    node._lsb_ndps, node.settings, node.parts = 0, {}, SimpleNamespace(was_running=False)
+    node.parts.chip = SimpleNamespace(gyro_lsb_ndps=70_000_000)
+    warm = [SimpleNamespace(grown_q18=lambda axis: 160), SimpleNamespace(grown_q18=lambda axis: 16 * axis)]
+    monkeypatch.setattr(bias_choice, "warm_up", lambda *_: warm)
+    monkeypatch.setattr(bias_choice, "known_bias_q18", lambda s, axis, chip: 1600 if axis else None)
+    for _ in range(2):
+        node._know_chip()
+    given = [call for call in node.init.calls if call[0] == "give"]
+    assert given == [("give", axis, 100 + 10 + axis) for axis in (1, 2)]
+    assert len(node.estimator.calls) == 3 and node.warm == warm
+    node.parts.chip = SimpleNamespace(gyro_lsb_ndps=35_000_000)
+    node._know_chip()
+    assert len([call for call in node.init.calls if call[0] == "give"]) == 4

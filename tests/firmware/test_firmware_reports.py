@@ -6,7 +6,7 @@ import reports
 from outbox import Outbox
 
 import hubowire
-from hubowire.messages import Fault
+from hubowire.messages import Fault, Filter
 
 
 def node(**parts):
@@ -50,6 +50,19 @@ def test_without_a_chip_hello_says_nothing_of_one():
     )  # fmt: skip
     assert of_a_chip == (0,) * 8
     assert hello.parts == ((0x6B, 0x33, 0),) and hello.stamp_bound_us == 65535
+
+
+def test_the_state_of_the_filter_has_each_axis_in_its_place():
+    told = node()
+    told.estimator = SimpleNamespace(
+        saturations=4, rate_q8=lambda axis: -(100 + axis), bias_q12=lambda axis: 200 + axis
+    )
+    told.init = SimpleNamespace(state=2, samples=2000, variance_q8=[300, 301, 302], sigma_q12=[400, 401, 402])
+    told.sampler.newest_us = 77
+    reports.filter_state(told)
+    assert sent(told) == Filter(
+        77, 2, 4, 2000, (-100, -101, -102), (200, 201, 202), (300, 301, 302), (400, 401, 402)
+    )
 
 
 def test_health_counts_to_the_end_of_a_counter_and_no_further_and_measures_the_longest_turn_anew():

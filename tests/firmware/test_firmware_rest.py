@@ -1,8 +1,14 @@
 """A node at rest: slow after its time, awake within two slow samples of a motion, no gap told for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from outbox import FIRST_ROW
+from rest import Rest
+from wire import PART_LSM6DS33, PART_MPU6050
 
+from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.board.settings import BoardSettings, SensorBoard
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.ingest.node.decoder import NodeDecoder
@@ -87,3 +93,134 @@ def test_the_rest_is_the_same_over_an_mpu_without_the_event():
     assert MOVES_AT < truth.t[slow[-1] + 1] < MOVES_AT + 3 / 50 + 0.01
     _, decoder = told(sent)
     assert decoder.counts.samples_lost == 0
+
+
+class Woken:
+    """A chip that says whether it has felt a jolt, or fails; its steps are 0.07 deg/s and 0.488 mg."""
+
+    PART, gyro_lsb_ndps, accel_lsb_ng = PART_LSM6DS33, 70_000_000, 488_000
+
+    def __init__(self, answer=0):
+        self.answer = answer
+
+    def read(self, register):
+        assert register == 0x1B
+        if self.answer is None:
+            raise OSError(5)
+        return self.answer
+
+
+STILL = [10, -20, 30, 100, -200, 2000]
+
+
+def resting(after_s=3, chip=None):
+    """A rest that begins at 0 ms, and what it does: `changes`, to rest or back."""
+    PORT_TICKS.now_us = 0
+    settings = {"rest_after_s": after_s, "rest_dps": 2, "rest_mg": 20}
+    parts = SimpleNamespace(chip=chip or Woken(), paused=False)
+    sampler = SimpleNamespace(count=0, slot=SimpleNamespace(values=[0] * FIRST_ROW + STILL * 4))
+    made, changes = Rest(SimpleNamespace(parts=parts, settings=settings, sampler=sampler)), []
+
+    def change(_chip, to_rest):
+        changes.append(to_rest)
+        made.resting, made._moved = to_rest, False
+
+    made._change = change
+    made.use(STILL, 0, 1)
+    made.turn(0)
+    return made, changes
+
+
+@pytest.mark.parametrize("after_s", [1, 3, 5000])
+def test_it_rests_when_nothing_has_differed_for_that_many_seconds(after_s):
+    made, changes = resting(after_s)
+    for ms in range(20, 1000 * after_s, 980):
+        made.use(STILL * 4, 0, 4)
+        made.turn(ms)
+        assert not changes
+    made.turn(1000 * after_s - 1)
+    assert not changes
+    made.turn(1000 * after_s)
+    assert changes == [True]
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "moves"),
+    [
+        (0, 28, False),
+        (2, 29, True),
+        (1, -28, False),
+        (1, -29, True),
+        (3, 40, False),
+        (5, -41, True),
+        (4, 41, True),
+    ],
+)
+def test_what_differs_by_more_than_2_deg_s_or_20_mg_moves(column, change, moves):
+    made, changes = resting()
+    other = list(STILL)
+    other[column] += change
+    made.turn(2000)
+    made.use(other * 4, 0, 4)
+    made.turn(2500)
+    made.turn(3000)
+    assert changes == ([] if moves else [True])
+    made.turn(5499)
+    assert changes == ([] if moves else [True])
+    if moves:
+        # What it moved to is what it rests at.
+        made.use(other * 4, 0, 4)
+        made.turn(5500)
+        assert changes == [True]
+
+
+def test_of_a_full_batch_its_middle_and_its_end_are_looked_at_and_at_rest_each_sample_once():
+    jolt = [value + 500 for value in STILL]
+    for place, seen in ((0, False), (1, False), (2, True), (3, True)):
+        made, _ = resting()
+        made.use([0, 0, *STILL * place, *jolt, *STILL * (3 - place)], 2, 4)
+        assert made._moved == seen
+    made, changes = resting()
+    made.turn(3000)
+    looked = []
+
+    def look(_values, at):
+        assert len(looked) < 9
+        looked.append(at)
+
+    made._look = look
+    made._node.sampler.count = 2
+    made.turn(3020)
+    made.turn(3040)
+    assert looked == [FIRST_ROW, FIRST_ROW + 6]
+    made.use([0] * 40, 4, 4)
+    assert looked[2:] == [4 + 12, 4 + 18], "those that came since"
+    made.use([0] * 40, 4, 1)
+    assert looked[4:] == [4]
+    assert changes == [True]
+
+
+@pytest.mark.parametrize(
+    ("part", "answer", "wakes"),
+    [
+        (PART_LSM6DS33, 0x08, True),
+        (PART_LSM6DS33, 0x77, False),
+        (PART_LSM6DS33, None, False),
+        (PART_MPU6050, 0x08, False),
+    ],
+)
+def test_a_jolt_that_the_chip_has_felt_ends_a_rest(part, answer, wakes):
+    chip = Woken()
+    made, changes = resting(chip=chip)
+    made.turn(3000)
+    chip.PART, chip.answer = part, answer
+    made.turn(3020)
+    assert changes == ([True, False] if wakes else [True])
+
+
+def test_without_a_chip_or_on_a_bus_that_is_left_alone_nothing_changes():
+    for nothing in ({"chip": None}, {"paused": True}):
+        made, changes = resting()
+        vars(made._node.parts).update(nothing)
+        made.turn(3000)
+        assert not changes

@@ -1,6 +1,7 @@
 """Both regressors of the paper's least squares in integers, beside the float version."""
 
 import math
+from functools import cache
 
 import bias_choice
 import bias_filter
@@ -24,9 +25,10 @@ COUNT = 20_000
 NAMES = ("still", "drive", "saturating", "steps", "full swing", "constant")
 
 
+@cache
 def signals(count):
     """(count, 6, 6) of the six signals of the Kalman filter's test, three and three as gyro axes."""
-    return [table[:count] for table in hour_of_signals(7)]
+    return [table[:count].copy() for table in hour_of_signals(7)]
 
 
 def filtered(table, forgetting, bias_q14=0):

@@ -59,6 +59,59 @@ class Beat:
         self.look(max(due + self.rng.uniform(-50, 80), 20))
 
 
+def settled(period_us=2400.0):
+    """A clock that knows its beat, and the moment just after a sample."""
+    beat = Beat(period_us, period_us)
+    while beat.t_us < 4e6:
+        beat.aimed(16)
+    clock = beat.clock
+    assert clock.locked and clock.half_ns < 60_000
+    return clock
+
+
+@pytest.mark.parametrize("early", [True, False])
+def test_looks_that_contradict_each_other_by_some_microseconds_move_the_window_half_way(early):
+    """The sample seems to have come 15 us before its window, or 15 us behind it."""
+    clock = settled()
+    period_ns, doubt_ns = clock.period_ns, clock._doubt_ns
+    center_us, half_ns = clock.ahead_us(1), clock.half_ahead_ns(1)
+    jitter, off = 5000, half_ns + 15_000
+    if early:
+        late_us = center_us - (off + jitter) // 1000
+        clock.seen(late_us - 30, late_us, 1)
+    else:
+        early_us = center_us + (off + jitter + doubt_ns) // 1000 + period_ns // 1000
+        clock.seen(early_us, early_us + 30, 1)
+    assert abs((clock.t_us - center_us) * 1000) == pytest.approx(half_ns + 7500, abs=2500)
+    assert (clock.t_us < center_us) == early
+    assert 15_000 <= clock.half_ns <= 23_000 and clock.locked
+    assert (clock.period_ns, clock._doubt_ns) == (period_ns, doubt_ns), "the beat is not doubted"
+
+
+@pytest.mark.parametrize("early", [True, False])
+@pytest.mark.parametrize("missed_us", [30, 200, 800, 2000, 3000])
+def test_a_sample_that_comes_far_from_its_window_is_believed_and_the_beat_doubted(missed_us, early):
+    """As if what was missed had come about in eight samples; the window is as wide, half a period at most."""
+    clock = settled()
+    clock._doubt_ns = doubt_ns = 20_000
+    center_us, half_ns = clock.ahead_us(1), clock.half_ahead_ns(1)
+    if early:
+        late_us = center_us - half_ns // 1000 - 5 - missed_us
+        clock.seen(late_us - 30, late_us, 1)
+        edge = clock.t_us + clock.half_ns // 1000 - (late_us + 5)
+    else:
+        early_us = center_us + (half_ns + 5000 + doubt_ns + clock.period_ns) // 1000 + missed_us
+        expected = early_us - (clock.period_ns + doubt_ns + 5000) // 1000
+        clock.seen(early_us, early_us + 30, 1)
+        edge = clock.t_us - clock.half_ns // 1000 - expected
+    assert abs(edge) <= 2, "one edge of the window is where the look says"
+    assert clock.half_ns == pytest.approx(min(max(half_ns, 1000 * missed_us), clock.period_ns / 2), abs=2500)
+    assert clock._doubt_ns == pytest.approx(min(125 * missed_us + 2 * doubt_ns, clock.period_ns / 8), abs=400)
+    # An eighth of a period, 300 us, and a 32nd, 75 us, are what it has to know.
+    assert clock.locked == (missed_us <= 200)
+    assert clock._count == 0
+
+
 @pytest.mark.parametrize(("beyond_us", "told"), [(-5000, True), (-20, True), (20, False), (5000, False)])
 def test_a_sample_has_its_number_only_if_no_other_of_the_beat_could_have_come_instead(beyond_us, told):
     """Windows of half width h, a period T apart: both touch what is wider than T - 2 h."""

@@ -28,7 +28,7 @@ def test_generated_files_are_up_to_date():
         [sys.executable, ROOT / "tools" / "gen_wire.py", "--check"],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
     )
     assert run.returncode == 0, run.stderr
 

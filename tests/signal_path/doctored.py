@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 from hubodo.cli import main
-from hubodo.emulator.board.settings import Flash
+from hubodo.emulator.board.settings import Clock, Flash
+from hubodo.emulator.chips.faults import BrownOut
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.check_result import CHECKS
@@ -43,12 +44,27 @@ def lay_flashed(root):
 
 @contextlib.contextmanager
 def board(flashed, tmp_path, motion=None, **settings):
-    """A virtual board that has said its first word; a dip of its supply takes the port away for a moment."""
+    """A virtual board that has said its first word, after every dip of its supply: each takes the port away.
+
+    Its clock is paced unless told: on a real one a computer that has no time for it loses samples.
+    """
+    settings = {"clock": Clock("paced")} | settings
     if flashed is not None:
         shutil.copytree(flashed, tmp_path / "flash", dirs_exist_ok=True)
     with VirtualNode(motion or StillMotion(), Flash(folder=tmp_path / "flash"), **settings) as node:
-        end = time.monotonic() + 30
-        while not (node.stats["counts"].get("bytes_out") and Path(node.port).exists()):
-            assert time.monotonic() < end, "silent"
-            time.sleep(0.02)
+        dips = sum(isinstance(fault, BrownOut) for fault in settings.get("faults", ()))
+        _wait_for(lambda: len(node.stats["resets"]) >= dips)
+        said = _said(node) if dips else 0
+        _wait_for(lambda: _said(node) > said and Path(node.port).exists())
         yield node
+
+
+def _said(node):
+    return node.stats["counts"].get("bytes_out", 0)
+
+
+def _wait_for(condition):
+    end = time.monotonic() + 300
+    while not condition():
+        assert time.monotonic() < end, "silent"
+        time.sleep(0.02)

@@ -29,7 +29,7 @@ def recorder(port, log, *more):
 def stopped(daemon):
     """(standard output, standard error) of a daemon that is told to stop."""
     daemon.send_signal(signal.SIGINT)
-    return daemon.communicate(timeout=100)
+    return daemon.communicate(timeout=300)
 
 
 def logged(log):

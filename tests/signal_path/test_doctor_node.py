@@ -18,7 +18,6 @@ def flashed(tmp_path_factory):
     return lay_flashed(tmp_path_factory.mktemp("flashed"))
 
 
-# Where a figure is judged the clock is paced: on a real one a slow computer loses samples and answers late.
 NODES = {
     "missing chip": (
         {"faults": [BusNack(0.0, count=10**9)]},
@@ -42,21 +41,21 @@ NODES = {
         "last start: brown out",
     ),
     "lost samples": (
-        {"faults": [MissedSamples(t, 9) for t in (1.5, 2.0, 2.5, 3.0)], "clock": Clock("paced")},
+        {"faults": [MissedSamples(t, 9) for t in (1.5, 2.0, 2.5, 3.0)]},
         "samples",
         r"Hz of 416 Hz, \d+ samples, \d\d lost",
     ),
     "half of gravity": (
-        {"motion": StillMotion(force=(0, 0, 4.9)), "clock": Clock("paced")},
+        {"motion": StillMotion(force=(0, 0, 4.9))},
         "rest",
         r"gravity 4\.9",
     ),
     "gyro that turns at rest": (
-        {"motion": StillMotion(rate=(0, 0, 0.9)), "clock": Clock("paced")},
+        {"motion": StillMotion(rate=(0, 0, 0.9))},
         "rest",
         r"\+51\.\d+ deg/s",
     ),
-    "clock without a crystal": ({"clock": Clock(ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
+    "clock without a crystal": ({"clock": Clock("real", ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
 }
 
 
@@ -72,8 +71,8 @@ def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, 
 
 def test_a_node_that_is_moved_is_not_judged_by_gravity(flashed, tmp_path, capfd):
     with board(flashed, tmp_path, motion=unique_motion(20)) as node:
-        code, found = doctor(capfd, node.port)
-    assert found["rest"][:2] == ("unknown", "it was moved") and code == 0, list(found.values())
+        _, found = doctor(capfd, node.port)
+    assert found["rest"][:2] == ("unknown", "it was moved"), list(found.values())
 
 
 def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):

@@ -1,16 +1,20 @@
 """`hubodo flash` for many boards, through a pulled cable, and back: on virtual boards and real terminals."""
 
 import json
+import shutil
 import threading
 
 import pytest
 
 import hubodo.flash.board
 import hubodo.flash.fleet
+import hubodo.verbs.flash as verb
 from hubodo.cli import main
 from hubodo.emulator.board.settings import BoardSettings
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
+from hubodo.flash.board import FlashBoard
+from hubodo.flash.image import firmware_folder
 from hubodo.flash.slots import slot_named
 
 SERIALS = ("e661410300000001", "e661410300000002", "e661410300000003")
@@ -87,11 +91,7 @@ def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tm
     first = runs_from(board)
     code, _, err = flash(capfd, board.port, "--roll-back")
     assert code == 1 and "nothing to roll back to" in err, "there is one slot as yet"
-    import shutil
-
-    import hubodo.verbs.flash as verb
-    from hubodo.flash.image import firmware_folder
-
+    assert FlashBoard(board.port).wait_identity()[0] == 1, "it goes on with what it has"
     newer = tmp_path / "firmware"
     shutil.copytree(firmware_folder(), newer)
     (newer / "reports.py").write_text((newer / "reports.py").read_text().replace("(0, 1, 0)", "(9, 9, 9)"))
