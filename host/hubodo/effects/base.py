@@ -14,10 +14,13 @@ from hubodo.vehicle import Facing, Side, facing_sign
 
 Level = Literal["vehicle", "wheel", "node"]
 Shows = Literal["mean", "scatter"]
-Follows = Literal["age", "temperature"]
+Follows = Literal["age", "temperature", "supply"]
 
 REFERENCE_CELSIUS = 25.0
 """Temperature at which nothing that follows the temperature adds anything."""
+
+REFERENCE_VOLTS = 3.7
+"""Supply at which nothing that follows the supply adds anything."""
 
 _LARGEST = 1e12
 """In the unit of any parameter: beyond it nothing was meant, and its square may be infinite."""
@@ -43,7 +46,17 @@ class Geometry:
     aside: float = 0.0
 
 
-_MOTION = ("angle", "spin", "spin_beside", "speed", "acceleration", "yaw_rate", "yaw_acceleration", "heading")
+_AROUND = (
+    "supply",
+    "angle",
+    "spin",
+    "spin_beside",
+    "speed",
+    "acceleration",
+    "yaw_rate",
+    "yaw_acceleration",
+    "heading",
+)
 """What a chain has one of for each sample, or one for all."""
 
 
@@ -56,7 +69,7 @@ class Chain:
     gyro, accel: what is read. facing: +1 where the z axis points left, else -1. angle rad, spin rad/s: of the
     wheel, spin_beside rad/s: of the one on the other side, zero off them; speed m/s, acceleration m/s²,
     yaw_rate rad/s, yaw_acceleration rad/s², heading rad from the log's start: of the vehicle; zero where
-    nobody needs them. terms: what was worked out of all this.
+    nobody needs them. supply: V. terms: what was worked out of all this.
     """
 
     t: Array
@@ -75,6 +88,7 @@ class Chain:
     speed: Array | float = 0.0
     yaw_acceleration: Array | float = 0.0
     heading: Array | float = 0.0
+    supply: Array | float = REFERENCE_VOLTS
     terms: dict[str, list[Array]] = field(default_factory=dict)
 
     def part(self, samples: slice) -> Chain:
@@ -82,7 +96,7 @@ class Chain:
         made = replace(self, t=self.t[samples], temperature=self.temperature[samples], terms={})
         for name in ("rate", "rate_derivative", "force", "gyro", "accel"):
             setattr(made, name, getattr(self, name)[:, samples])
-        for name in _MOTION:
+        for name in _AROUND:
             value = getattr(self, name)
             setattr(made, name, value[samples] if isinstance(value, np.ndarray) else value)
         return made

@@ -35,6 +35,8 @@ FACTORS: dict[str, Callable[[Chain], Array]] = {
     "spin": lambda chain: _full(chain, chain.spin),
     "spin^2": lambda chain: _full(chain, chain.spin) ** 2,
     "abs(spin)": lambda chain: np.abs(_full(chain, chain.spin)),
+    "speed": lambda chain: _full(chain, chain.speed),
+    "speed^2": lambda chain: _full(chain, chain.speed) ** 2,
     "acceleration": lambda chain: _full(chain, chain.acceleration),
     "sign(acceleration)": lambda chain: np.tanh(_full(chain, chain.acceleration) / 0.05),
     "yaw_rate": lambda chain: _full(chain, chain.yaw_rate),
@@ -69,15 +71,19 @@ def columns(expression: str, chain: Chain) -> list[Array]:
         elif match := _STEP.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            turns = [np.exp(1j * _full(chain, chain.angle))]
-            while len(turns) < HARMONICS:
-                turns.append(turns[-1] * turns[0])
-            periodic = [np.ascontiguousarray(part) for turn in turns for part in (turn.real, turn.imag)]
+            once = turn = np.exp(1j * _full(chain, chain.angle))
+            periodic = [turn.real.copy(), turn.imag.copy()]
+            while len(periodic) < 2 * HARMONICS:
+                turn = turn * once
+                periodic += [turn.real.copy(), turn.imag.copy()]
         else:
             raise ValueError(
                 f"no such term: {factor!r}; known are {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
             )
-    return [real * wave for wave in periodic]
+    for wave in periodic:
+        # Of a long log they are large: no second copy.
+        wave *= real
+    return periodic
 
 
 def _split(expression: str) -> list[str]:

@@ -11,7 +11,16 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Follows, Geometry, Level, parameter
+from hubodo.effects.base import (
+    REFERENCE_CELSIUS,
+    REFERENCE_VOLTS,
+    Chain,
+    Effect,
+    Follows,
+    Geometry,
+    Level,
+    parameter,
+)
 from hubodo.effects.dependence import steering_rate
 
 # m/s²: the torque turns round within so much of acceleration.
@@ -93,6 +102,26 @@ class AccelTemperature(Effect):
 
 
 @dataclass(frozen=True)
+class GyroSupply(Effect):
+    """An offset in proportion to the supply voltage above 3.7 V."""
+
+    name: ClassVar[str] = "gyro_supply"
+    follows: ClassVar[Follows | None] = "supply"
+    undone: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro's offset follows the supply voltage"
+    alike: ClassVar[Mapping[str, str]] = {
+        "gyro_bias": "let the battery run down a little, or feed the node from two supplies",
+        "gyro_temperature": "feed the node from two supplies while its temperature stays",
+    }
+    x: float = parameter("(rad/s)/V", 0.01)
+    y: float = parameter("(rad/s)/V", 0.01, turned=True)
+    z: float = parameter("(rad/s)/V", 0.01, turned=True)
+
+    def offset(self, chain: Chain) -> None:
+        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.supply - REFERENCE_VOLTS)
+
+
+@dataclass(frozen=True)
 class RoadBank(Effect):
     """The road leans at a constant angle: the left side is higher where it is positive."""
 
@@ -154,6 +183,7 @@ FIELD: tuple[type[Effect], ...] = (
     AxlePlay,
     AccelRectification,
     AccelTemperature,
+    GyroSupply,
     RoadBank,
     ReferenceLatency,
     ReferenceArm,

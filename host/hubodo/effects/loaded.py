@@ -13,6 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from hubodo.effects import BY_NAME, EFFECTS, Chain, Effect
+from hubodo.effects.base import REFERENCE_VOLTS
 from hubodo.effects.field import FIELD
 from hubodo.errors import ConfigError
 
@@ -123,7 +124,7 @@ def _run(effect: Effect) -> None:
     chain = Chain(t, zero + 25.0, *np.zeros((5, 3, len(t))))
     chain.angle, chain.spin, chain.spin_beside = zero, zero, zero
     chain.speed, chain.acceleration, chain.heading = zero, zero, zero
-    chain.yaw_rate, chain.yaw_acceleration = zero, zero
+    chain.yaw_rate, chain.yaw_acceleration, chain.supply = zero, zero, zero + REFERENCE_VOLTS
     if effect.true_time(t).shape != t.shape:
         raise ValueError("true_time gives another number of times than it gets")
     for stage in (effect.mount, effect.low_pass, effect.respond, effect.offset, effect.clip):

@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
-from hubodo.model.inputs import Inputs
+from hubodo.model.inputs import Inputs, Trace
 from hubodo.one_record import check_one_record
 from hubodo.recording import Recording, Table
 from hubodo.smooth import smooth, through
@@ -29,7 +29,7 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
     t = table.t - table.t[0]
     inputs = Inputs(smooth(t, table["speed"]), smooth(t, table["yaw_rate"]))
     if "temperature" in table:
-        inputs = Inputs(inputs.speed, inputs.yaw_rate, t, table["temperature"])
+        inputs = Inputs(inputs.speed, inputs.yaw_rate, Trace(t, table["temperature"]))
     return inputs
 
 

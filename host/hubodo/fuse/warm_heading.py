@@ -70,7 +70,7 @@ class WarmHeading:
     ) -> None:
         self._model, self._noise, self._age = model, noise, age
         self._errors = tuple(name for name, sigma in noise.warmup.items() if sigma > 0.0)
-        count = math.ceil(math.log(_LONGEST_S / _SHORTEST_S) / math.log(_RATIO))
+        count = math.ceil(math.log(_LONGEST_S / _SHORTEST_S, _RATIO))
         constants = _SHORTEST_S * _RATIO ** np.arange(count if noise.bias_instability else 0)
         self._decay: FloatArray = np.concatenate([np.zeros(2 + len(self._errors)), 1.0 / constants])
         flicker = np.full(len(constants), noise.bias_instability**2 * math.log(_RATIO) / math.pi)

@@ -14,7 +14,7 @@ from hubodo.errors import InputError
 from hubodo.model.bench import Handled, Programme
 from hubodo.model.drive import loop_drive, path, random_drive
 from hubodo.model.forward import Carried, NodeForward, NodeStart
-from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.inputs import Earth, Inputs, Trace
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording, Table
 from hubodo.smooth import constant
@@ -80,11 +80,13 @@ def experiment_of(
     programme: Programme = TWO_STOPS,
     temperature: Sequence[float] = (),
     settle: float | None = None,
+    supply: Sequence[float] = (),
 ) -> Experiment:
     """One of DRIVES for so many seconds, or what was driven elsewhere.
 
     driven: the inputs of another kind. earth: what turns under a bench. programme: of a turntable.
-    temperature: °C, one or the first and the last; settle: s, as of `warming`. Raises InputError as `poses`.
+    temperature: °C, one or the first and the last; settle: s, as of `warming`. supply: V, as temperature.
+    Raises InputError as `poses`.
     """
     rng = np.random.default_rng([seed, 1])
     if driven is not None:
@@ -103,6 +105,8 @@ def experiment_of(
     else:
         raise InputError(f"drive {kind!r}: choose from {', '.join(DRIVES)}")
     made = with_constants(made, model)
+    if len(supply):
+        made = fed(made, supply[0], supply[-1])
     return warming(made, temperature[0], temperature[-1], settle) if len(temperature) else made
 
 
@@ -110,8 +114,14 @@ def warming(experiment: Experiment, start: float, end: float, settle: float | No
     """The same while the nodes go from `start` to `end` °C: evenly, or by 1 - e^(-t / settle)."""
     t = np.linspace(0.0, experiment.duration, max(2, int(experiment.duration) + 1))
     share = t / t[-1] if settle is None else -np.expm1(-t / settle)
-    inputs = replace(experiment.inputs, temperature_t=t, temperature=start + (end - start) * share)
+    inputs = replace(experiment.inputs, temperature=Trace(t, start + (end - start) * share))
     return replace(experiment, inputs=inputs)
+
+
+def fed(experiment: Experiment, start: float, end: float) -> Experiment:
+    """The same while the supply of the nodes goes evenly from `start` to `end` V."""
+    supply = Trace(np.array([0.0, experiment.duration]), np.array([start, end]))
+    return replace(experiment, inputs=replace(experiment.inputs, supply=supply))
 
 
 def with_constants(experiment: Experiment, model: Model) -> Experiment:
@@ -143,8 +153,8 @@ def simulate(
     """One draw of all that would be recorded.
 
     That is nodes at `rate` Hz, the reference with the model's input noise at `reference_rate` Hz, and the
-    truth. Each node draws from a generator of its own, so that another node or effect does not change its
-    noise. Raises InputError when the model has no node.
+    truth; the supply where somebody gave one. Each node draws from a generator of its own, so that another
+    node or effect does not change its noise. Raises InputError when the model has no node.
     """
     if not model.vehicle.nodes:
         raise InputError("the model has no node; add [nodes.left] with side and facing")
@@ -164,7 +174,10 @@ def simulate(
         reading = forward.sample(effects, start, model.noise, _generator(seed, name, "sensor"))
         columns = dict(zip(("gx", "gy", "gz"), reading.gyro, strict=True))
         columns |= dict(zip(("ax", "ay", "az"), reading.accel, strict=True))
-        nodes[name] = Table({"t": t, **columns, "temperature": reading.body.temperature})
+        columns["temperature"] = reading.body.temperature
+        if len(experiment.inputs.supply.t) > 1:
+            columns["supply"] = reading.body.supply
+        nodes[name] = Table({"t": t, **columns})
     table = None
     if experiment.table is not None:
         table = Table(dict(zip(("t", "angle", "moving"), experiment.table.T, strict=True)))

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
-from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import Chain, Effect, Geometry, Noise
-from hubodo.model.inputs import Body, Earth, Inputs, MotionCorrection
+from hubodo.model.inputs import Body, Inputs, MotionCorrection
+from hubodo.model.motion_felt import off_axle, on_body, on_wheel
 from hubodo.model.rolling import Rolling, roll
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
@@ -153,6 +152,10 @@ class NodeForward:
             corrected = None if key is None else (by, bodies[key], after.part(samples))
         return replace(self, t=self.t[samples], _bodies=known, _corrected=corrected, _moves={})
 
+    def forget(self) -> None:
+        """How the node moved the last time goes: for all of a long log it takes much memory."""
+        self._moves.clear()
+
     def geometry(self, effects: Iterable[Effect]) -> Geometry:
         """Vehicle and wheel with the effects in them."""
         geometry = Geometry(self.mount.side, self.wheel_radius, self.track_width)
@@ -161,10 +164,10 @@ class NodeForward:
         return geometry
 
     def place(self, chain: Chain, body: Body, rolling: Rolling | None) -> None:
-        """Tell a chain how its wheel and the vehicle move."""
+        """Tell a chain how its wheel and the vehicle move, and what feeds the node."""
         chain.speed, chain.acceleration, chain.heading = body.speed, body.acceleration, body.heading
         chain.yaw_rate, chain.yaw_acceleration = body.yaw_rate, body.yaw_acceleration
-        chain.facing = facing_sign(self.mount.facing or "left")
+        chain.supply, chain.facing = body.supply, facing_sign(self.mount.facing or "left")
         if rolling is not None:
             chain.angle, chain.spin = rolling.angle, rolling.spin
             apart = side_sign(self.mount.side or "left") * self.track_width / self.wheel_radius
@@ -207,7 +210,7 @@ class NodeForward:
         moved = self._moved(body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, phase, correction)
         rolling, rate, force = moved.rolling, moved.rate, moved.force
         if any(geometry.lever_arm):
-            force = force + _off_axle(rate, moved.slope, geometry.lever_arm)
+            force = force + off_axle(rate, moved.slope, geometry.lever_arm)
         chain = Chain(body.t - self.power_on, body.temperature, rate, moved.slope, force, rate, force)
         self.place(chain, body, rolling)
         for effect in effects:
@@ -239,10 +242,10 @@ class NodeForward:
         if self.carried is not None:
             rate, slope, force = self.carried(body.t)
         elif geometry.side is None:
-            rate, slope, force = _on_body(body, geometry, start, self.inputs.earth)
+            rate, slope, force = on_body(body, geometry, start.attitude, self.inputs.earth)
         else:
             rolling = roll(body, geometry, start.angle, phase)
-            rate, slope, force = _on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
+            rate, slope, force = on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
         made = Moved(body, geometry, start, phase, rolling, rate, slope, force)
         self._moves[correction is not None] = made
         return made
@@ -288,69 +291,3 @@ def transmit(chain: Chain, effects: Iterable[Effect], noise: Noise, rng: np.rand
         effect.digitize(chain)
     for effect in effects:
         effect.repeat(chain, rng)
-
-
-def _on_wheel(body: Body, rolling: Rolling, geometry: Geometry, facing: float) -> tuple[Array, Array, Array]:
-    """Angular rate, its derivative and specific force in node axes, (3, N) each.
-
-    Omega = theta' a + r z_b; f_s = C_sb (a_h + g z) + Omega' x rho + Omega x (Omega x rho).
-    """
-    side = side_sign(geometry.side or "left")
-    lean, upright = side * np.sin(geometry.camber), np.cos(geometry.camber)
-    cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
-    r, r_slope = body.yaw_rate, body.yaw_acceleration
-    rate, slope, force = (np.empty((3, len(r))) for _ in range(3))
-    across, across_slope = upright * r, upright * r_slope
-    turning = across * rolling.spin
-    rate[0], rate[1] = across * cos, (-facing) * across * sin
-    rate[2] = facing * (rolling.spin + lean * r)
-    slope[0] = across_slope * cos - turning * sin
-    slope[1] = -facing * (across_slope * sin + turning * cos)
-    slope[2] = facing * (rolling.spin_acceleration + lean * r_slope)
-    hub_y = 0.5 * side * geometry.track_width - side * geometry.radius * np.sin(geometry.camber)
-    hub_y -= geometry.aside
-    ahead = body.acceleration - r_slope * hub_y + STANDARD_GRAVITY * np.sin(geometry.grade)
-    aside = r * (body.speed - r * hub_y)
-    upwards = STANDARD_GRAVITY * np.cos(geometry.grade)
-    up = upright * upwards - lean * aside
-    force[0] = cos * up + sin * ahead
-    force[1] = facing * (cos * ahead - sin * up)
-    force[2] = facing * (upright * aside + lean * upwards)
-    return rate, slope, force
-
-
-def _off_axle(rate: Array, slope: Array, arm: tuple[float, float, float]) -> Array:
-    """Omega' x rho + Omega (Omega . rho) - rho Omega²."""
-    x, y, z = arm
-    along = x * rate[0] + y * rate[1] + z * rate[2]
-    square = rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2
-    return np.stack(
-        [
-            slope[1] * z - slope[2] * y + rate[0] * along - x * square,
-            slope[2] * x - slope[0] * z + rate[1] * along - y * square,
-            slope[0] * y - slope[1] * x + rate[2] * along - z * square,
-        ]
-    )
-
-
-def _on_body(
-    body: Body, geometry: Geometry, start: NodeStart, earth: Earth | None
-) -> tuple[Array, Array, Array]:
-    """The same for a node fixed to the body at its origin, turned by start.attitude against its axes."""
-    zero = np.zeros_like(body.speed)
-    rate = np.stack([zero, zero, body.yaw_rate])
-    slope = np.stack([zero, zero, body.yaw_acceleration])
-    if earth is not None:
-        turning, turning_slope = earth.rate(body.heading, body.yaw_rate)
-        rate, slope = rate + turning, slope + turning_slope
-    force = np.stack(
-        [
-            body.acceleration
-            + body.yaw_acceleration * geometry.aside
-            + STANDARD_GRAVITY * np.sin(geometry.grade),
-            body.yaw_rate * (body.speed + body.yaw_rate * geometry.aside),
-            zero + STANDARD_GRAVITY * np.cos(geometry.grade),
-        ]
-    )
-    turn = Rotation.from_rotvec(start.attitude).as_matrix().T
-    return turn @ rate, turn @ slope, turn @ force

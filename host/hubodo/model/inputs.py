@@ -1,8 +1,8 @@
-"""What drives the forward model: speed, yaw rate and temperature of the vehicle as functions of time."""
+"""What drives the forward model, as functions of time: speed, yaw rate, and what surrounds its nodes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
+from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS
 from hubodo.smooth import Smooth
 
 
@@ -18,7 +19,7 @@ class Body:
     """Motion of the body origin at N times, each (N,).
 
     speed m/s, acceleration m/s², jerk m/s³, distance m from the log's start; yaw_rate rad/s,
-    yaw_acceleration rad/s², yaw_jerk rad/s³, heading rad from the log's start; temperature °C.
+    yaw_acceleration rad/s², yaw_jerk rad/s³, heading rad from the log's start; temperature °C; supply V.
     """
 
     t: Array
@@ -31,21 +32,11 @@ class Body:
     yaw_jerk: Array
     heading: Array
     temperature: Array
+    supply: Array
 
     def part(self, samples: slice) -> Body:
         """Of some of the times."""
-        return Body(
-            self.t[samples],
-            self.speed[samples],
-            self.acceleration[samples],
-            self.jerk[samples],
-            self.distance[samples],
-            self.yaw_rate[samples],
-            self.yaw_acceleration[samples],
-            self.yaw_jerk[samples],
-            self.heading[samples],
-            self.temperature[samples],
-        )
+        return Body(*(getattr(self, one.name)[samples] for one in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,23 +58,46 @@ class Earth:
         return rate, np.stack([yaw_rate * rate[1], -yaw_rate * rate[0], zero])
 
 
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """What is told now and then: values at times t, s since the log began, (M,) each."""
+
+    t: Array
+    values: Array
+
+    def at(self, t: Array) -> Array:
+        """(N,) at other times; before the first and after the last as there."""
+        if len(self.t) == 1:
+            return np.broadcast_to(self.values, t.shape)
+        return np.interp(t, self.t, self.values)
+
+    @staticmethod
+    def steady(value: float) -> Trace:
+        """The same at all times."""
+        return Trace(np.zeros(1), np.full(1, value))
+
+
+_ROOM = Trace.steady(REFERENCE_CELSIUS)
+_BATTERY = Trace.steady(REFERENCE_VOLTS)
+
+
 @dataclass(frozen=True)
 class Inputs:
-    """speed: m/s and yaw_rate: rad/s of the body origin. temperature: °C at temperature_t, s; both (M,).
+    """speed: m/s and yaw_rate: rad/s of the body origin. temperature: °C and supply: V, of the nodes.
 
     earth: only for nodes on the body, where an experiment is long and still enough to see it.
     """
 
     speed: Smooth
     yaw_rate: Smooth
-    temperature_t: Array = field(default_factory=lambda: np.zeros(1))
-    temperature: Array = field(default_factory=lambda: np.full(1, 25.0))
+    temperature: Trace = _ROOM
+    supply: Trace = _BATTERY
     earth: Earth | None = None
 
     def at(self, t: Array) -> Body:
         """Everything at times t, (N,) s since the log began."""
-        temperature = np.interp(t, self.temperature_t, self.temperature)
-        return Body(t, *self.speed.motion(t), *self.yaw_rate.motion(t), temperature)
+        around = self.temperature.at(t), self.supply.at(t)
+        return Body(t, *self.speed.motion(t), *self.yaw_rate.motion(t), *around)
 
 
 class MotionCorrection(Protocol):

@@ -70,6 +70,20 @@ def test_vibration_and_temperature_shift_the_accelerometer():
     np.testing.assert_allclose(accel[1], 0.02 * 0.3 * T)
 
 
+def test_the_supply_above_3_7_volts_shifts_the_gyro():
+    kind = next(kind for kind in FIELD if kind.name == "gyro_supply")
+    made = chain()
+    made.supply = 4.1 - 0.035 * T
+    kind(x=0.02, y=-0.01, z=0.03).offset(made)
+    # At 4.1 V 0.4 V too much, at 3.4 V 0.3 V too little: 8, -4, 12 mrad/s and -6, 3, -9 mrad/s.
+    np.testing.assert_allclose(made.gyro[:, 0], [0.008, -0.004, 0.012], atol=1e-15)
+    np.testing.assert_allclose(made.gyro[:, -1], [-0.006, 0.003, -0.009], atol=1e-15)
+    assert not made.accel.any()
+    unknown = chain()
+    kind(x=0.02).offset(unknown)
+    assert not unknown.gyro.any()
+
+
 @pytest.mark.parametrize("facing", [1.0, -1.0])
 def test_on_a_banked_road_gravity_leans(facing):
     _, accel = added("road_bank", facing, angle=0.1)
@@ -122,3 +136,46 @@ def test_a_reference_whose_antenna_sits_aside_is_named_on_request(arm, tmp_path)
     assert made.names == [("reference_arm", "vehicle")]
     found = made.result["found"][0]["parameters"]["arm"]
     assert abs(found["value"] - arm) < 3.0 * found["sigma"]
+
+
+def supplied(case, shift):
+    """The foreign log with a supply that is drained in two bursts, which shifts the left gyro, rad/s/V."""
+    for node in ("left", "right"):
+        head, rows = (case / f"{node}.csv").read_text().split("\n", 1)
+        table = np.array([line.split(",") for line in rows.split()], float)
+        share = table[:, 0] / table[-1, 0]
+        volts = np.round(4.1 - 0.4 / (1 + np.exp(25 * (0.3 - share))) - 0.3 * (share > 0.7), 3)
+        if node == "left":
+            table[:, 1:4] += (volts - 3.7)[:, None] * shift
+        made = np.column_stack([table, volts])
+        np.savetxt(
+            case / f"{node}.csv", made, fmt="%.7f", delimiter=",", header=head + ",supply", comments=""
+        )
+
+
+def test_a_gyro_that_hangs_on_its_supply_is_named_on_request(tmp_path):
+    case, shift = tmp_path / "case", np.array([0.02, -0.015, 0.025])
+    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+    supplied(case, shift)
+    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert made.names == [("gyro_supply", "left")]
+    for axis, value in zip("xyz", shift, strict=True):
+        found = made.result["found"][0]["parameters"][axis]
+        assert abs(found["value"] - value) < 3.0 * found["sigma"], axis
+
+
+def test_of_a_supply_that_falls_and_moves_nothing_nothing_is_said(tmp_path):
+    case = tmp_path / "case"
+    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+    supplied(case, np.zeros(3))
+    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert made.names == []
+    assert "gyro_supply" not in " ".join(made.result["warnings"])
+
+
+def test_a_log_without_the_supply_cannot_show_what_hangs_on_it(tmp_path):
+    case = tmp_path / "case"
+    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+    asked = gap(tmp_path / "asked", case / "model.toml", case, "--candidates", "field")
+    said = [line for line in asked.result["warnings"] if "gyro_supply" in line]
+    assert len(said) == 2 and all("was not recorded" in line for line in said)

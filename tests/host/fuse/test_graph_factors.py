@@ -1,5 +1,7 @@
 """Factors of the graph: derivatives, parts, losses, and what the odometry's stretches are worth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -184,3 +186,46 @@ def test_finer_odometry_gives_the_same_covariance():
     ends = np.array([path.t[0], 4.05, path.t[-1]])
     coarse, other = (cut_path(p, ends, StepNoise()).steps.covariance for p in (path, fine))
     assert np.allclose(coarse, other, rtol=0.02, atol=1e-9)
+
+
+STRAIGHT = OdometryPath(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5), np.zeros(5))
+ENDS = np.array([0.0, 0.75, 2.0])
+
+
+def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_what_is_random():
+    """Straight on, so that forward adds up: 1.5 steps and 2.5 of four, each with variances of its own."""
+    forward, left = np.array([1.0, 2.0, 4.0, 8.0]), np.array([3.0, 5.0, 7.0, 9.0])
+    told = replace(
+        STRAIGHT, covariance=np.array([np.diag([a, b, 0.0]) for a, b in zip(forward, left, strict=True)])
+    )
+    steps = cut_path(told, ENDS, StepNoise()).steps
+    np.testing.assert_allclose(steps.covariance[:, 0, 0], [2.0, 13.0], rtol=1e-6)
+    np.testing.assert_allclose(steps.covariance[:, 1, 1], [5.5, 18.5], rtol=1e-6)
+    twice = cut_path(told, ENDS, StepNoise(times=(2.0, 3.0, 1.0))).steps
+    np.testing.assert_allclose(twice.covariance[:, 0, 0], [8.0, 52.0], rtol=1e-6)
+    np.testing.assert_allclose(twice.covariance[:, 1, 1], [49.5, 166.5], rtol=1e-6)
+
+
+def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_stretch():
+    """A tenth of 3 m and 5 m, and of a turn of 0.3 rad and 0.5 rad."""
+    bent = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
+    steps = cut_path(bent, ENDS, StepNoise(share=0.1)).steps
+    length = 0.1 * np.array([3.0, 5.0])
+    for axis, sigma in ((0, length), (1, length), (2, 0.1 * np.array([0.3, 0.5]))):
+        np.testing.assert_allclose(np.sqrt(steps.covariance[:, axis, axis]), sigma, rtol=0.02)
+    stands = replace(STRAIGHT, x=np.zeros(5))
+    for covariance in cut_path(stands, ENDS, StepNoise(share=0.1)).steps.covariance:
+        assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+
+def test_where_no_pose_is_for_long_speed_and_turn_may_have_wandered_between():
+    """A Brownian bridge over T seconds has an integral of variance T³ / 12; beside it, way and time."""
+    holes = OdometryPath(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
+    noise = StepNoise(along=0.3, sideways=0.2, heading=0.02, heading_way=0.05, speed_walk=0.7, yaw_walk=0.4)
+    short, long = cut_path(holes, holes.t, noise).steps.covariance
+    for found, way, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):
+        turn = 0.02**2 * time + 0.05**2 * way + 0.4**2 * hole
+        assert found[0, 0] == pytest.approx(0.3**2 * way + 0.7**2 * hole, rel=1e-6)
+        assert found[2, 2] == pytest.approx(turn, rel=1e-6)
+        # A turn within the step swings half of it.
+        assert found[1, 1] == pytest.approx(0.2**2 * way + (0.5 * way) ** 2 * turn, rel=1e-5)

@@ -110,6 +110,24 @@ def test_its_end_is_the_batch_of_the_same_data(lag, apart):
         assert abs(ours.value - theirs.value) < apart * theirs.sigma
 
 
+def test_what_is_random_in_the_newest_way_is_in_the_covariance_in_axes_of_the_earth():
+    """0.2 m forward, 0.1 m to the left and 0.3 rad, told with a pose that is where the one before was."""
+    drive, fixes = drive_and_fixes(1, length=40.0, fix_hz=2.0)
+    live = LiveGraph()
+    for t, *pose in zip(drive.odo_t[:-30], drive.odo_x, drive.odo_y, drive.odo_heading, strict=False):
+        live.odometry(t, *pose, np.diag([1e-5, 1e-5, 1e-8]))
+        while fixes and fixes[0][0] <= t:
+            live.fix(*fixes.pop(0))
+    before = live.state()
+    live.odometry(t + 0.01, *pose, np.diag([0.2, 0.1, 0.3]) ** 2)
+    grown = live.state().covariance - before.covariance
+    cos, sin = np.cos(before.heading), np.sin(before.heading)
+    turn = np.array([[cos, -sin], [sin, cos]])
+    assert abs(sin) > 0.5 and abs(cos) > 0.1, "seed 1: neither axis of the Earth"
+    assert grown[:2, :2] == pytest.approx(turn @ np.diag([0.04, 0.01]) @ turn.T, abs=1e-4)
+    assert grown[2] == pytest.approx([0.0, 0.0, 0.09], abs=1e-4)
+
+
 def test_a_jump_and_an_outage_are_ridden_out_and_said():
     drive, fixes = drive_and_fixes(3, keep=lambda t: not 70.0 < t < 90.0, jump=(50.0, 58.0))
     t, error, covariance, live = run(drive, fixes)
@@ -118,12 +136,15 @@ def test_a_jump_and_an_outage_are_ridden_out_and_said():
     assert np.trace(covariance[within][:2, :2]) > np.trace(covariance[before][:2, :2])
     assert any("jumped" in text for text in live.warnings)
     assert any("count again" in text for text in live.warnings)
+    assert not any("anew" in text for text in live.warnings), "eight seconds are no reason to start anew"
 
 
 def test_fixes_refused_for_long_start_the_graph_anew():
     drive, fixes = drive_and_fixes(5, jump=(40.0, 1e9), fix_hz=3.0)
-    *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0), since=np.inf)
+    t, *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0), since=50.0)
     assert any("starts anew" in text for text in live.warnings)
+    # What it looks back at is there already.
+    assert np.diff(t).max() < 1.0
     state = live.state()
     x, y = state.frame.to_local(*gnss_drives.geodetic(0.0, 100.0, *drive.origin))
     tx, ty, _ = drive.truth(state.t)

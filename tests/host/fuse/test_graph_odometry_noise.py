@@ -1,14 +1,22 @@
 """The graph finds how noisy an odometry is from what the fixes say of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import brentq, minimize_scalar
 
 import wanted
 from accuracy import car_gnss
-from graph_drives import errors_of, fixes_of, make, numeric, path_of, rms
+from graph_drives import errors_of, fixes_of, make, numeric, path_of, rms, small_drive
 from hubodo.fuse.graph import odometry_noise
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.between import BetweenFactors
+from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
+from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.graph import OdometryPath, fuse_graph
+from hubodo.fuse.graph.solver import solve
 from hubodo.fuse.graph.steps import StepNoise
 
 
@@ -48,6 +56,165 @@ def test_the_stretches_that_are_looked_at_reach_from_the_first_fix_to_the_last(h
     # Ten minutes each, evenly apart but for one stretch.
     assert all(np.ptp(t[one]) == pytest.approx(600.0, abs=10.0) for one in found)
     assert np.ptp(np.diff(middles)) <= 600.0
+
+
+def test_a_fix_belongs_to_one_stretch_and_a_stretch_has_thirty():
+    t = np.arange(0.0, 2000.0, 5.0)
+    whole = np.concatenate(odometry_noise._stretches(np.arange(len(t)), t))
+    assert whole.tolist() == list(range(len(t)))
+    for kept, count in ((30, 4), (29, 3)):
+        # Of the second quarter so many fixes are good.
+        good = np.delete(np.arange(len(t)), np.arange(100 + kept, 200))
+        assert len(odometry_noise._stretches(good, t)) == count
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A graph of 85 fixes of which each has a sigma of its own, solved."""
+    rng = np.random.default_rng(14)
+    drive = small_drive(rng, fixes=100, config=GraphConfig(antenna=(0.0, 0.0)))
+    made = (
+        replace(item, sigma=rng.uniform(0.5, 2.0, 100)) if isinstance(item, PositionFactors) else item
+        for item in drive.graph.factors
+    )
+    graph = Graph(tuple(made))
+    found = solve(graph, drive.poses, np.zeros(COUNT))
+    # Constants far from none, but for a delay, by which the place of a fix would swing with the heading.
+    constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05])
+    assert GNSS_DELAY == 4
+    return graph, replace(found, constants=constants), drive.cut.state_t
+
+
+def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(solved):
+    """Beside poses put together from the increments, each of them pushed a little forward, left and round."""
+    graph, solution, state_t = solved
+    between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
+    rows, seen = (item.linear(solution.poses, solution.constants) for item in (between, fixes))
+    chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4])
+    found = odometry_noise._components(chosen, seen, fixes.sigma, rows, between, solution, state_t, prior)
+    state = fixes.state[chosen]
+    first, last = int(state[0]), int(state[-1])
+    steps = between.steps
+    gap = np.diff(solution.poses, axis=0)
+    ahead = np.exp(1j * solution.poses[:-1, 2])
+    way = (gap[:, 0] + 1j * gap[:, 1]) / ahead
+    told = np.add.reduceat(steps.moves(solution.constants), steps.first)
+    noise = np.column_stack(
+        [(way - told).real, (way - told).imag, gap[:, 2] - steps.turns(solution.constants)]
+    )
+    edges = np.linspace(0, len(chosen), 61).astype(int)
+
+    def means(pushed, constants, start):
+        """Of blocks of fixes, where they would be, east above north."""
+        moves = np.add.reduceat(steps.moves(constants), steps.first) + pushed[:, 0] + 1j * pushed[:, 1]
+        turns = steps.turns(constants) + pushed[:, 2]
+        pose = solution.poses[first] + start
+        heading = pose[2] + np.append(0.0, np.cumsum(turns[first:last]))
+        place = complex(*pose[:2]) + np.append(0.0, np.cumsum(moves[first:last] * np.exp(1j * heading[:-1])))
+        velocity = fixes.velocity[chosen] @ [1.0, 1j]
+        at = place[state - first] + np.exp(1j * heading[state - first]) * constants[GNSS_DELAY] * velocity
+        return blocks(at)
+
+    def blocks(at):
+        share = fixes.sigma[chosen] ** -2.0
+        mean = np.add.reduceat(share * at, edges[:-1]) / np.add.reduceat(share, edges[:-1])
+        return np.concatenate([mean.real, mean.imag])
+
+    def by(size, change):
+        return numeric(lambda v: means(*change(v)), np.zeros(size), 1e-5)
+
+    constants = solution.constants
+    pushed = by(
+        3 * (last - first),
+        lambda v: (
+            noise + np.pad(v.reshape(-1, 3), ((first, len(noise) - last), (0, 0))),
+            constants,
+            np.zeros(3),
+        ),
+    )
+    by_constants = by(COUNT, lambda v: (noise, constants + v, np.zeros(3)))
+    by_start = by(3, lambda v: (noise, constants, v))
+    variances = np.einsum("kii->ki", steps.covariance[first:last])
+    for part, axis in zip(found.parts, range(3), strict=False):
+        lever = pushed[:, axis::3] * np.sqrt(variances[:, axis])
+        np.testing.assert_allclose(part, lever @ lever.T, rtol=1e-5, atol=1e-9 * np.abs(part).max())
+    certain = by_constants * prior, by_start * [30.0, 30.0, 0.5]
+    expected = sum(lever @ lever.T for lever in certain)
+    np.testing.assert_allclose(found.fixed, expected, rtol=1e-5, atol=1e-9 * expected.max())
+    measured = blocks(fixes.place[chosen] @ [1.0, 1j])
+    alone = measured - means(noise, constants, np.zeros(3))
+    alone += pushed @ noise[first:last].ravel() + by_constants @ constants
+    assert found.y == pytest.approx(alone, abs=1e-6)
+
+
+def test_errors_of_fixes_are_white_and_of_a_twentieth_of_them_lasting(solved):
+    graph, solution, state_t = solved
+    between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
+    rows, seen = (item.linear(solution.poses, solution.constants) for item in (between, fixes))
+    chosen = np.arange(40)
+    found = odometry_noise._components(
+        chosen, seen, fixes.sigma, rows, between, solution, state_t, np.ones(COUNT)
+    )
+    # Fewer than sixty: each is a mean of its own.
+    sigma, t = fixes.sigma[:40], state_t[fixes.state[:40]]
+    assert found.parts[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
+    for part, lasts in zip(found.parts[4:], (15.0, 150.0), strict=True):
+        alike = (0.05 * np.median(sigma)) ** 2 * np.exp(-np.abs(np.subtract.outer(t, t)) / lasts)
+        nothing = np.zeros_like(alike)
+        assert part == pytest.approx(np.block([[alike, nothing], [nothing, alike]]))
+
+
+def test_where_too_few_fixes_count_the_noise_stays_what_it_is(solved, monkeypatch):
+    """Else it is the root of the variances that are likely."""
+    logs = 2.0 * np.log([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
+    monkeypatch.setattr(odometry_noise, "_most_likely", lambda seen: logs)
+    graph, solution, state_t = solved
+    fixes = graph.find(PositionFactors)
+    rest = tuple(factor for factor in graph.factors if factor is not fixes)
+    for count, times in ((30, [2.0, 3.0, 4.0]), (29, [1.0, 1.0, 1.0])):
+        place = fixes.place.copy()
+        place[count:] += 1e3
+        some = Graph((*rest, replace(fixes, place=place)))
+        found = odometry_noise.odometry_noise(some, solution, state_t, np.ones(COUNT))
+        assert found.tolist() == pytest.approx(times)
+    for without in (Graph(rest), Graph((fixes,))):
+        assert odometry_noise.odometry_noise(without, solution, state_t, np.ones(COUNT)).tolist() == [1.0] * 3
+
+
+def alone(count, squares):
+    """What says something of the noise along only: so many white numbers, of that sum of squares."""
+    parts = np.zeros((6, count, count))
+    parts[0] = np.eye(count)
+    return odometry_noise._Components(
+        np.full(count, np.sqrt(squares / count)), np.zeros((count, count)), parts
+    )
+
+
+def cost(log, count, squares):
+    """Minus the logarithm of its posterior: a factor of two either way is one sigma of the logarithm."""
+    return 0.5 * (log / 1.4) ** 2 + 0.5 * count * log + 0.5 * squares * np.exp(-log)
+
+
+@pytest.mark.parametrize("logarithm", [3.0, 1.0, -3.0])
+def test_noise_is_the_most_likely_of_what_is_seen_and_what_was_expected(logarithm):
+    count, squares = 30, 30 * np.exp(logarithm)
+    best = minimize_scalar(cost, args=(count, squares)).x
+    found = odometry_noise._most_likely([alone(count, squares)])
+    assert found[0] == pytest.approx(best, abs=0.02)
+    assert np.abs(found[1:]).max() < 0.1
+    # Two stretches tell as much as one that is twice as long.
+    best = minimize_scalar(cost, args=(2 * count, 2 * squares)).x
+    assert odometry_noise._most_likely([alone(count, squares)] * 2)[0] == pytest.approx(best, abs=0.02)
+    assert odometry_noise._most_likely([]).tolist() == [0.0] * 6
+
+
+def test_less_noise_than_expected_is_believed_where_it_is_two_sigma_likelier():
+    def gain(squares):
+        return cost(0.0, 20, squares) - minimize_scalar(cost, args=(20, squares)).fun
+
+    for wanted_gain, shrinks in ((1.8, False), (2.2, True)):
+        squares = brentq(lambda s, by=wanted_gain: gain(s) - by, 0.1, 20.0)
+        assert (odometry_noise._most_likely([alone(20, squares)])[0] < -0.5) == shrinks
 
 
 def test_the_posterior_falls_as_its_derivatives_say(monkeypatch):

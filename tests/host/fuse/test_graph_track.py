@@ -1,15 +1,22 @@
 """What the graph gives at the odometry's times: signed speeds, and a first guess that lies on the fixes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from generators import gnss_drives
 from graph_drives import wiggly_path
-from hubodo.fuse.graph.build import build
+from hubodo.errors import InputError
+from hubodo.fuse.graph.build import _start, _state_times, build
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factors.constants import COUNT, NAMES
+from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.fixes import Fixes, usable_fixes
 from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.graph.steps import OdometryPath, StepNoise, cut_path
+from hubodo.fuse.graph.track import DriveGraph, track_of
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.4])
@@ -37,3 +44,143 @@ def test_the_first_guess_lies_on_the_fixes_however_far_off_and_turned_the_odomet
     assert drive.poses[use, 1] == pytest.approx(local.place.imag, abs=0.1)
     apart = drive.poses[use, 2] - path.heading[at] - turn
     assert np.abs(np.angle(np.exp(1j * apart))).max() < 0.02
+
+
+@pytest.mark.parametrize("t", [[0.0, 1.0, 0.5, 2.0], [0.0, 1.0, 1.0, 2.0], [0.0]])
+def test_an_odometry_whose_time_does_not_go_on_is_refused(t):
+    with pytest.raises(InputError, match="increasing time"):
+        OdometryPath(np.array(t), *np.zeros((3, len(t))))
+
+
+UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
+
+
+def test_the_velocity_at_a_pose_is_that_of_the_two_steps_beside_it():
+    """Steps at 1, 2, 3, 4 m/s; at either end the two that are nearest."""
+    way = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
+    path = OdometryPath(UNEVEN, way * np.cos(0.5), way * np.sin(0.5), np.full(5, 0.5))
+    whole = cut_path(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
+    ends = [0.5 / 0.3, 1.3 / 0.5, 2.5 / 0.7]
+    np.testing.assert_allclose(whole, np.column_stack([ends, np.zeros(3)]), atol=1e-12)
+    inside = cut_path(path, np.array([0.0, 0.2, 0.6, 1.0]), StepNoise()).velocity
+    np.testing.assert_allclose(inside[1], [2.0, 0.0], atol=1e-12)
+    alone = cut_path(path, np.array([0.65, 0.95]), StepNoise()).velocity
+    np.testing.assert_allclose(alone, [[4.0, 0.0]] * 2, atol=1e-12)
+
+
+def test_a_cut_odometry_knows_its_heading_at_any_time_and_the_share_of_a_stretch():
+    """Round and round, with headings told within half a turn."""
+    t = np.arange(0.0, 20.0, 0.1)
+    heading = 1.0 + 0.9 * t
+    path = OdometryPath(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
+    cut = cut_path(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
+    asked = np.linspace(2.0, 17.5, 53)
+    np.testing.assert_allclose(cut.heading_at(asked), 1.0 + 0.9 * asked, atol=1e-9)
+    np.testing.assert_allclose(cut.pose[:, 2], 1.0 + 0.9 * cut.state_t, atol=1e-9)
+    begin, end = cut.state_t[:-1][cut.stretch], cut.state_t[1:][cut.stretch]
+    np.testing.assert_allclose(cut.share, (cut.t - begin) / (end - begin))
+    np.testing.assert_allclose(cut.turn_end[:, 1], cut.t - begin, atol=1e-12)
+    np.testing.assert_allclose(cut.turn_end[:, 0], 0.9 * (cut.t - begin), atol=1e-9)
+
+
+def solved(rng):
+    """What a graph may have found of three poses: all of it made up, covariances of a kind that may be."""
+    root = 0.1 * rng.standard_normal((9, 9))
+    whole = (root @ root.T).reshape(3, 3, 3, 3)
+    return SimpleNamespace(
+        poses=np.array([[5.0, -2.0, 0.1], [7.2, -1.7, 0.3], [9.0, -1.0, -0.2]]),
+        constants=np.array([0.02, 0.0, 0.0, 0.0, 0.3, 0.0]),
+        covariance=np.array([whole[k, :, k] for k in range(3)]),
+        start_covariance=np.array([whole[k, :, 0] for k in range(3)]),
+        constants_covariance=np.diag(np.arange(1.0, 1.0 + COUNT) ** 2),
+    )
+
+
+def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_spread_over_time():
+    """Of an odometry that goes straight on evenly that is a line from pose to pose."""
+    t = np.arange(0.0, 4.1, 0.25)
+    path = OdometryPath(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
+    cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    found = solved(np.random.default_rng(31))
+    state, place = np.array([0, 2]), found.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
+    fixes = PositionFactors(state, place, np.ones(2), np.zeros((2, 2)))
+    drive = DriveGraph(Graph((fixes,)), found.poses, cut, True)
+    made = track_of(path, drive, found, None, 1.5, StepNoise(), 0.7, ("said",))
+    x, y, heading = (np.interp(t, cut.state_t, column) for column in found.poses.T)
+    np.testing.assert_allclose(made.track.x, x, atol=1e-12)
+    np.testing.assert_allclose(made.track.y, y, atol=1e-12)
+    np.testing.assert_allclose(made.track.heading, heading, atol=1e-12)
+    np.testing.assert_allclose(made.from_start.x, x - 5.0, atol=1e-12)
+    np.testing.assert_allclose(made.from_start.y, y + 2.0, atol=1e-12)
+    speed = np.hypot(np.diff(x), np.diff(y)) / 0.25
+    np.testing.assert_allclose(made.track.speed, np.append(speed[0], speed))
+    # Variances, and those of the way since the first pose: the heading's is that towards north all along.
+    diagonal, cross = (np.einsum("kii->ki", part) for part in (found.covariance, found.start_covariance))
+    since = diagonal + diagonal[0] - 2.0 * cross
+    since[:, 2] = diagonal[:, 2]
+    for track, variance in ((made.track, diagonal), (made.from_start, since)):
+        for sigma, column in zip(
+            (track.sigma_x, track.sigma_y, track.sigma_heading), variance.T, strict=True
+        ):
+            np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.state_t, np.maximum(column, 0.0))))
+    # A fix twenty sigma off counts nothing; the delay is what was found and what was undone before.
+    np.testing.assert_allclose(made.fix_t, [-0.7, 3.3])
+    assert made.fix_weight.tolist() == [1.0, 0.0]
+    values = {name: made.constants[name] for name in NAMES}
+    assert values["gnss_delay"].value == pytest.approx(1.0)
+    assert values["wheel_radius"].value == pytest.approx(0.02)
+    assert [values[name].sigma for name in NAMES] == pytest.approx(np.arange(1.0, 1.0 + COUNT))
+
+
+def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_poses():
+    t = np.arange(0.0, 4.1, 0.25)
+    path = OdometryPath(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
+    cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    found = solved(np.random.default_rng(33))
+    found.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
+    made = track_of(
+        path, DriveGraph(Graph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    ).track
+    x, y, heading = (np.interp(t, cut.state_t, column) for column in found.poses.T)
+    np.testing.assert_allclose(made.heading, heading, atol=1e-12)
+    at_poses = np.isin(t, cut.state_t)
+    np.testing.assert_allclose(made.x[at_poses], x[at_poses], atol=1e-12)
+    np.testing.assert_allclose(made.y[at_poses], y[at_poses], atol=1e-12)
+    # Between them it bends to the side to which it turns.
+    bow = (made.y - y) * np.cos(heading) - (made.x - x) * np.sin(heading)
+    assert (bow[~at_poses] < 0.0).all()
+
+
+def test_without_fixes_a_track_says_of_none():
+    path = OdometryPath(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
+    cut, found = cut_path(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
+    made = track_of(
+        path, DriveGraph(Graph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    )
+    assert len(made.fix_t) == len(made.fix_weight) == 0
+
+
+@pytest.mark.parametrize("turns", [0, 3, -2])
+def test_a_first_heading_that_is_known_is_meant_to_the_nearest_turn(turns):
+    pose, config = np.array([5.0, 6.0, 0.4 + 2.0 * np.pi * turns]), GraphConfig(start_heading=-0.3)
+    for on_map, place in ((True, 1e4), (False, 1e-3)):
+        mean, sigma = _start(pose, on_map, config)
+        np.testing.assert_allclose(mean, [[5.0, 6.0, -0.3 + 2.0 * np.pi * turns]], atol=1e-12)
+        np.testing.assert_allclose(sigma, [[place, place, 0.02]])
+    mean, sigma = _start(pose, True, GraphConfig())
+    # Of a heading that is not known all are alike.
+    np.testing.assert_allclose(mean, pose[None])
+    np.testing.assert_allclose(sigma, [[1e4, 1e4, np.pi / np.sqrt(3.0)]])
+
+
+def test_poses_stand_at_marks_and_ends_and_no_further_apart_than_they_may():
+    path_t = np.arange(0.0, 10.05, 0.1)
+    made = _state_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
+    assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], made).all()
+    gaps = np.diff(made)
+    assert len(made) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
+    # Each gap is cut evenly.
+    np.testing.assert_allclose(gaps, np.repeat([2.3 / 3, 0.6, 4.1 / 5, 1.0], [3, 1, 5, 3]), atol=1e-9)
+    silent = np.append(path_t, path_t + 30.0)
+    made = _state_times(silent, path_t[:0], 1.0)
+    assert np.isin([0.0, path_t[-1], 30.0, silent[-1]], made).all() and len(made) == 22

@@ -46,7 +46,7 @@ def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -
     usual = node_ranges(NodeMount("left", "left"), {})
     told = node_ranges(NodeMount("left", "left"), TOLD)
     given = node_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
-    assert usual.gyro.value == pytest.approx(math.radians(2000.0))
+    assert (usual.gyro.value, usual.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
     assert (told.gyro.value, told.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
     assert [r.gyro.source for r in (usual, told, given)] == [

@@ -166,3 +166,27 @@ def test_they_carry_the_vehicle_over_a_silence_of_its_node():
     print(f"seed {SEED}: {np.hypot(*error[:2]):.2f} m off, {np.degrees(error[2]):.1f}°")
     assert np.hypot(*error[:2]) < 1.5 and np.sqrt(np.trace(covariance[:2, :2])) < 1.5
     assert error @ np.linalg.solve(covariance, error) < 20.0
+
+
+def test_the_speed_of_a_window_is_the_mean_of_the_lines_between_rows_where_none_is_missing():
+    """Rows at uneven times, a hole among them: by the area below the lines, put together from its corners."""
+    rng = np.random.default_rng(31)
+    t = 0.234 + np.cumsum(rng.uniform(0.01, 0.15, 120))
+    t[60:] += 0.9
+    rows = {side: 1.0 + rng.standard_normal(120) for side in ("left", "right")}
+    found = surface_speeds(Table({"t": t, **rows}))
+    windows = [k for k in range(200) if t[0] <= 0.1 * k and 0.1 * (k + 1) <= t[-1]]
+    sound = [k for k in windows if 0.1 * (k + 1) <= t[59] or 0.1 * k >= t[60]]
+    assert list(found) == sound and len(sound) < len(windows) - 8
+    for number in sound:
+        begin, end = 0.1 * number, 0.1 * (number + 1)
+        corners = np.union1d(t[(t > begin) & (t < end)], [begin, end])
+        for side, mean in zip(("left", "right"), found[number], strict=True):
+            assert mean == pytest.approx(np.trapezoid(np.interp(corners, t, rows[side]), corners) / 0.1)
+
+
+@pytest.mark.parametrize("speed", [0.0, 1.0, -20.0])
+def test_an_encoder_is_unsure_by_two_centimetres_a_second_and_a_hundredth(speed):
+    begin = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}, encoder=True))
+    _, variance, _ = measure(list(begin.x), begin.columns.vehicle, 1.0, 0.25, speed)
+    assert variance == pytest.approx(0.02**2 + (0.01 * speed) ** 2)

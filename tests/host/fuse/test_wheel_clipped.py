@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from generators.clipped_drives import CASES, clipped_drive
 from generators.wheel_drives import WheelDrive
-from hubodo.fuse.wheel.clipping import find_spin, unclipped
+from hubodo.fuse.wheel.clipping import SpinFollower, find_spin, unclipped
+from hubodo.fuse.wheel.entries import LEVER_ARM_X, LEVER_ARM_Y, MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.track import run
 from hubodo.fuse.wheel.window import Window
-from wheel_runs import BOTH, config, end_error, nees, tables
+from hubodo.recording import Table
+from wheel_runs import BOTH, config, end_error, nees, pose_error, tables
 
 SEED = 102
 UNHEARD_OF = 20.0
@@ -62,6 +66,65 @@ def test_a_drive_that_begins_beyond_the_gyro_finds_its_spin() -> None:
     assert nees(drive, found) < UNHEARD_OF
 
 
+def test_what_gravity_was_looked_for_with_is_no_surer_for_that() -> None:
+    """Else lever arms are 7 sigma off after 20 s beyond the gyro, biases follow: mean NEES 13 on these."""
+    case, seeds = CASES["20 m/s from the start"], range(300, 308)
+    drives = [clipped_drive(case, seed) for seed in seeds]
+    found = [nees(drive, run(config(drive, limits=case.limits), tables(drive))) for drive in drives]
+    print(seeds, np.round(found, 1))
+    low, high = chi2.ppf([0.005, 0.995], 3 * len(found)) / len(found)
+    assert low < np.mean(found) < high
+
+
+@pytest.mark.parametrize("seed", [117, 118, 300, 302])
+def test_a_drive_that_begins_beyond_the_gyro_knows_arm_and_tilt_after_a_second(seed: int) -> None:
+    """What does not turn with the wheel shows them: some 50 m/s² on a lever arm, 2 rad/s let in by a tilt.
+
+    Without it arms of centimetres came out 4 to 23 sigma off, and what they make of a curve was a heading:
+    mean NEES 6.6 with one wheel and 5.0 with two over 24 drives.
+    """
+    case = CASES["20 m/s from the start"]
+    drive = clipped_drive(case, seed)
+    first = {name: _until(table, 1.6) for name, table in tables(drive).items()}
+    made = run(config(drive, limits=case.limits), first)
+    found, squares = made.filter.core, []
+    for wheel in found.wheels:
+        truth = drive.nodes[wheel.name].truth
+        for entry, key in (
+            (LEVER_ARM_X, "arm_x"),
+            (LEVER_ARM_Y, "arm_y"),
+            (MISALIGNMENT_X, "tilt_x"),
+            (MISALIGNMENT_Y, "tilt_y"),
+        ):
+            seen = found.estimate(wheel.name, entry)
+            squares.append(((seen.value - truth[key]) / seen.sigma) ** 2)
+            # 0.1 m and 0.03 rad: of the tilt a bias of 0.1 rad/s at 67 rad/s is left.
+            assert seen.sigma < 0.1 * entry.prior, entry
+    off = math.degrees(pose_error(drive, made.track, -1)[0][2])
+    print(seed, np.round(squares, 1), off)
+    assert max(squares) < 5.0**2
+    assert abs(off) < 0.25
+
+
+def _until(table: Table, end: float) -> Table:
+    return Table({name: table[name][table.t < end] for name in ("t", "gx", "gy", "gz", "ax", "ay", "az")})
+
+
+@pytest.mark.parametrize("seed", [109, 300])
+def test_a_gyro_at_its_end_feels_no_less_than_that(seed: int) -> None:
+    """Where braking ends just beyond 500 deg/s gravity turns by half a turn while it is looked at: a wheel
+    that runs backwards fits as well. A gyro that stands at +8.7 rad/s does not: NEES 214 and 5159."""
+    case = CASES["500 °/s at 4 m/s"]
+    drive = clipped_drive(case, seed)
+    found = run(config(drive, ("left",), limits=case.limits), tables(drive))
+    print(seed, nees(drive, found), end_error(drive, found) / drive.length)
+    fast = found.track.t > 10.5
+    fast &= found.track.t < 60.0
+    assert found.track.speed[fast].min() > 0.5
+    assert nees(drive, found) < UNHEARD_OF
+    assert found.filter.core.wheels[0].lost == 0
+
+
 def test_a_wheel_that_is_heard_a_window_later_begins_with_the_spin_that_was_found() -> None:
     case = CASES["20 m/s from the start"]
     drive = clipped_drive(case, 103)
@@ -82,6 +145,25 @@ def test_the_search_finds_spin_and_angle_of_the_truth(fast: WheelDrive) -> None:
     assert windows[0].spin / 0.1 + found.excess == pytest.approx(rate, abs=0.3)
     # Over the second between both ends the angle agrees with the spin.
     assert found.end - found.begin == pytest.approx(rate, abs=0.3)
+
+
+@pytest.mark.parametrize("off", [0.0, 60.0])
+def test_a_spin_is_seen_where_gravity_turns_with_it_and_nowhere_else(fast: WheelDrive, off: float) -> None:
+    """At 33 s, straight on at 20 m/s; off: rad/s that the follower begins with too much.
+
+    One window alone tells nothing.
+    """
+    node = fast.nodes["left"]
+    windows = [w for w in _windows(fast, "left", 34.8) if 370 <= w.number < 380]
+    follower = SpinFollower(fast.radius)
+    rate = 20.0 / (fast.radius * (1.0 + node.truth["radius"]))
+    follower.begin(rate - windows[0].spin / 0.1 + off, 0.0)
+    seen = []
+    for window in windows:
+        follower.follow(window, 0j, 0j)
+        seen.append(follower.seen)
+    assert not seen[0]
+    assert seen[-1] == (off == 0.0)
 
 
 def test_a_window_made_again_without_excess_is_the_same_window(fast: WheelDrive) -> None:

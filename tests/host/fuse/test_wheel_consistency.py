@@ -16,14 +16,20 @@ from hubodo.fuse.wheel.track import run
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 
-def test_innovations_and_errors_are_inside_their_chi_square_bands() -> None:
-    """With noise as declared and no error that the model does not know. 16 drives, seeds 600..615."""
+@pytest.mark.parametrize("rotations", [False, True])
+def test_innovations_and_errors_are_inside_their_chi_square_bands(rotations: bool) -> None:
+    """With noise as declared and no error that the model does not know. 16 drives, seeds 600..615.
+
+    With nodes turned by rotations seed 613, whose gyros across the axle differ by 1.4 % in scale and whose
+    clocks by 2.6 ms, had a NEES of 131 before both were in what is expected of the yaw.
+    """
     errors = wheel_drives.Errors(roll=0.0, vibration=0.0, road=0.002, clock=0.003, warmup=0.0)
-    # Flat ground; 'push' is how far the wheel's own acceleration strays by the road's noise.
+    # Flat ground; 'push' is how far the wheel's own acceleration strays by the road's noise. Nothing rolls,
+    # and nothing sways: the two sideways rows are there with room to spare.
     noise = WheelNoise(
         gyro=1e-4,
         accel=1.2e-3,
-        roll=2e-3,
+        roll=0.0,
         flex=0.0,
         push=0.1,
         vibration=0.0,
@@ -32,11 +38,13 @@ def test_innovations_and_errors_are_inside_their_chi_square_bands() -> None:
         lateral=3e-4,
     )
     settings = {"noise": noise, "known": {SLOPE: Quantity(0.0, 0.03)}}
-    normalised, nis = _consistency(range(600, 616), 40.0, errors, [BOTH], **settings)[BOTH]
+    made = _consistency(range(600, 616), 40.0, errors, [BOTH], rotations, **settings)
+    normalised, nis = made[BOTH]
     low, high = chi2.ppf([0.005, 0.995], 3 * len(normalised))
     assert low < sum(normalised) < high, normalised
-    # White numbers would lie within 2 %; the generator's road and quantisation are not quite white.
-    assert 0.85 < nis < 1.1
+    # Six rows of eight are as noisy as declared. White numbers would lie within 2 % of 0.75; the generator's
+    # road and quantisation are not quite white.
+    assert 0.65 < nis < 0.9
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +57,7 @@ def usual() -> dict[tuple[str, ...], tuple[list[float], float]]:
     return _consistency(range(600, 616), 100.0, errors, (BOTH, ("left",)))
 
 
-@pytest.mark.parametrize(("names", "nis_band"), [(BOTH, (0.2, 0.4)), (("left",), (0.1, 0.25))])
+@pytest.mark.parametrize(("names", "nis_band"), [(BOTH, (0.1, 0.25)), (("left",), (0.1, 0.25))])
 def test_the_pose_is_as_sure_as_it_says_with_the_noise_that_users_have(
     usual: dict[tuple[str, ...], tuple[list[float], float]],
     names: tuple[str, ...],
@@ -58,9 +66,11 @@ def test_the_pose_is_as_sure_as_it_says_with_the_noise_that_users_have(
     normalised, nis = usual[names]
     low, high = chi2.ppf([0.005, 0.995], 3 * len(normalised))
     assert low < sum(normalised) < high, normalised
-    # Not 1: the settings leave room for bumps, swaying and slopes that the smooth road of the generator does
-    # not have, so that innovations are half as large as declared. The pose does not show it, because its
-    # error comes from radius, track and scales, which do not average out.
+    # Not 1, nor is it on real drives: 0.16 to 0.27 on the car and the wheelchair, window by window. What a
+    # road does there lasts for seconds, while the filter takes it for white: sums of two seconds on the car
+    # have 0.7 to 1.0 of the variance that is declared for roll, 1.1 to 4.1 sideways, 0.8 to 1.1 between two
+    # wheels. Settings that make this number 1 would be too sure there. The smooth road of the generator has
+    # none of that; the pose does not show it, as its error comes from radius, track and scales.
     assert nis_band[0] < nis < nis_band[1]
 
 
@@ -69,6 +79,7 @@ def _consistency(
     length: float,
     errors: wheel_drives.Errors,
     nodes: Iterable[tuple[str, ...]],
+    rotations: bool = False,
     **settings: object,
 ) -> dict[tuple[str, ...], tuple[list[float], float]]:
     """For each choice of nodes the squared errors at the end over their covariance, one for each seed.
@@ -79,7 +90,8 @@ def _consistency(
     nis, degrees = dict.fromkeys(normalised, 0.0), dict.fromkeys(normalised, 0)
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        drive = wheel_drives.drive(wheel_drives.loop(rng, length, 6.0), rng, errors)
+        plan = wheel_drives.loop(rng, length, 6.0)
+        drive = wheel_drives.drive(plan, rng, errors, rotations=rotations)
         for names, found_so_far in normalised.items():
             found = run(config(drive, names, **settings), tables(drive))
             found_so_far.append(nees(drive, found))

@@ -32,6 +32,7 @@ from hubodo.fuse.wheel.measurements import (
     WindowNoise,
     centripetal,
     position,
+    steady,
     zero_velocity,
 )
 from hubodo.fuse.wheel.measurements.shared import Row
@@ -42,11 +43,13 @@ from hubodo.fuse.wheel.window import WINDOW, Window
 
 AT = Columns(1, told=True).wheels[0]
 TOLD = position.Position(3.0, -2.0, 0.5)
+SEEN = steady.Steady(3.0 - 50.0j, 0.4 + 1.3j, 0.2, 0.01, -62.0, -3900.0 + 7.0j, 0.31)
 
 
 def _view(geometry: WheelGeometry, window: Window, x: list[float]) -> WheelWindow:
     view = WheelWindow(geometry, AT)
     view.look(x, window, resting=False)
+    view.yaw_change = 0.7
     return view
 
 
@@ -60,6 +63,7 @@ def _centripetal(view: WheelWindow) -> tuple[Row]:
 CASES: dict[str, tuple[tuple[Entry, ...], tuple[Entry, ...], Callable[[WheelWindow], tuple[Row, ...]]]] = {
     "centripetal": (centripetal.STATES, centripetal.LEFT_OUT, _centripetal),
     "position": (position.STATES, (), lambda view: position.measure(view.x, AT, TOLD)),
+    "steady": (steady.STATES, (), lambda view: steady.measure(view.x, AT, SEEN)),
     "zero velocity": (
         zero_velocity.STATES,
         (),

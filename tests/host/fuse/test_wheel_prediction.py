@@ -1,16 +1,17 @@
-"""How the speed goes on from window to window: by what sound accelerometers feel, and by that alone."""
+"""How the speed goes on from window to window, and where gravity shows that a wheel is."""
 
+import cmath
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.entries import SPEED
+from hubodo.fuse.wheel.entries import CAMBER, SPEED, WHEEL_ANGLE
 from hubodo.fuse.wheel.prediction import Prediction
 from hubodo.fuse.wheel.state import initial_state
 from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
 
 FORWARD = 0.4
 # A wheel that stands with its node upright feels gravity along x, and 0.4 m/s² of braking along y.
@@ -53,3 +54,128 @@ def test_a_sound_accelerometer_carries_the_speed() -> None:
 )
 def test_one_that_is_not_sound_carries_nothing(unsound: dict[str, float]) -> None:
     assert gained(**unsound) == 0.0  # type: ignore[arg-type]
+
+
+GRAVITY, SPIN = 9.80665, 3.0
+
+
+def rolling(number: int, begin: float = 0.7, camber: float = 0.0, **changes: float) -> Window:
+    """A window of a wheel that rolls evenly: its angle was `begin` at 0 s, and the carrier goes along."""
+    middle = SPIN * (number + 0.5) * WINDOW
+    return Window(
+        number=number,
+        spin=SPIN * WINDOW,
+        force=GRAVITY * WINDOW * cmath.rect(np.cos(camber), -(begin + middle)),
+        axial=GRAVITY * WINDOW * np.sin(camber),
+        clock_angle=middle,
+        **changes,
+    )
+
+
+def a_wheel(side: str = "left"):  # type: ignore[no-untyped-def]
+    """(wheel, its states, their covariance)."""
+    begin = initial_state(WheelConfig(0.15, 0.5, {side: WheelNode(side, "left")}))  # type: ignore[arg-type]
+    return begin.wheels[0], list(begin.x), begin.p.copy()
+
+
+def after_a_gap(number: int):  # type: ignore[no-untyped-def]
+    """A wheel whose angle is known, heard again in the window of that number: 0.6 s are missing."""
+    wheel, x, p = a_wheel()
+    wheel.listen(rolling(0))
+    wheel.join(x, p, True)
+    for before in range(1, number):
+        wheel.listen(rolling(before))
+    wheel.listen(rolling(number, missing=0.6))
+    return wheel
+
+
+@pytest.mark.parametrize("begin", [0.7, -2.9, 3.1])
+@pytest.mark.parametrize("windows", [1, 10])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_angle_of_a_wheel_and_its_lean_are_read_from_gravity(
+    side: str, windows: int, begin: float
+) -> None:
+    for at_begin, turned in ((True, 4 * SPIN * WINDOW), (False, (4 + windows) * SPIN * WINDOW)):
+        wheel, x, p = a_wheel(side)
+        for number in range(4, 4 + windows):
+            wheel.listen(rolling(number, begin, 0.05))
+        assert wheel.heard == windows and not wheel.joined
+        p += 0.3
+        assert wheel.join(x, p, at_begin) == [wheel.at[WHEEL_ANGLE]]
+        off = cmath.phase(cmath.exp(1j * (x[wheel.at[WHEEL_ANGLE]] - begin - turned)))
+        assert off == pytest.approx(0.0, abs=1e-9)
+        assert abs(x[wheel.at[WHEEL_ANGLE]]) <= np.pi
+        assert x[wheel.at[CAMBER]] == pytest.approx(0.05 * wheel.geometry.side, abs=1e-9)
+        assert wheel.joined
+        place = wheel.at[WHEEL_ANGLE]
+        assert np.count_nonzero(p[place]) == np.count_nonzero(p[:, place]) == 1
+        assert p[place, place] == WHEEL_ANGLE.prior**2
+
+
+@pytest.mark.parametrize(("jumps", "lost"), [(0.0, 0), (0.1, 0), (-0.1, 0), (2.0, 1), (-2.0, 1)])
+def test_gravity_that_lies_elsewhere_after_a_gap_says_that_the_angle_was_lost(
+    jumps: float, lost: int
+) -> None:
+    wheel = after_a_gap(41)
+    assert wheel.unheard_in_all == 1
+    for number in range(42, 120):
+        wheel.listen(rolling(number, 0.7 + jumps))
+    assert (wheel.lost, wheel.joined) == (lost, not lost)
+    wheel.listen(NOTHING)
+    assert not wheel.joined and wheel.unheard_in_all == 2
+
+
+@pytest.mark.parametrize("clipped", ["spin_clipped", "force_clipped"])
+def test_a_window_that_was_cut_off_says_nothing_of_where_gravity_lies(clipped: str) -> None:
+    wheel = after_a_gap(40)
+    for number in range(41, 200):
+        wheel.listen(rolling(number, 2.7, **({clipped: 0.5} if number < 80 else {})))
+    assert (wheel.lost, wheel.joined) == (0, True)
+
+
+def test_a_bump_in_one_of_the_three_windows_after_a_gap_costs_no_angle() -> None:
+    wheel = after_a_gap(40)
+    for number in range(41, 60):
+        wheel.listen(rolling(number, 0.7 + 2.0 * (number == 41)))
+    assert (wheel.lost, wheel.joined) == (0, True)
+
+
+def test_a_wheel_that_changes_sides_touches_the_road_on_the_other() -> None:
+    wheel, *_ = a_wheel()
+    seen = wheel.geometry.contact
+    wheel.move_over()
+    assert wheel.geometry.contact == wheel.view.geometry.contact == -seen != 0.0
+
+
+def test_a_wheel_counts_what_it_has_turned_and_how_upright_it_was() -> None:
+    """A node upside down sees gravity from below."""
+    wheel, *_ = a_wheel()
+    wheel.joined = True
+    for number in range(50):
+        wheel.watch(rolling(number), SPIN, 0.7 + SPIN * number * WINDOW)
+    assert (wheel.moving, wheel.upright) == (50, pytest.approx(50.0))
+    assert wheel.turned == wheel.forwards == pytest.approx(50 * SPIN * WINDOW)
+    for number in range(10):
+        wheel.watch(rolling(number), -SPIN, 0.7 + np.pi + 2.0 * SPIN * (number + 0.5) * WINDOW)
+    assert wheel.turned == pytest.approx(60 * SPIN * WINDOW)
+    assert wheel.forwards == pytest.approx(40 * SPIN * WINDOW)
+    assert wheel.moving == 60 and wheel.clipped == 0
+    wheel.watch(rolling(0, force_clipped=0.1), SPIN, 0.7)
+    wheel.watch(rolling(0), 0.99, 0.7)
+    wheel.joined = False
+    wheel.watch(rolling(0, spin_clipped=0.1), SPIN, 0.7)
+    assert wheel.moving == 60 and wheel.clipped == 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "rolls"),
+    [({}, True), ({"joined": False}, False), ({"trusted": False}, False), ({"away": True}, False)],
+)
+def test_only_a_wheel_that_is_known_trusted_and_on_the_road_tells_the_speed(
+    changes: dict[str, bool], rolls: bool
+) -> None:
+    wheel, *_ = a_wheel()
+    wheel.joined = True
+    vars(wheel).update(changes)
+    assert wheel.rolls(rolling(0)) == rolls
+    assert not wheel.rolls(NOTHING)

@@ -17,6 +17,10 @@ def test_smoothing_lowers_the_error_along_the_way_and_keeps_the_end() -> None:
     assert smooth.track.x[-1] == pytest.approx(plain.track.x[-1], abs=1e-6)
     middle = len(plain.track.t) // 2
     assert smooth.track.covariance[middle, 2, 2] <= plain.track.covariance[middle, 2, 2]
+    for found in (plain, smooth):
+        # A pose stands at the end of its window.
+        assert found.report.duration == pytest.approx(found.track.t[-1] - found.track.t[0] + 0.1)
+        assert found.report.end == found.track.t[-1]
     assert "smoothed" in smooth.report.method
     assert "not causal" in smooth.report.method
 

@@ -39,6 +39,21 @@ def test_a_node_that_faces_the_other_way_is_named_whichever_stands_first(
     assert all(f"on the {wrong} wheel" in line for line in said)
 
 
+def test_of_exchanged_sides_one_wheel_is_believed_while_driving_on_the_side_that_it_is_on() -> None:
+    drive = short(22)
+    made, nodes = WheelFilter(config(drive)), drive.nodes
+    recorded = {"left": nodes["right"], "right": nodes["left"]}
+    made.handle_many({name: (node.t, node.gyro, node.accel) for name, node in recorded.items()})
+    made.finish()
+    declared, kept = (
+        {wheel.name: wheel.geometry.contact for wheel in core.wheels if wheel.part and wheel.trusted}
+        for core in (_driven(drive), made.core)
+    )
+    assert len(declared) == 2
+    assert len(kept) == 1
+    assert all(kept[name] == -declared[name] for name in kept)
+
+
 def test_the_turning_that_a_tilted_gyro_feels_is_no_spin() -> None:
     rng = np.random.default_rng(8)
     core = WheelStep(config(short(1)))

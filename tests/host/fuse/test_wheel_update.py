@@ -5,13 +5,15 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.stats import norm
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.state import InitialState, initial_state
 from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.two_wheels import robust_variances
+from hubodo.fuse.wheel.two_wheels import careful_tape, robust_variances
 from hubodo.fuse.wheel.update import Updated, WheelUpdate
 from hubodo.fuse.wheel.window import WINDOW, Window
 
@@ -162,6 +164,22 @@ def test_of_two_yaw_rates_that_disagree_both_lose_weight_alike() -> None:
     assert wider == pytest.approx(1.0 + np.array([0.03, 0.03, 0.0, 0.0]))
     alone, _ = robust_variances(white, sigma, np.zeros(4), np.ones(4), None)
     assert alone == pytest.approx(1.0 + np.array([0.0, 0.03, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("prior", [0.02, 0.1])
+def test_a_tape_is_believed_where_care_is_more_likely_by_a_third(prior: float) -> None:
+    """By the densities of both priors, where one is 1.26 times the other, and 1.31 times.
+
+    Turns show the track to 0.1 %; a careful tape is good for half a percent, another one for `prior`.
+    """
+    shown = 0.001**2
+    variance = 1.0 / (1.0 / shown + 1.0 / prior**2)
+    care, anyhow = norm(scale=math.hypot(0.001, 0.005)), norm(scale=math.hypot(0.001, prior))
+    said = []
+    for likelier in (1.26, 1.31):
+        seen = brentq(lambda x, by=likelier: care.pdf(x) / anyhow.pdf(x) - by, 0.0, 0.05)
+        said.append(careful_tape(seen * variance / shown, variance, prior))
+    assert said == [math.inf, 0.005**2]
 
 
 @pytest.mark.parametrize(("turned", "lost"), [(0.0, 0), (0.5, 0), (-0.5, 0), (1.2, 1), (-1.2, 1), (3.1, 1)])

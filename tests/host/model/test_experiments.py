@@ -1,16 +1,21 @@
 """What is simulated is what was asked for: times, rates, temperatures, noise, the path."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hubodo.effects import Noise
+from hubodo.effects.gyro import GyroBias
+from hubodo.effects.wheel import WheelCamber
 from hubodo.errors import InputError
 from hubodo.model import experiments
 from hubodo.model.bench import eased
 from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
 from hubodo.model.experiments import Experiment
-from hubodo.model.inputs import Inputs
-from hubodo.model.model_file import InputNames, Model
+from hubodo.model.forward import NodeStart
+from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.model_file import InputNames, Model, Scoped
 from hubodo.smooth import constant
 from hubodo.vehicle import NodeMount, Vehicle
 
@@ -42,11 +47,11 @@ def test_nine_poses_are_the_least():
 def test_nodes_warm_up_evenly_or_as_they_are_told():
     t = np.array([0.0, 5.0, 12.5, 20.0])
     even = experiments.warming(circle(), 20.0, 30.0, None).inputs
-    np.testing.assert_allclose(np.interp(t, even.temperature_t, even.temperature), 20.0 + t / 2.0, atol=1e-12)
+    np.testing.assert_allclose(even.temperature.at(t), 20.0 + t / 2.0, atol=1e-12)
     settling = experiments.warming(circle(), 20.0, 30.0, 4.0).inputs
-    wanted = 30.0 - 10.0 * np.exp(-settling.temperature_t / 4.0)
-    np.testing.assert_allclose(settling.temperature, wanted, atol=1e-12)
-    assert np.diff(settling.temperature_t).max() <= 1.0
+    wanted = 30.0 - 10.0 * np.exp(-settling.temperature.t / 4.0)
+    np.testing.assert_allclose(settling.temperature.values, wanted, atol=1e-12)
+    assert np.diff(settling.temperature.t).max() <= 1.0
 
 
 def test_rates_and_noise_are_those_that_were_asked_for():
@@ -62,6 +67,90 @@ def test_rates_and_noise_are_those_that_were_asked_for():
     assert np.std(reference["speed"] - 2.0) == pytest.approx(0.05, rel=0.09)
     assert np.std(reference["yaw_rate"] - 0.25) == pytest.approx(0.002, rel=0.09)
     assert abs(np.mean(reference["speed"]) - 2.0) < 4 * 0.05 / 1000**0.5
+
+
+def test_noise_of_the_reference_is_drawn_for_itself_by_the_seed():
+    """So that the draw of a seed stays what it is, whatever nodes there are."""
+    rng = np.random.default_rng([SEED, 0, *b"reference"])
+    made = experiments.reference(model(speed_noise=0.05, yaw_rate_noise=0.002), circle(), 50.0, SEED)
+    for name, value, sigma in (("speed", 2.0, 0.05), ("yaw_rate", 0.25, 0.002)):
+        np.testing.assert_allclose(made[name], value + sigma * rng.standard_normal(1000), rtol=1e-12)
+
+
+PARTS = np.linspace(0.0, 30.0, 7)
+
+
+def made_of(kind, told=None, **options):
+    return experiments.experiment_of(kind, told or model(), 30.0, SEED, **options)
+
+
+def speeds(inputs):
+    return inputs.speed(PARTS), inputs.yaw_rate(PARTS)
+
+
+def test_each_kind_of_experiment_is_what_it_is_called():
+    rest = made_of("rest")
+    assert not np.any(speeds(rest.inputs)) and rest.drives and rest.duration == 30.0
+    for kind, drawn in (
+        ("random", lambda rng: random_drive(rng, 30.0)),
+        ("loop", lambda rng: loop_drive(rng, rest=1.0, moving=25.0)),
+    ):
+        found, wanted = made_of(kind), drawn(np.random.default_rng([SEED, 1]))
+        assert found.drives and found.duration == pytest.approx(30.0, abs=0.011)
+        np.testing.assert_array_equal(speeds(found.inputs), speeds(wanted))
+        assert np.abs(speeds(found.inputs)[0]).max() > 0.1
+    earth = Earth(0.8, 0.1)
+    turned = made_of("turntable", earth=earth)
+    assert turned.bench and not turned.drives and turned.table is not None and turned.carried is None
+    assert turned.inputs.earth is earth
+    carried = experiments.experiment_of("poses", model(), 80.0, SEED, earth=earth)
+    assert carried.bench and not carried.drives and carried.carried.latitude == 0.8
+    assert not np.any(speeds(carried.inputs))
+    assert experiments.experiment_of("poses", model(), 80.0, SEED).carried.latitude is None
+    driven = circle(30.0).inputs
+    assert made_of("my own", driven=driven).inputs is driven
+    with pytest.raises(InputError, match="choose from"):
+        made_of("nothing")
+
+
+def test_inputs_that_the_model_gives_as_numbers_take_the_place_of_those_driven():
+    drive = speeds(made_of("random").inputs)
+    for names in ({"speed": 1.5}, {"yaw_rate": -0.2}, {"speed": 1.5, "yaw_rate": -0.2}):
+        found = speeds(made_of("random", model(**names)).inputs)
+        for key, one, before in zip(("speed", "yaw_rate"), found, drive, strict=True):
+            expected = np.full(len(PARTS), names[key]) if key in names else before
+            np.testing.assert_allclose(one, expected, rtol=1e-12)
+
+
+def test_temperature_and_supply_are_those_that_were_asked_for_and_else_the_usual():
+    usual = made_of("rest").inputs
+    one = made_of("rest", temperature=[35.0], supply=[3.3]).inputs
+    two = made_of("rest", temperature=[20.0, 35.0], supply=[4.2, 3.3]).inputs
+    share = PARTS / 30.0
+    for found, temperature, supply in (
+        (usual, np.full(7, 25.0), usual.supply.at(PARTS)),
+        (one, np.full(7, 35.0), np.full(7, 3.3)),
+        (two, 20.0 + 15.0 * share, 4.2 - 0.9 * share),
+    ):
+        np.testing.assert_allclose(found.temperature.at(PARTS), temperature)
+        np.testing.assert_allclose(found.supply.at(PARTS), supply)
+    for options, told in (({}, False), ({"supply": [4.2, 3.3]}, True)):
+        nodes = experiments.simulate(model(), made_of("rest", **options), 20.0, 10.0, SEED).nodes
+        assert all(("supply" in node.columns) == told for node in nodes.values())
+    np.testing.assert_allclose(nodes["left"]["supply"], 4.2 - 0.9 * nodes["left"].t / 30.0)
+
+
+def test_on_a_bench_nodes_have_their_own_effects_only_and_begin_along_its_axes():
+    lone = replace(model(), effects=(Scoped(GyroBias(z=0.01), "left"), Scoped(WheelCamber(0.1), "left")))
+    bench, road = made_of("turntable"), made_of("random")
+    kinds = [
+        {type(effect) for effect in experiments.node_effects(lone, "left", where)} for where in (bench, road)
+    ]
+    assert kinds == [{GyroBias}, {GyroBias, WheelCamber}]
+    starts = [experiments.start_of(lone, "left", road, seed).angle for seed in range(60)]
+    assert min(starts) < -2.5 and max(starts) > 2.5 and max(np.abs(starts)) <= np.pi
+    for name, where in (("left", bench), ("frame", road)):
+        assert experiments.start_of(lone, name, where, SEED) == NodeStart()
 
 
 def test_an_input_that_is_a_node_has_no_noise_of_its_own():

@@ -27,7 +27,7 @@ from hubodo.effects.mounting import NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.warmup import GyroWarmup
 from hubodo.model.forward import NodeForward, NodeStart
-from hubodo.model.inputs import Inputs
+from hubodo.model.inputs import Inputs, Trace
 from hubodo.smooth import through
 from hubodo.vehicle import NodeMount
 
@@ -40,8 +40,7 @@ def drive():
     return Inputs(
         through(t, 1.5 + np.sin(0.7 * t)),
         through(t, 0.6 * np.cos(0.9 * t)),
-        np.array([0.0, END]),
-        np.array([20.0, 45.0]),
+        Trace(np.array([0.0, END]), np.array([20.0, 45.0])),
     )
 
 

@@ -53,3 +53,22 @@ def test_one_sample_is_itself():
     np.testing.assert_array_equal(
         one_pole(np.zeros(1), np.full((2, 1), 5.0), np.zeros((2, 1)), 0.1), [[5.0]] * 2
     )
+
+
+@pytest.mark.parametrize("ratio", [1e-4, 0.05, 0.29, 0.31, 1.0, 5.0, 40.0])
+def test_the_answer_to_a_cubic_is_exact_however_long_a_step_is_beside_the_time_constant(ratio):
+    """By Gauss's rule, of the integral of what came before, forgotten at that rate."""
+    step = 0.2
+    t = np.array([0.0, step])
+
+    def cubic(s):
+        return 0.3 - 1.1 * s + 0.7 * s**2 + 2.0 * s**3
+
+    value = cubic(t / step)
+    slope = np.array([-1.1, -1.1 + 1.4 + 6.0]) / step
+    here, share = np.polynomial.legendre.leggauss(80)
+    s = 0.5 * (here + 1.0)
+    expected = value[0] * np.exp(-ratio) + np.sum(0.5 * share * ratio * np.exp(-ratio * (1.0 - s)) * cubic(s))
+    made = one_pole(t, value[None], slope[None], step / ratio)[0]
+    assert made[0] == value[0]
+    assert made[1] == pytest.approx(expected, rel=1e-12)

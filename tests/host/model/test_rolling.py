@@ -25,6 +25,7 @@ def swaying():
         yaw_jerk=-0.147 * np.cos(r),
         heading=0.3 / 0.7 * np.sin(r),
         temperature=np.full(len(T), 25.0),
+        supply=np.full(len(T), 3.7),
     )
 
 

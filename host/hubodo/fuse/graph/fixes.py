@@ -89,8 +89,8 @@ def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared:
         raise InputError("gnss: no fix in it; leave it out, or check the receiver")
     warnings: list[str] = []
     latitude, longitude = np.asarray(fixes.latitude_deg), np.asarray(fixes.longitude_deg)
-    on_earth = np.isfinite(latitude) & np.isfinite(longitude) & (np.abs(latitude) <= 90.0)
-    on_earth &= np.abs(np.where(np.isfinite(longitude), longitude, 0.0)) <= 360.0
+    # What is not finite is within no bound.
+    on_earth = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0)
     _say(
         warnings,
         fixes,
@@ -112,8 +112,7 @@ def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared:
     around = (longitude[keep] - first + 180.0) % 360.0 - 180.0
     frame = local_frame(float(np.median(latitude[keep])), float(first + np.median(around)))
     x, y = frame.to_local(latitude[keep], longitude[keep])
-    near = np.isfinite(x) & np.isfinite(y)
-    near &= np.hypot(np.where(near, x, 0.0), np.where(near, y, 0.0)) < FARTHEST
+    near = np.hypot(x, y) < FARTHEST
     far = np.zeros(len(fixes.t), np.bool_)
     far[keep[~near]] = True
     _say(warnings, fixes, far, f"lie more than {FARTHEST / 1000.0:.0f} km from the others")

@@ -19,6 +19,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.measurements.steady import Steady
 from hubodo.fuse.wheel.window import WINDOW, Window
 
 _FASTEST = 240.0
@@ -36,7 +37,19 @@ _FEWEST = 25
 _SPAN = 4
 """Windows that are followed together: braking is steady for 0.4 s, gravity turns by half a turn and more."""
 
+_SOON = 3
+"""Windows after which a spin that was measured until then is followed; of fewer, spin and slope are not told
+apart. One that was searched for is better known than by these, and waits for all of `_SPAN`."""
+
 _GRID = np.linspace(-1.0, 1.0, 9)
+
+_BELOW = 2.0
+"""rad/s by which the spin may seem to lie below what the gyro stands at: a few percent of scale, a bias, and
+what a search is off. A gyro that stands at its end feels no less than that. Estimated."""
+
+_SHAKES = 0.1
+"""s after which a wheel that bounces on its tyre does so otherwise: a cycle of 10 Hz, which goes round in the
+accelerometers as fast as a wheel at 20 m/s, and so hardly averages out. Estimated."""
 
 _NEAR = 8.0
 """rad/s around the predicted excess that are looked at: half of what tells two spins apart in `_SPAN`."""
@@ -78,13 +91,14 @@ class FoundSpin(NamedTuple):
     """What windows in a row show of a clipped spin.
 
     begin, end: rad, the wheel angle at the beginning of the first and the end of the last window. excess,
-    excess_end: rad/s, means in the first and the last window.
+    excess_end: rad/s, means in the first and the last window. steady: what does not turn meanwhile.
     """
 
     begin: float
     end: float
     excess: float
     excess_end: float
+    steady: Steady
 
 
 def find_spin(windows: Sequence[Window], radius: float) -> FoundSpin | None:
@@ -94,8 +108,8 @@ def find_spin(windows: Sequence[Window], radius: float) -> FoundSpin | None:
         return None
     sign = math.copysign(1.0, sum(w.spin for w in windows))
     hardest = _HARDEST / radius
-    rates, slopes = sign * np.arange(-2.0, _FASTEST, 1.0), np.linspace(-hardest, hardest, 21)
-    taken = taken.without(3)
+    rates, slopes = sign * np.arange(-_BELOW, _FASTEST, 1.0), np.linspace(-hardest, hardest, 21)
+    whole, taken = taken, taken.without(3)
     found = taken.best(rates, slopes)
     for finer in (0.25, 0.05):
         around = np.arange(-5.0, 6.0) * finer
@@ -114,13 +128,13 @@ def find_spin(windows: Sequence[Window], radius: float) -> FoundSpin | None:
         theta(ahead, last.clock_angle + 0.5 * last.spin),
         found.excess + found.slope * (behind + 0.5 * WINDOW),
         found.excess + found.slope * (ahead - 0.5 * WINDOW),
+        whole.steady(found, radius),
     )
 
 
 class _Chirp(NamedTuple):
-    """Power, (m/s²)², of what turns with an excess, rad/s, that changes by slope, rad/s²; its amplitude."""
+    """Amplitude, m/s², of what turns with an excess, rad/s, that changes by slope, rad/s²."""
 
-    power: float
     excess: float
     slope: float
     amplitude: complex
@@ -131,11 +145,15 @@ class _Chirp(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """Samples of windows in a row. t: s from `centre`, (N,); carried: rad; rate: rad/s; force: m/s²."""
+    """Samples of windows in a row.
+
+    t: s from `centre`, (N,); carried: rad; rate, across: rad/s; force: m/s².
+    """
 
     t: Array
     carried: Array
     rate: Array
+    across: Array
     force: Array
     centre: float
     basis: Array
@@ -150,19 +168,20 @@ class _Samples(NamedTuple):
         centre = 0.5 * (heard[0][0].number + heard[-1][0].number + 1) * WINDOW
         t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW - centre) for w, s in heard])
         carried = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in heard])
-        rate, force = (np.concatenate([s[row] for _, s in heard]) for row in (2, 5))
-        return _Samples(t[felt], carried[felt], rate[felt], force[felt], centre, np.empty(0))
+        rate, across, force = (np.concatenate([s[row] for _, s in heard])[felt] for row in (2, 4, 5))
+        return _Samples(t[felt], carried[felt], rate, across, force, centre, np.empty(0))
 
     def without(self, order: int) -> _Samples:
         """Less what is a polynomial of time with so many coefficients: bias and lever arm."""
         basis, _ = np.linalg.qr(self.t[:, None] ** np.arange(order))
         return self._replace(force=self.force - basis @ (basis.T @ self.force), basis=basis)
 
-    def best(self, rates: Array, slopes: Array) -> _Chirp:
+    def best(self, rates: Array, slopes: Array, sign: float = 0.0) -> _Chirp:
         """What leaves least of the force, of all these rates and slopes.
 
-        The force across the axle is g e^(-i theta): the maximum-likelihood estimate of a complex chirp in
-        white noise (Abatzoglou 1986).
+        sign: of the limit at which the gyro stood all the time: what lies inside of it is no candidate, and
+        no gravity where nothing else is left; 0.0 where it did not. The force across the axle is
+        g e^(-i theta): the maximum-likelihood estimate of a complex chirp in white noise (Abatzoglou 1986).
         """
         t, count = self.t, len(self.t)
         bent = np.exp(-1j * (self.carried + 0.5 * slopes[:, None] * t * t))
@@ -170,14 +189,26 @@ class _Samples(NamedTuple):
         against = np.column_stack([self.basis, self.force.conj()])
         columns = (bent[:, :, None] * against).transpose(1, 0, 2).reshape(count, -1)
         seen = np.exp(-1j * np.outer(rates, t)) @ columns
-        seen = seen.reshape(len(rates), len(slopes), -1)
+        seen = seen.reshape(len(rates), len(slopes), against.shape[1])
         size = np.maximum(count - np.sum(np.abs(seen[:, :, :-1]) ** 2, axis=2), 0.1 * count)
         fit = seen[:, :, -1].conj() / size
+        reach = 0.5 * (t[-1] - t[0])
+        fit[sign * rates[:, None] - abs(sign) * reach * np.abs(slopes) < -_BELOW] = 0.0
         power = np.abs(fit) ** 2 * size
         rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
-        return _Chirp(
-            float(power[rate, slope]), float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope])
-        )
+        return _Chirp(float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope]))
+
+    def steady(self, found: _Chirp, radius: float) -> Steady:
+        """What is left of force and rates when what goes round with the chirp is taken out; radius: m."""
+        t, spin = self.t, self.rate + found.excess + found.slope * self.t
+        turns = np.exp(-1j * (self.carried + found.excess * t + 0.5 * found.slope * t * t))
+        basis = np.column_stack([np.ones(len(t)), turns])
+        both = np.column_stack([self.force, self.across])
+        fit = np.linalg.lstsq(basis, both, rcond=None)[0]
+        left = 0.5 * np.mean(np.abs(both - basis @ fit) ** 2, axis=0) * _SHAKES / (t[-1] - t[0])
+        square = complex(-float(np.mean(spin * spin)), found.slope)
+        force, rate = (complex(value) for value in fit[0])
+        return Steady(force, rate, float(left[0]), float(left[1]), float(np.mean(spin)), square, radius)
 
 
 @dataclass
@@ -192,11 +223,12 @@ class SpinFollower:
     slope: float = 0.0
     seen: bool = False
     _past: deque[Window] = field(default_factory=lambda: deque(maxlen=_SPAN))
+    _wait: int = _SOON
 
     def roll(self, window: Window) -> None:
         """A window whose gyro shows the spin."""
         self._past.clear()
-        self.excess, self.seen = 0.0, False
+        self.excess, self.seen, self._wait = 0.0, False, _SOON
         self.slope = (window.rate_end - window.rate_start) / WINDOW
 
     @property
@@ -211,27 +243,30 @@ class SpinFollower:
 
     def begin(self, excess: float, slope: float) -> None:
         """Found by a search; as of the window before the next."""
-        self.excess, self.slope = excess, slope
+        self.excess, self.slope, self._wait = excess, slope, _SPAN
 
     def follow(self, window: Window, arm: complex, bias: complex) -> None:
         """A window that is clipped all the time; arm: m, bias: m/s², of the accelerometers across."""
         self.excess += self.slope * WINDOW
         self._past.append(window)
-        taken, self.seen = _Samples.of(self._past), False
+        self.seen = False
+        if len(self._past) < self._wait:
+            return
+        taken = _Samples.of(self._past)
         if taken is None:
             # Nobody drives harder and harder.
             self.slope *= 0.5
             return
         newest = (window.number + 0.5) * WINDOW - taken.centre
-        hardest = _HARDEST / self.radius
-        found = _Chirp(0.0, self.excess - self.slope * newest, self.slope, 0j)
+        hardest, sign = _HARDEST / self.radius, math.copysign(1.0, window.spin)
+        found = _Chirp(self.excess - self.slope * newest, self.slope, 0j)
         for wide, finer in ((_NEAR, hardest), (2.0, 0.25 * hardest), (0.4, 0.05 * hardest)):
             rate = taken.rate + found.excess + found.slope * taken.t
             lever = arm * (1j * found.slope - rate * rate)
             found = (
                 taken._replace(force=taken.force - bias - lever)
                 .without(2)
-                .best(found.excess + wide * _GRID, found.slope + finer * _GRID)
+                .best(found.excess + wide * _GRID, found.slope + finer * _GRID, sign)
             )
         if found.is_gravity:
             self.seen, self.slope = True, found.slope

@@ -51,7 +51,7 @@ class FixedLag:
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
         self._mean = np.concatenate([self._mean, np.array(pose[1:6])[None]])
         covariance = rows @ kept.p @ rows.T
-        covariance[:2, :2] += kept.swung
+        covariance[:2, :2] += kept.shortened
         self._covariance = np.concatenate([self._covariance, covariance[None]])
         self._before = kept, transition
         return self._oldest() if len(self._poses) > self._lag else None

@@ -134,16 +134,18 @@ class Slip:
 class Grip:
     """Whether one wheel rolls with the road, and when it did not.
 
-    slips: those found, oldest first.
+    slips: those found, oldest first. calm: windows in a row by now in which a wheel that is lost agreed with
+    its accelerometer. jumped: whether the last slip ended as the wheel lost it by itself, at once.
     """
 
     slips: list[Slip] = field(default_factory=list)
+    calm: int = 0
+    jumped: bool = True
     _sums: deque[_Sums] = field(default_factory=lambda: deque(maxlen=BANK[-1] + 1))
     _total: tuple[float, float, float] = (0.0, 0.0, 0.0)
     _settled: int = 0
     _rested: int = 0
     _near: int = 0
-    _calm: int = 0
     _follows: float = 0.0
     _jumped: float = 0.0
 
@@ -201,7 +203,7 @@ class Grip:
         """It spins by itself from that window on."""
         self.slips.append(Slip(number))
         self.forget()
-        self._near, self._calm, self._follows, self._jumped = 0, 0, 0.0, 0.0
+        self._near, self.calm, self._follows, self._jumped, self.jumped = 0, 0, 0.0, 0.0, True
 
     def follow(
         self,
@@ -229,25 +231,26 @@ class Grip:
             now.speed = slip
         near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
         if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW) ** 2:
-            self._calm, self._follows = 0, 0.0
+            self.calm, self._follows = 0, 0.0
             # One that keeps to what another wheel measures has no need to agree with its accelerometer.
             self._near = self._near + 1 if near and carried is None else 0
             if push is not None:
                 self._jumped = max(0.0, self._jumped - push.gain * math.copysign(1.0, slip))
             return self._ends(now, number, even=False) if self._near >= _LINGERS else False
-        self._calm += 1
+        self.calm += 1
         self._near = self._near + 1 if near else 0
         felt = push.residual + push.gain
         self._follows = max(0.0, self._follows + 0.5 * (felt**2 - push.residual**2) / push.variance)
         # Against what another wheel measures it helps nothing to spin evenly.
-        even = carried is not None and (self._follows >= _FOLLOWS or self._calm >= _PATIENCE)
+        even = carried is not None and (self._follows >= _FOLLOWS or self.calm >= _PATIENCE)
         return self._ends(now, number, even)
 
     def _ends(self, now: Slip, number: int, even: bool) -> bool:
         """Whether it has been near for long enough, or spun evenly."""
-        enough = _QUIET if self._jumped > _JUMP * abs(now.speed) else _LINGERS
-        if self._near < enough and not even:
+        jumped = self._jumped > _JUMP * abs(now.speed)
+        if self._near < (_QUIET if jumped else _LINGERS) and not even:
             return False
+        self.jumped = jumped
         now.last = number - max(self._near, 1)
         return True
 

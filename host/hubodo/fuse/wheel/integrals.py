@@ -15,6 +15,8 @@ from hubodo.fuse.wheel.window import WINDOW, Window
 # one, force, gz, gz²); what does not turn; squares; and what stood at its limit.
 GZ, WR, WI, ER, EI, FR, FI, AZ, GX, GY, AX, AY = range(12)
 GG, ZZ, SR, SI, QR, QI, CS, CA, CF, CZ = range(12, 22)
+MISSING = CZ + 1
+"""The time without samples. Behind it stand gz and the two parts of gx + i gy, as they are at an edge."""
 KEPT = (GZ, GX, GY, AX, AY, CF)
 """What `WindowSamples` are made of."""
 _TURNING, _TURNING_TOO = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
@@ -48,14 +50,16 @@ def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tup
 def differences(first: int, at: Array) -> list[Window]:
     """Windows from number `first` on.
 
-    They lie between edges at which the integrals, the time without samples and gz are `at`.
+    They lie between edges at which the integrals, the time without samples, gz and gx + i gy are `at`.
     """
     d = at[:, 1:] - at[:, :-1]
     count = d.shape[1]
     if not count:
         return []
     middle = 0.5 * (at[GZ, 1:] + at[GZ, :-1])
-    rate_start, rate_end = at[-1, :-1], at[-1, 1:]
+    rate_start, rate_end = at[MISSING + 1, :-1], at[MISSING + 1, 1:]
+    at_edge = at[-2] + 1j * at[-1]
+    back = np.exp(-1j * middle)
     turned = _turned(d, *cosine_and_sine(middle))
     change = ((rate_end - rate_start) / WINDOW).tolist()
     mean = d / WINDOW
@@ -78,8 +82,9 @@ def differences(first: int, at: Array) -> list[Window]:
         "across_clipped": mean[CA].tolist(),
         "force_clipped": mean[CF].tolist(),
         "axial_clipped": mean[CZ].tolist(),
-        "missing": mean[-2].tolist(),
+        "missing": mean[MISSING].tolist(),
         "clock_angle": middle.tolist(),
+        "across_change": ((at_edge[1:] - at_edge[:-1]) * back).tolist(),
         "swing": turned[SR],
         "samples": [None] * count,
         "lever": [1j * a * c - q for a, c, q in zip(change, turned[ER], turned[QR], strict=True)],

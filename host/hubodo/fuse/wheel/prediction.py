@@ -89,7 +89,7 @@ class Prediction:
         """
         self.renewed, self.carried = [], None
         if carry:
-            self._carry_speed(x, p, pairs)
+            self._carry_speed(x, p, pairs, fastest)
         elif stillness is Stillness.MOVING:
             self._free_rates(x, p, pairs, told, fastest)
         else:
@@ -116,7 +116,7 @@ class Prediction:
         p[speed, speed] += along
         p[yaw_rate, yaw_rate] += turning
 
-    def _carry_speed(self, x: list[float], p: Array, pairs: Pairs) -> None:
+    def _carry_speed(self, x: list[float], p: Array, pairs: Pairs, fastest: float) -> None:
         """Speed as the forward force makes it, with what that owes to slope, wheel angle and biases.
 
         Speeds are means of a window, so half of the gain is of the window before.
@@ -136,7 +136,9 @@ class Prediction:
             p[:, speed] = row
             p[speed, speed] = row.dot(by) + 0.5 * (before[1] + now[1])
             self.carried = by
-        p[yaw_rate, yaw_rate] += _YAW_STEP**2
+        # Where the angle of no wheel is known, nothing shows the yaw rate.
+        shown = any(wheel.joined and window.missing < UNHEARD for wheel, window in pairs)
+        p[yaw_rate, yaw_rate] += _YAW_STEP**2 if shown else window_walk(agility(fastest))[1]
 
     def _feel(self, x: list[float], pairs: Pairs) -> tuple[float, float, Array] | None:
         """m/s by which the vehicle becomes faster, its variance, and its derivatives by the states, (n,).

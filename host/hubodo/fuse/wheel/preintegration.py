@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.integrals import CZ, GZ, KEPT, differences, integrands
+from hubodo.fuse.wheel.integrals import CZ, GZ, KEPT, MISSING, WI, WR, differences, integrands
 from hubodo.fuse.wheel.window import WINDOW, Window
 from hubodo.fuse.wheel.window_samples import samples_between
 from hubodo.vehicle import Facing, facing_sign
@@ -196,10 +196,12 @@ class WindowBuilder:
         step = t[right] - t[left]
         share = (edges - t[left]) / step
         y0, y1 = rows[:, left], rows[:, right]
-        at = np.empty((CZ + 3, len(edges)))
-        at[:-2] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
-        at[-2] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
-        at[-1] = y0[GZ] + share * (y1[GZ] - y0[GZ])
+        at = np.empty((CZ + 5, len(edges)))
+        at[: CZ + 1] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
+        at[MISSING] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
+        # As they are at the edge.
+        there = [GZ, WR, WI]
+        at[MISSING + 1 :] = y0[there] + share * (y1[there] - y0[there])
         first = self._edge - (self._at_edge is not None)
         self._edge = int(numbers[-1]) + 1
         if self._at_edge is not None:

@@ -55,7 +55,7 @@ class Kept(NamedTuple):
     renewed: the states that the step began anew, without memory. carried: the place of the one that it made
     from others before anything else, and the derivatives (n,) of it by them, if any. passed: (n, n),
     derivatives of the states before the measurements by those at the end of the step before, None where no
-    time lies between. swung: (2, 2) m² of x and y beyond what p has.
+    time lies between. shortened: (2, 2) m² of x and y beyond what p has.
     """
 
     prior_x: list[float]
@@ -65,7 +65,7 @@ class Kept(NamedTuple):
     p: Array
     carried: tuple[int, Array] | None = None
     passed: Array | None = None
-    swung: Array = np.zeros((2, 2))
+    shortened: Array = np.zeros((2, 2))
 
 
 class Innovation(NamedTuple):

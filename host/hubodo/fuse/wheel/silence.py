@@ -243,12 +243,3 @@ class SilenceMotion:
             diagonal[place] += steady * (1.0 - math.exp(-2.0 * seconds / forgets))
         for angle, _ in self._wheels:
             diagonal[angle] = UNKNOWN**2
-
-
-def swung(way_x: float, way_y: float, variance: float) -> Array:
-    """(2, 2) m² that a heading of `variance`, rad², adds along the way gone since, m.
-
-    Its derivative turns a way sideways only; one whose heading is off by d is short by 1 - cos d as well.
-    """
-    short = 1.0 - 2.0 * math.exp(-0.5 * variance) + 0.5 * (1.0 + math.exp(-2.0 * variance))
-    return short * np.array([[way_x * way_x, way_x * way_y], [way_x * way_y, way_y * way_y]])

@@ -38,40 +38,33 @@ class Silence:
 
 @dataclass
 class Silences:
-    """The silences of a drive, oldest first, the first ones of many.
-
-    turned: x, y, m, where the vehicle was at the end of each silence, and the variance of the heading that
-    came with it, rad².
-    """
+    """The silences of a drive, oldest first, the first ones of many."""
 
     told: list[Silence] = field(default_factory=list)
     count: int = 0
     seconds: float = 0.0
-    turned: list[tuple[float, float, float]] = field(default_factory=list)
     open: bool = False
     _forces: list[complex] = field(default_factory=list)
+    _turned: float = 0.0
     _windows: int = 0
 
     def begin(
         self,
         begin: float,
         end: float,
-        place: tuple[float, float],
-        variance: float,
+        turned: float,
         forces: Sequence[complex] | None,
     ) -> None:
         """A silence from begin to end, s.
 
-        forces: m/s² in each wheel of a vehicle that stood before, else None.
+        turned: rad², variance of the heading that came with it. forces: m/s² in each wheel of a vehicle that
+        stood before, else None.
         """
         self.count += 1
         self.seconds += end - begin
         if len(self.told) < _KEPT:
             self.told.append(Silence(begin, end))
-        self.turned.append((*place, variance))
-        if len(self.turned) > _KEPT:
-            x, y, first = self.turned[0]
-            self.turned[:2] = [(x, y, first + self.turned[1][2])]
+        self._turned = turned
         self.open, self._windows = forces is not None, 0
         self._forces = list(forces or ())
 
@@ -88,8 +81,7 @@ class Silences:
             both = [(was, now) for was, now in forces if was != 0j and now != 0j]
             if both and all(abs(cmath.phase(now * was.conjugate())) < _SAME for was, now in both):
                 place = at[HEADING]
-                *_, variance = self.turned.pop()
-                p[place, place] += _NUDGED**2 - variance
+                p[place, place] += _NUDGED**2 - self._turned
                 if self.count == len(self.told):
                     self.told[-1] = replace(self.told[-1], stood=True)
         elif self._windows >= _SOON:

@@ -96,5 +96,5 @@ def _pose(record: _Record, x: Array, p: Array, places: list[int]) -> Pose:
     pose = record.pose
     px, py, heading, speed, yaw_rate = (float(a + b) for a, b in zip(pose[1:6], change, strict=True))
     covariance = rows @ p @ rows.T
-    covariance[:2, :2] += record.kept.swung
+    covariance[:2, :2] += record.kept.shortened
     return pose._replace(x=px, y=py, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=covariance)

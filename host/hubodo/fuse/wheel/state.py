@@ -25,6 +25,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.grip import Grip
 from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
+from hubodo.fuse.wheel.measurements.steady import Steady
 from hubodo.fuse.wheel.stillness import RestDetector
 from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
 from hubodo.vehicle import side_sign
@@ -62,9 +63,11 @@ class Wheel:
     """One wheel: where its entries stand in the state, and counts that a report is made of.
 
     at: column of each entry, its own and the vehicle's. view: its present window, for the measurements.
-    joined: its angle is known. trusted: its speed is used; part: anything of it is. grip: whether it rolls
-    with the road; away: whether it is taken not to in the present window. turned: rad in all, forwards: rad
-    net. upright: sum over `moving` windows of the force that points up, in units of g. slips, clipped,
+    joined: its angle is known. trusted: its speed is used; part: anything of it is. astray: windows in
+    a row, arm_known: m², of the lever arm before a gyro clipped; see excess.py. steady: what the search of a
+    spin has shown besides, to be worked in. grip: whether it rolls with
+    the road; away: whether it is taken not to in the present window. turned: rad in all, forwards: rad net.
+    upright: sum over `moving` windows of the force that points up, in units of g. slips, clipped,
     unheard_in_all: windows. lost: times that the wheel angle was lost over a gap.
     """
 
@@ -80,6 +83,8 @@ class Wheel:
     away: bool = False
     trusted: bool = True
     astray: int = 0
+    steady: Steady | None = None
+    arm_known: tuple[float, float] | None = None
     part: bool = True
     heard: int = 0
     level: complex = 0j
@@ -191,13 +196,15 @@ class Wheel:
             level = self.heard * STANDARD_GRAVITY * WINDOW
             x[at[EXCESS]] = spin.excess if at_begin else spin.excess_end
             self.follower.begin(x[at[EXCESS]], 0.0)
+            self.steady = spin.steady
             renew(p, at[EXCESS], _FOUND_EXCESS**2)
             renewed = [at[WHEEL_ANGLE], at[EXCESS]]
         else:
             angle, level = -cmath.phase(self.level) + (self.begin if at_begin else self.spin), abs(self.level)
             renewed = [at[WHEEL_ANGLE]]
         x[at[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
-        if x[at[CAMBER]] == 0.0:
+        # On a fast wheel a tilt lets far more into the axial accelerometer than a camber does.
+        if x[at[CAMBER]] == 0.0 and self.steady is None:
             x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, level)
         renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
         self.joined = True

@@ -13,14 +13,15 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel import two_wheels
 from hubodo.fuse.wheel.about_axle import about_the_axle
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import EXCESS, SPEED, TRACK_WIDTH, WHEEL_ANGLE, X, Y
+from hubodo.fuse.wheel.entries import EXCESS, HEADING, SPEED, TRACK_WIDTH, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.excess import carried, keep_upright
 from hubodo.fuse.wheel.hindsight import Hindsight, Past
-from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, surface_speed
+from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady, surface_speed
 from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
 from hubodo.fuse.wheel.propagation import WheelMotion
 from hubodo.fuse.wheel.records import POSE, Innovation, Kept, Pose, Step
-from hubodo.fuse.wheel.silence import SilenceMotion, agility, swung
+from hubodo.fuse.wheel.shortening import Shortening
+from hubodo.fuse.wheel.silence import SilenceMotion, agility
 from hubodo.fuse.wheel.silences import Silences
 from hubodo.fuse.wheel.state import Wheel, initial_state
 from hubodo.fuse.wheel.state_vector import StateVector
@@ -59,6 +60,7 @@ class WheelStep(StateVector):
         self.kept = Kept([], np.empty(0), [], [], np.empty(0))
         self.slipped: dict[int, tuple[bool, ...]] = {}
         self.silences = Silences()
+        self._shortening = Shortening()
         self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
         self.carrying = False
         self._update = WheelUpdate(config, begin.columns, pushed=slipped is None)
@@ -88,6 +90,7 @@ class WheelStep(StateVector):
             pauses = any(a[index] is not NOTHING and b[index] is NOTHING for a, b in pairwise(windows))
             if wheel.heard > 0 and wheel.level != 0j and not pauses:
                 wheel.join(self.x, self.p, at_begin=True)
+                self._look_at_steady(wheel)
         self._begin_rolling(windows)
 
     def _begin_rolling(self, windows: Sequence[Sequence[Window]]) -> None:
@@ -136,8 +139,9 @@ class WheelStep(StateVector):
         self.advance(pairs)
         if self.steps % _SYMMETRIC == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
+        self._go()
         if self.keep:
-            self.kept = self.kept._replace(swung=self._swung())
+            self.kept = self.kept._replace(shortened=self._shortening.covariance)
         return self._pose(end, found.stillness, found.nis, found.degrees)
 
     def advance(self, pairs: Pairs) -> None:
@@ -155,13 +159,18 @@ class WheelStep(StateVector):
         weight = np.linalg.solve(new.s, new.ph.T)
         self.correct(new.z @ weight, new.ph @ weight)
 
+    def _go(self) -> None:
+        """The way of a step is as much shorter as its heading is not known; what is told needs no way."""
+        if not self.config.told:
+            heading = self._at[HEADING]
+            self._shortening.go(self.x[self._at[X]], self.x[self._at[Y]], self.p.item(heading, heading))
+
     def _pose(self, end: float, stillness: Stillness, nis: float, degrees: int) -> Pose:
         covariance = self.p.take(self._covariance)
         x, y, heading, speed, yaw_rate = self._of_pose(self.x)
         if not self.carrying:
             self.fastest = max(self.fastest, abs(speed))
-        if self.silences.turned:
-            covariance[:2, :2] += self._swung()
+        covariance[:2, :2] += self._shortening.covariance
         return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
 
     # -- silence --------------------------------------------------------------------------------------------
@@ -171,28 +180,21 @@ class WheelStep(StateVector):
         stood = self.windows - windows - self._rested < _JUST_NOW
         seconds = windows * WINDOW
         passed, turned = self._over_silence.advance(self.x, self.p, seconds, agility(self.fastest), stood)
-        place = self.x[self._at[X]], self.x[self._at[Y]]
         forces = [wheel.rest.force for wheel in self.wheels]
-        self.silences.begin(end - seconds, end, place, turned, forces if stood else None)
+        self.silences.begin(end - seconds, end, turned, forces if stood else None)
         self._hindsight.forget()
         self.prediction.forget()
         self.carrying = False
+        self._go()
         for wheel in self.wheels:
             wheel.unhear(windows)
             wheel.rest.forget()
             wheel.grip.unhear(number)
         if self.keep:
             after = list(self.x), self.p.copy()
-            self.kept = Kept(*after, [], *after, passed=passed, swung=self._swung())
+            self.kept = Kept(*after, [], *after, passed=passed, shortened=self._shortening.covariance)
         self._timeless = True
         return self._pose(end, Stillness.MOVING, 0.0, 0)
-
-    def _swung(self) -> Array:
-        """(2, 2) m² of x and y that headings lost in silences add beyond their derivatives."""
-        added = np.zeros((2, 2))
-        for x, y, variance in self.silences.turned:
-            added += swung(self.x[self._at[X]] - x, self.x[self._at[Y]] - y, variance)
-        return added
 
     # -- one window -----------------------------------------------------------------------------------------
 
@@ -247,6 +249,7 @@ class WheelStep(StateVector):
         self.x, self.p = found.x, found.p
         anew = [*renewed, *self.prediction.renewed]
         for wheel, window in pairs:
+            self._look_at_steady(wheel)
             if window.all_clipped and window.force_clipped == 0.0 and not wheel.follower.seen:
                 self._feel_spin(wheel, window)
             if window.all_clipped and wheel.joined:
@@ -274,6 +277,13 @@ class WheelStep(StateVector):
             ph = self.p[place].copy()
             s = variance + noise
             self.correct(ph * (-error / s), np.outer(ph, ph / s))
+
+    def _look_at_steady(self, wheel: Wheel) -> None:
+        """What the search of a clipped spin has shown besides; before the first window if it begins so."""
+        seen, wheel.steady = wheel.steady, None
+        if seen is not None:
+            for row in range(steady.ROWS):
+                self.work_in_row(steady.measure(self.x, wheel.at, seen)[row], wheel.at)
 
     def _feel_spin(self, wheel: Wheel, window: Window) -> None:
         wheel.view.look(self.x, window, resting=False)

@@ -125,8 +125,8 @@ class Agreement:
     track: float
     squares: list[float] = field(default_factory=lambda: [0.0] * 4)
     travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    yaws: list[float] = field(default_factory=lambda: [0.0] * 3)
-    apart: list[float] = field(default_factory=lambda: [0.0] * 2)
+    yaws: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    apart: float = 0.0
     turned: float = 0.0
     count: int = 0
     verdict: str = ""
@@ -165,8 +165,7 @@ class Agreement:
         squares[2] += (yaw_rate + turned) ** 2
         squares[3] += (yaw_rate + declared) ** 2
         allowed = _APART[0] ** 2 + _APART[1] ** 2 * 0.5 * (first * first + second * second)
-        self.apart[0] += min(off, _AT_MOST**2 * allowed)
-        self.apart[1] += allowed
+        self.apart += min(off, _AT_MOST**2 * allowed) - allowed
         if self.count < _ENOUGH:
             return None
         blamed = self._steering() if self.count >= _LONG else None
@@ -193,7 +192,7 @@ class Agreement:
 
     def _apart(self) -> float | None:
         """Speeds that make another yaw than the gyros feel: the two wheels are not one axle of that track."""
-        if self.apart[0] < self.apart[1]:
+        if self.apart < 0.0:
             return None
         self.alone, self.steering = 1.0, True
         self.verdict = (

@@ -161,6 +161,8 @@ class WheelUpdate:
         for index, (wheel, window) in enumerate(pairs):
             view = wheel.view
             view.look(x, window, resting, wheel.rest.noise)
+            if wheel.geometry.clocked:
+                view.see_change()
             residuals: list[float] = []
             variances: list[float] = []
             for measure in measures:

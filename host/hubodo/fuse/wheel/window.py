@@ -27,7 +27,7 @@ class Window(NamedTuple):
     az. spin_clipped, across_clipped, force_clipped, axial_clipped: share of the time in which gz, gx or gy,
     ax or ay, az stood at its limit. missing: share of the time without samples. clock_angle: the carrier's
     angle at the middle since the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the
-    end less that at the start. samples: where gz was clipped.
+    end less that at the start; across_change: the same of (gx + i gy) e^(ic). samples: where gz was clipped.
     """
 
     number: int = 0
@@ -50,6 +50,7 @@ class Window(NamedTuple):
     clock_angle: float = 0.0
     swing: complex = 0.0
     lever: complex = 0j
+    across_change: complex = 0j
     samples: WindowSamples | None = None
 
     @property

@@ -1,9 +1,10 @@
 """Roll: the rates across the axle, turned by the wheel angle, have nothing along the vehicle's forward axis.
 
-    Im[(W - b E - tau G) e^(i theta_m)] = 0
+    Im[(W - b E - tau G) e^(i theta_m)] = d Im E_2 cos(camber) (r + g)
 
 The forward component of the angular rate of the model's README, summed up over the window; symbols as in
-yaw.py. On a body that only yaws it is zero, which holds the wheel angle and the tilt of the spin axis.
+yaw.py. On a body that only yaws it is zero, which holds the wheel angle and the tilt of the spin axis; what
+gyros of unequal scale make of the yaw turns up in it.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -12,6 +13,7 @@ from hubodo.fuse.wheel.entries import (
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
+    GYRO_SCALE_DIFFERENCE,
     GYRO_SCALE_Z,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
@@ -23,7 +25,7 @@ from hubodo.fuse.wheel.window import WINDOW, Window
 
 STATES = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, GYRO_BIAS_X, GYRO_BIAS_Y),
-    *(MISALIGNMENT_Y, MISALIGNMENT_X, CAMBER),
+    *(MISALIGNMENT_Y, MISALIGNMENT_X, CAMBER, GYRO_SCALE_DIFFERENCE),
 )
 
 
@@ -41,15 +43,16 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     variance = max(noise.gyro, w.gyro_noise)
     if not w.resting:
         variance += noise.flex * w.window.axial_variance + noise.roll
-    yaw = w.across.real
+    level, uneven = w.cos * (w.yaw_rate + w.geometry.ground_rate), w.x[w.at[GYRO_SCALE_DIFFERENCE]]
+    by_angle = 2.0 * uneven * level * w.twice.real - w.across.real
     # A faster wheel is further by half a window in its middle.
-    by_rate = yaw * (0.5 * WINDOW)
+    by_rate = -by_angle * (0.5 * WINDOW)
     return (
-        w.across.imag,
+        w.across.imag - uneven * level * w.twice.imag,
         variance,
         {
-            YAW_RATE: -by_rate * w.rate_by_yaw_rate,
-            WHEEL_ANGLE: -yaw,
+            YAW_RATE: uneven * w.cos * w.twice.imag - by_rate * w.rate_by_yaw_rate,
+            WHEEL_ANGLE: by_angle,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
             EXCESS: -by_rate,
@@ -57,6 +60,8 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
             GYRO_BIAS_Y: w.carrier.real,
             MISALIGNMENT_Y: -w.swing.imag,
             MISALIGNMENT_X: w.swing.real,
-            CAMBER: -by_rate * w.rate_by_camber,
+            CAMBER: -by_rate * w.rate_by_camber
+            - uneven * w.sin * (w.yaw_rate + w.geometry.ground_rate) * w.twice.imag,
+            GYRO_SCALE_DIFFERENCE: level * w.twice.imag,
         },
     )

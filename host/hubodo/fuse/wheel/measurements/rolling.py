@@ -44,7 +44,8 @@ def measure(w: WheelWindow, noise: WindowNoise) -> Row:
     geometry = w.geometry
     size = geometry.radius * (1.0 + x[at[WHEEL_RADIUS]])
     contact = geometry.contact * (1.0 + x[at[TRACK_WIDTH]])
-    late = geometry.clocked * geometry.radius * w.change
+    # How a spin changes that is searched for is no measurement: it would pass for a clock that is late.
+    late = geometry.clocked * geometry.radius * w.change if w.window.spin_clipped == 0.0 else 0.0
     return (
         (size * rate - x[at[SPEED]] + r * contact) * WINDOW + x[at[TIME_OFFSET]] * late,
         size * size * w.gyro_noise + (_RESTING if w.resting else noise.road * abs(rate) + _FLOOR),

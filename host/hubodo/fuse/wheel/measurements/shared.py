@@ -85,6 +85,9 @@ STILL = (0.02 * WINDOW) ** 2
 """(m/s)²; force that a wheel at rest still feels, 0.02 m/s² 1 sigma: somebody sits, the ground gives.
 Estimated."""
 
+_HARDLY = 1e-6
+"""rad; a wheel that turns by less turns nothing within a window."""
+
 _SEEN = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, CAMBER),
     *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
@@ -101,7 +104,9 @@ class WheelWindow:
     that the gyro about the axle feels; rate: rad/s at which the wheel rolls, and its derivatives by scale
     and bias of that gyro, camber and yaw rate (by EXCESS it is 1). Turned by e^(i theta_m): turn itself;
     carrier, swing, lever of the window; across, rad, and force, m/s, with the node's errors taken out.
-    change: rad/s by which the gyro about the axle changes over the window.
+    change: rad/s by which the gyro about the axle changes over the window. twice: s, the integral of one that
+    turns twice as fast. yaw_change: rad/s by which the yaw rate changes over the window, yaw_bend: rad/s by
+    which it changes more than over the window before; numbers that are set once, by `see_change`.
     """
 
     __slots__ = (
@@ -116,11 +121,12 @@ class WheelWindow:
             "resting",
             "sin",
         ),
-        *("swing", "turn", "window", "x", "yaw_rate"),
+        *("swing", "turn", "twice", "window", "x", "yaw_bend", "yaw_change", "yaw_rate"),
     )
 
     def __init__(self, geometry: WheelGeometry, at: Mapping[Entry, int]) -> None:
         self.geometry, self.at = geometry, at
+        self.yaw_change = self.yaw_bend = 0.0
         self._pick = itemgetter(*(at[entry] for entry in _SEEN))
 
     def look(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
@@ -140,6 +146,8 @@ class WheelWindow:
         self.rate = self.about_axle - side * r * sin
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
         self.turn = turn = cmath.exp(1j * (angle + self.rate * (0.5 * WINDOW)))
+        spin = window.spin
+        self.twice = turn * turn * (WINDOW if abs(spin) < _HARDLY else WINDOW * math.sin(spin) / spin)
         self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn
         self.lever = lever = window.lever * turn
         # A node turned by the small vector m reads Omega - m x Omega: gx gains -m_y, gy gains m_x of the
@@ -149,3 +157,13 @@ class WheelWindow:
         )
         self.force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
         self.change = window.rate_end - window.rate_start
+
+    def see_change(self) -> None:
+        """How the yaw rate changes over the window: what the gyros across the axle show at its edges."""
+        x, at, window = self.x, self.at, self.window
+        half = cmath.exp(0.5j * window.spin)
+        tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
+        bias = complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])
+        own = (bias + tilt * window.rate_end) * half - (bias + tilt * window.rate_start) * half.conjugate()
+        before, self.yaw_change = self.yaw_change, ((window.across_change - own) * self.turn).real
+        self.yaw_bend = self.yaw_change - before

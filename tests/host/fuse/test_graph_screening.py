@@ -1,0 +1,68 @@
+"""Fixes held against the way rolled: which runs of them are kept, and how much they scatter."""
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+
+from hubodo.fuse.graph.screening import scatter, without_jumps
+
+
+def reachable(place, way, sigma, a, b):
+    """Whether the wheels may have rolled from fix a to a later fix b: 5 % longer, and six sigma of both."""
+    return abs(place[b] - place[a]) <= 1.05 * (way[b] - way[a]) + 6.0 * np.hypot(sigma[a], sigma[b])
+
+
+def most_fixes(place, way, sigma):
+    """How many fixes the longest of all sequences of runs has."""
+    cuts = [k for k in range(1, len(place)) if not reachable(place, way, sigma, k - 1, k)]
+    edges = [0, *cuts, len(place)]
+    runs = list(pairwise(edges))
+    most = 0
+    for count in range(1, len(runs) + 1):
+        for chosen in combinations(runs, count):
+            if all(reachable(place, way, sigma, a[1] - 1, b[0]) for a, b in pairwise(chosen)):
+                most = max(most, sum(end - begin for begin, end in chosen))
+    return most, len(runs)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_runs_that_are_kept_are_the_most_that_can_be_reached_one_from_the_other(seed):
+    rng = np.random.default_rng(seed)
+    way = np.cumsum(rng.uniform(0.0, 4.0, 40))
+    sigma = rng.uniform(0.2, 2.0, 40)
+    jumps = np.where(rng.random(40) < 0.2, rng.normal(0.0, 30.0, 40), 0.0)
+    place = way + 1j * np.cumsum(jumps)
+    most, runs = most_fixes(place, way, sigma)
+    assert 3 <= runs <= 15, f"seed {seed}"
+    kept = without_jumps(place, way, sigma)
+    assert kept.sum() == most
+    chosen = np.flatnonzero(kept)
+    assert all(reachable(place, way, sigma, a, b) for a, b in pairwise(chosen))
+
+
+@pytest.mark.parametrize(("share", "kept"), [(0.99, 5), (1.01, 3)])
+def test_a_change_parts_fixes_beyond_the_way_and_six_sigma(share, kept):
+    way, sigma = np.array([0.0, 1.0, 2.0, 6.0, 7.0]), np.array([1.0, 1.0, 3.0, 4.0, 1.0])
+    jump = share * (1.05 * 4.0 + 6.0 * 5.0)
+    place = np.array([0.0, 1.0, 2.0, 2.0 + jump, 2.0 + jump + 1.0]) * np.exp(0.3j)
+    assert without_jumps(place, way, sigma).tolist() == [True] * 3 + [kept == 5] * 2
+
+
+def test_where_more_than_four_hundred_changes_jump_the_sigmas_are_false():
+    for jumps, kept in ((400, 201), (401, 402)):
+        place = 100.0 * (np.arange(jumps + 1) % 2) + 0j
+        assert without_jumps(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == kept
+
+
+def test_fixes_scatter_by_the_median_of_their_changes_beyond_the_way():
+    """The median length of a change of two white errors is sqrt(2 ln 2) times sqrt(2) sigma."""
+    sigma = np.where(np.arange(30) % 2, 3.0, 4.0)
+    for size, found in ((1.29, 1.0), (1.31, 1.31), (4.0, 4.0)):
+        change = size * np.sqrt(2.0 * np.log(2.0)) * 5.0
+        way = 2.0 * np.arange(30.0)
+        place = (change + 2.0) * np.arange(30.0) * np.exp(1.1j)
+        assert scatter(place, way, sigma) == pytest.approx(found, rel=1e-4)
+        assert scatter(place[:29], way[:29], sigma[:29]) == 1.0
+    # What the wheels rolled is none of it, however little moved.
+    assert scatter(np.zeros(30) + 0j, 50.0 * np.arange(30.0), sigma) == 1.0

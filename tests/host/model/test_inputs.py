@@ -1,0 +1,108 @@
+"""What changes the motion that drives the model: stamps that are late, a push, a speed that was measured."""
+
+import numpy as np
+import pytest
+
+from hubodo.model.inputs import Body, Driven, Later, SpeedCorrection
+
+T = np.linspace(0.0, 6.0, 301)
+
+
+def swaying(t):
+    """v = 1.2 + 0.4 sin 0.9 t, r = 0.3 cos 0.7 t, with their integrals and derivatives."""
+    v, r = 0.9 * t, 0.7 * t
+    return Body(
+        t=t,
+        speed=1.2 + 0.4 * np.sin(v),
+        acceleration=0.36 * np.cos(v),
+        jerk=-0.324 * np.sin(v),
+        distance=1.2 * t + 0.4 / 0.9 * (1.0 - np.cos(v)),
+        yaw_rate=0.3 * np.cos(r),
+        yaw_acceleration=-0.21 * np.sin(r),
+        yaw_jerk=-0.147 * np.cos(r),
+        heading=0.3 / 0.7 * np.sin(r),
+        temperature=np.full(len(t), 25.0),
+        supply=np.full(len(t), 3.7),
+    )
+
+
+MOTION = ("speed", "acceleration", "distance", "yaw_rate", "yaw_acceleration", "heading")
+
+
+def moved(body, by):
+    return {name: getattr(body, name) + by.get(name, 0.0) for name in MOTION}
+
+
+@pytest.mark.parametrize("by", [0.01, -0.01])
+def test_stamps_that_are_late_see_what_was_before(by):
+    """To the square of so short a time."""
+    late, before = Later(by).apply(swaying(T)), swaying(T - by)
+    for name in MOTION:
+        off = np.abs(getattr(late, name) - getattr(before, name)).max()
+        change = np.abs(getattr(swaying(T), name) - getattr(before, name)).max()
+        assert off < 3e-5 < 0.05 * change, name
+    assert late.jerk is not None and np.array_equal(late.t, T)
+
+
+def test_what_is_driven_besides_adds_to_speed_and_acceleration_alone():
+    body = swaying(T)
+    made = Driven(0.3, -0.2).apply(body)
+    for name, value in moved(body, {"speed": 0.3, "acceleration": -0.2}).items():
+        np.testing.assert_allclose(getattr(made, name), value, rtol=1e-12)
+
+
+def test_what_is_before_another_change_is_applied_first():
+    body = swaying(T)
+    pushed = Driven(0.3, -0.2)
+    for last in (Later(0.5, pushed), Driven(0.1, 0.05, pushed)):
+        plain = type(last)(*([0.5] if isinstance(last, Later) else [0.1, 0.05]))
+        one, two = last.apply(body), plain.apply(pushed.apply(body))
+        for name in MOTION:
+            np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+    assert not np.allclose(Later(0.5, pushed).apply(body).distance, Later(0.5).apply(body).distance)
+
+
+UNEVEN = np.cumsum(np.random.default_rng(4).uniform(0.01, 0.03, 400))
+CORRECTION = SpeedCorrection(UNEVEN, 0.2 * np.sin(2.0 * UNEVEN))
+
+
+def test_a_correction_of_the_speed_has_its_derivative_and_its_integral():
+    inner = slice(1, -1)
+    np.testing.assert_allclose(CORRECTION.acceleration[inner], 0.4 * np.cos(2.0 * UNEVEN)[inner], atol=2e-3)
+    way = 0.1 * (np.cos(2.0 * UNEVEN[0]) - np.cos(2.0 * UNEVEN))
+    np.testing.assert_allclose(CORRECTION.distance, way, atol=1e-4)
+    assert CORRECTION.distance[0] == 0.0
+
+
+@pytest.mark.parametrize("first", [0, 1, 150])
+@pytest.mark.parametrize("count", [1, 50, 250])
+def test_at_its_own_times_it_is_what_it_is(first, count):
+    part = slice(first, first + count)
+    for found, whole in zip(CORRECTION.at(UNEVEN[part]), own(), strict=True):
+        np.testing.assert_array_equal(found, whole[part])
+
+
+def own():
+    return CORRECTION.speed, CORRECTION.acceleration, CORRECTION.distance
+
+
+@pytest.mark.parametrize(
+    ("begin", "end"), [(-0.5, 9.5), (0.005, 1.0), (2.0, 2.1), (UNEVEN[7], 5.0), (7.0, 9.0)]
+)
+def test_at_other_times_it_is_the_straight_line_between(begin, end):
+    t = np.linspace(begin, end, 123)
+    for found, whole in zip(CORRECTION.at(t), own(), strict=True):
+        np.testing.assert_array_equal(found, np.interp(t, UNEVEN, whole))
+    # One time that is not its own.
+    shifted = UNEVEN[20:60].copy()
+    shifted[-1] += 1e-3
+    np.testing.assert_array_equal(CORRECTION.at(shifted)[2], np.interp(shifted, UNEVEN, CORRECTION.distance))
+
+
+def test_a_body_with_a_corrected_speed_has_all_that_follows_from_it():
+    body = swaying(T)
+    speed, acceleration, distance = CORRECTION.at(T)
+    made = CORRECTION.apply(body)
+    by = {"speed": speed, "acceleration": acceleration, "distance": distance}
+    for name, value in moved(body, by).items():
+        np.testing.assert_array_equal(getattr(made, name), value)
