@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 DEVELOPMENT_SEEDS = range(1000)
-TEST_SEEDS = range(400_000, 401_000)
+TEST_SEEDS = range(401_000, 402_000)
 SIDES = ("left", "right")
 VEHICLE = ("track_width", "road_grade")
 AXES = ("x", "y", "z")

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from gap_matrix import beyond, cases, recording
-from gap_matrix.judge.scaffolded import Score, scaffolded, tried
+from gap_matrix.judge.scaffolded import Score, hidden, scaffolded, tried
 from gap_matrix.make_case import make
 from gap_runs import gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
 
-SEED, NATS, SECONDS = 20, 2000.0, 60.0
+# Half the usual rate: as many nats show as much in half the time.
+SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 60.0, 50.0
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +31,7 @@ def the_list_as_it_was():
 @pytest.mark.parametrize("name", ["steered_wheel", "road_camber", "slipping_clock", "cross_talk"])
 def test_an_effect_that_nobody_listed_gets_its_formula_and_is_found_again_by_its_name(name):
     score = Score()
-    tried(score, name, SEED, NATS, SECONDS)
+    tried(score, name, SEED, NATS, SECONDS, RATE_HZ)
     assert (score.named, score.again) == (1, 1), score
     # One in 370 of right values lies farther off.
     assert max(map(abs, score.pulls)) < 3.0, score.pulls
@@ -39,7 +39,7 @@ def test_an_effect_that_nobody_listed_gets_its_formula_and_is_found_again_by_its
 
 @pytest.mark.parametrize("listed", [[], ["lever_arm"], ["gyro_nonorthogonality"]])
 def test_no_effect_is_made_of_a_log_that_the_list_explains(listed, tmp_path):
-    make(tmp_path / "case", SEED, listed, "strong", duration=SECONDS)
+    make(tmp_path / "case", SEED, listed, "strong", duration=SECONDS, rate_hz=RATE_HZ)
     assert scaffolded(tmp_path / "case", "nothing") is None
 
 
@@ -47,10 +47,8 @@ def test_no_effect_is_made_of_a_log_that_the_list_explains(listed, tmp_path):
 def bent(tmp_path_factory):
     """(case, what is hidden, the run that gave it a name)."""
     folder = tmp_path_factory.mktemp("bent")
-    setup = cases.setup(SEED, duration=SECONDS)
-    truth = beyond.hide(setup, "bent_axle", NATS)
-    recording.write(setup, [], folder / "case", {}, truth.records)
     case = folder / "case"
+    truth = hidden(case, "bent_axle", SEED, NATS, SECONDS, RATE_HZ)
     return case, truth, gap(folder / "out", case / "model.toml", case, "--scaffold", "bent_axle")
 
 
@@ -86,28 +84,18 @@ def test_a_model_with_it_says_what_to_load(bent, tmp_path):
 
 
 def test_the_written_file_is_tested_against_its_log_by_pytest(bent):
+    """An effect that does nothing does not pass it."""
     _, _, first = bent
-    written = first.folder / "bent_axle.py"
-    words = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-p",
-        "no:cacheprovider",
-        "--rootdir",
-        str(first.folder),
-        str(written),
-    ]
-    made = subprocess.run(words, capture_output=True, text=True, timeout=150, cwd=first.folder)
-    assert "1 passed" in made.stdout, made.stdout
-    # An effect that does nothing does not pass it.
-    broken = first.folder / "broken_axle.py"
+    written, broken = (first.folder / name for name in ("bent_axle.py", "broken_axle.py"))
     text = written.read_text("utf-8")
     broken.write_text(text.replace("chain.spin**2", "0.0 * chain.spin"), "utf-8")
+    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-rA", "--rootdir", str(first.folder)]
     made = subprocess.run(
-        [*words[:-1], str(broken)], capture_output=True, text=True, timeout=150, cwd=first.folder
+        [*words, str(written), str(broken)], capture_output=True, text=True, timeout=300, cwd=first.folder
     )
-    assert "1 failed" in made.stdout, made.stdout
+    told = [line.partition("::")[0] for line in made.stdout.splitlines() if "::" in line]
+    assert "PASSED bent_axle.py" in told and "FAILED broken_axle.py" in told, made.stdout
+    assert "1 failed, 1 passed" in made.stdout, made.stdout
 
 
 def test_the_written_file_is_as_ruff_has_it(bent):
@@ -127,5 +115,5 @@ def test_with_nothing_left_the_verb_says_so_and_fails(nothing_hidden, tmp_path):
 
 @pytest.fixture
 def nothing_hidden(tmp_path):
-    make(tmp_path / "case", SEED, [], duration=SECONDS)
+    make(tmp_path / "case", SEED, [], duration=SECONDS, rate_hz=RATE_HZ)
     return tmp_path / "case"

@@ -12,6 +12,7 @@ from hubodo.gap.judge.reconsider import Rounds, beyond_chance, reconsider
 from hubodo.gap.judge.round import Say
 from hubodo.gap.judge.search import SearchResult, Watch, initial_state, search
 from hubodo.gap.problem.build import build
+from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.residual import floor, gap
 from hubodo.gap.refit.refit import refit
@@ -37,14 +38,28 @@ def find_gap(
     say: Say = lambda words, share: None,
     journal: Journal | None = None,
 ) -> GapResult:
-    """Where a log and a model disagree, what is missing, and the model with it.
+    """Where a log and a model disagree, what is missing, and the model with it: see `find_gap_in`.
+
+    Raises InputError when the log has not what the model needs.
+    """
+    problem = build(recording, model, where)
+    return find_gap_in(problem, accept=accept, reject=reject, say=say, journal=journal)
+
+
+def find_gap_in(
+    problem: Problem,
+    *,
+    accept: Collection[str] = (),
+    reject: Collection[str] = (),
+    say: Say = lambda words, share: None,
+    journal: Journal | None = None,
+) -> GapResult:
+    """What is missing in the model of a problem, and the model with it. The log itself is not needed for it.
 
     accept: names of effects that are added before anything is searched. reject: names not considered.
     journal: keeps the rounds of the search, and has those of one that was stopped. With one, a
     KeyboardInterrupt ends the search with what it has found, where it has found anything.
-    Raises InputError when the log has not what the model needs.
     """
-    problem = build(recording, model, where)
     say("following the wheels", 0.02)
     begin, found = initial_state(problem), list[SearchResult]()
     watch = Watch(journal or Journal(), say, found.append)
@@ -79,13 +94,14 @@ def _result(begin: State, found: SearchResult, rounds: Rounds, warnings: tuple[s
     given = [term for term in final.state.terms if not term.fitted]
     stages = [_stage(begin, terms[:k], final) for k in range(len(terms))]
     outside = [_trained(one.bare(), held) for one in (*stages, final)]
-    steps = [one.bare().residuals for one in (*stages, final)]
+    steps = [*(one.bare().residuals for one in stages), final.residuals]
+    left, structured = remaining(final, steps[-1])
+    del final  # What was worked out of it is large.
     findings = []
     for k, term in enumerate(terms):
         one = finding(term, found, rounds, steps[k : k + 2], outside[k : k + 2])
         findings += by_channel(one) if one.effect.startswith(PREFIX) else [one]
     whole = BeforeAfter(gap(steps[0]), gap(steps[-1]), floor(steps[-1]))
-    left, structured = remaining(final, steps[-1])
     unexplained = structured or whole.after > _NOISE_ALONE * floor(steps[-1])
     verdict: Verdict
     if findings:

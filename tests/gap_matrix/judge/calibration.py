@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
+from hubodo.report.drawing import blank, save
+
 EDGES = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.99, 0.999, 1.0)
 _INTERVAL = 0.9
 
@@ -63,12 +65,8 @@ def binned(given: Sequence[Given], edges: Sequence[float] = EDGES) -> list[Bin]:
 
 def diagram(bins: Sequence[Bin], title: str, path: Path) -> None:
     """The share of right names over the confidence, with its intervals; .png, .svg."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(figsize=(6.0, 4.6), layout="constrained")
+    figure = blank(6.0, 4.6)
+    axes = figure.add_subplot()
     # By place, not by value: most that matters lies between 0.9 and 1.
     place = np.arange(len(bins))
     share = np.array([it.share for it in bins])
@@ -83,6 +81,4 @@ def diagram(bins: Sequence[Bin], title: str, path: Path) -> None:
         xlabel="confidence that gap gives a name", ylabel="share of them that is right", ylim=(0.0, 1.02)
     )
     axes.set_title(title, fontsize=9)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, metadata={"Date": None} if path.suffix == ".svg" else None)
-    pyplot.close(figure)
+    save(figure, path)

@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
 sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
-from gap_matrix.judge.calibration import Bin, Given, binned, diagram
+from gap_matrix.judge.calibration import Given, binned, diagram
 from gap_matrix.judge.diagnoses import fingerprint
 from gap_matrix.judge.resumed import Row, rows
 from gap_matrix.judge.trial_rows import judged
@@ -86,10 +86,6 @@ def wrong(made: Sequence[Row], least: float) -> str:
     )
 
 
-def picture(bins: Sequence[Bin], logs: int, seeds: str, path: Path) -> None:
-    diagram(bins, f"{sum(it.count for it in bins)} names in {logs} logs, {seeds}; 90 % intervals", path)
-
-
 def main(argv: list[str] | None = None) -> int:
     """Judges what is missing, prints the table, draws the diagram."""
     parser = argparse.ArgumentParser(
@@ -116,7 +112,9 @@ def main(argv: list[str] | None = None) -> int:
     print(told(made))
     if args.wrong is not None:
         print(wrong(made, args.wrong))
-    picture(binned(given(made)), len(made), words, args.figure or path.with_suffix(".svg"))
+    names = given(made)
+    title = f"{len(names)} names in {len(made)} logs, {words}; 90 % intervals"
+    diagram(binned(names), title, args.figure or path.with_suffix(".svg"))
     return 0
 
 

@@ -22,6 +22,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
 sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
+import numpy as np
+
 from gap_matrix import beyond, cases, recording
 from gap_matrix.make_case import make
 from hubodo.effects import BY_NAME
@@ -58,9 +60,13 @@ class Score:
         )
 
 
-def hidden(folder: Path, name: str, seed: int, nats: float, seconds: float) -> beyond.Beyond:
-    """Writes the case."""
+def hidden(
+    folder: Path, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
+) -> beyond.Beyond:
+    """Writes the case. rate_hz: of both nodes, else drawn."""
     setup = cases.setup(seed, duration=seconds)
+    if rate_hz is not None:
+        setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(seed))
     made = beyond.hide(setup, name, nats)
     recording.write(setup, [], folder, {}, made.records)
     return made
@@ -86,11 +92,13 @@ def found_again(folder: Path, made: Scaffold) -> tuple[bool, float, float]:
     return first and gap.after < (gap.floor or 1.0) + _NO_GAP, gap.before, gap.after
 
 
-def tried(score: Score, name: str, seed: int, nats: float, seconds: float) -> None:
+def tried(
+    score: Score, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
+) -> None:
     """One case of a kind."""
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case"
-        truth = hidden(case, name, seed, nats, seconds)
+        truth = hidden(case, name, seed, nats, seconds, rate_hz)
         made = scaffolded(case, name)
         score.runs += 1
         if made is None or made.scope != truth.node or not set(made.values) <= set(truth.truth):

@@ -66,7 +66,7 @@ def ordered(seed: int) -> Row:
 def told(made: Sequence[Row]) -> str:
     """The table of all sets."""
     whole = [row for row in made if "error" not in row]
-    hits, false, exact, lines = [], 0, [], []
+    hits, false, sure, exact, lines = [], 0, 0, [], []
     for row in whole:
         given = {it["name"] for it in row["found"]}
         hidden = {it["name"]: it for it in row["hidden"]}
@@ -74,6 +74,7 @@ def told(made: Sequence[Row]) -> str:
         strange = [it for it in row["found"] if it["name"] not in hidden]
         elsewhere = [it for it in row["found"] if it["name"] in hidden and not right(it)]
         false += len(strange)
+        sure += sum(it["confidence"] > 0.5 for it in strange)
         exact.append(given == set(hidden))
         if exact[-1] and not elsewhere:
             continue
@@ -88,6 +89,7 @@ def told(made: Sequence[Row]) -> str:
             f"{len(made)} sets, {len(made) - len(whole)} broken (95 % intervals, exact)",
             f"  hidden names that are named   {share(hits)}",
             f"  names that are not hidden     {false}: {false / max(len(whole), 1):.3f} a set",
+            f"  of these, confidence above 0.5 {sure}",
             f"  all named and nothing else    {share(exact)}",
             f"  processor a set               {cpu:.2f} s",
             *lines,

@@ -42,8 +42,8 @@ CHANGES = ("lever_arm", "wheel_radius", "node_misalignment", "wheel_camber", "gy
 _OTHER = 100_000
 
 
-def pair(seed: int, seconds: float) -> tuple[Setup, Setup]:
-    """One vehicle on two drives."""
+def pair(seed: int, seconds: float, rate_hz: float | None = None) -> tuple[Setup, Setup]:
+    """One vehicle on two drives. rate_hz: of all nodes, else drawn."""
     first, other = cases.setup(seed, duration=seconds), cases.setup(_OTHER + seed, duration=seconds)
     noise = {
         side: replace(
@@ -55,7 +55,10 @@ def pair(seed: int, seconds: float) -> tuple[Setup, Setup]:
         for side in SIDES
     }
     second = replace(other, radius=first.radius, track=first.track, facing=first.facing, noise=noise)
-    return first, second
+    if rate_hz is None:
+        return first, second
+    rng = np.random.default_rng(seed)
+    return cases.sampled_at(first, rate_hz, rng), cases.sampled_at(second, rate_hz, rng)
 
 
 def compared(
@@ -68,9 +71,9 @@ def compared(
     return find_change(*logs, read_model(folder / "before" / "model.toml"))
 
 
-def null(seed: int, seconds: float, folder: Path) -> ChangeResult:
+def null(seed: int, seconds: float, folder: Path, rate_hz: float | None = None) -> ChangeResult:
     """Nothing has changed."""
-    setups = pair(seed, seconds)
+    setups = pair(seed, seconds, rate_hz)
     lasting = []
     if seed % 2:
         drawn = cases.hidden_effect(setups[0], LASTING)
@@ -78,9 +81,11 @@ def null(seed: int, seconds: float, folder: Path) -> ChangeResult:
     return compared(setups, lasting, lasting, folder)
 
 
-def changed(name: str, seed: int, seconds: float, folder: Path) -> tuple[Effect, ChangeResult]:
+def changed(
+    name: str, seed: int, seconds: float, folder: Path, rate_hz: float | None = None
+) -> tuple[Effect, ChangeResult]:
     """One effect more in the second drive."""
-    setups = pair(seed, seconds)
+    setups = pair(seed, seconds, rate_hz)
     hidden = Meter(setups[1]).dose(cases.hidden_effect(setups[1], name), STRENGTHS["strong"])[0]
     return hidden, compared(setups, [], [hidden], folder)
 

@@ -3,11 +3,17 @@
 The statistic is the ln likelihood ratio T of the effect at its size against nothing (Neyman and Pearson
 1933), drawn where the effect is there. Where it is not, T exceeds t as often as e^-T [T > t] is in the mean
 of these same draws, so that thresholds of rare false alarms need no rare draws.
+
+No other name makes readings lonely, stale, clipped or a lattice: these are chosen among their scopes, by
+likelihoods of each node that do not know the effect's numbers. For the walk see `oracle.py`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 from gap_matrix.cases import Setup
@@ -23,6 +29,8 @@ EFFECTS = (
 DRAWS = 1000
 # Slowest waves of a walk that are kept: the others have nothing to tell.
 _WAVES = 150
+# What the numbers of a name could be, for whoever does not know them.
+_SHARES, _SIZES = np.geomspace(1e-5, 0.1, 13), np.linspace(2.5, 8.0, 6)
 
 
 def threshold(drawn: Array, alarm: float) -> float:
@@ -33,31 +41,57 @@ def threshold(drawn: Array, alarm: float) -> float:
     return float(ordered[beyond[0]]) if len(beyond) else float(ordered[-1]) - 1.0
 
 
-def statistic(setup: Setup, meter: Meter, effect: Effect, rng: np.random.Generator) -> Array:
-    """(DRAWS,) of T, summed over the nodes that the effect concerns."""
-    total = np.zeros(DRAWS)
+def statistic(setup: Setup, meter: Meter, effect: Effect, rng: np.random.Generator) -> tuple[Array, Array]:
+    """(DRAWS,) of T, summed over the nodes that the effect concerns; (DRAWS,) whether its scope is chosen."""
+    total, beside = np.zeros(DRAWS), dict[str, Array]()
     for node in SIDES:
-        if effect.concerns(node):
-            clean, sigma = meter.readings(node)
-            total += _of_node(effect, clean, sigma, float(np.mean(np.diff(setup.taken[node]))), rng)
-    return total
+        clean, sigma = meter.readings(node)
+        interval = float(np.mean(np.diff(setup.taken[node])))
+        made, beside[node] = _of_node(effect, effect.concerns(node), clean, sigma, interval, rng)
+        total += made
+    return total, _scope_chosen(effect, beside)
 
 
-def _of_node(effect: Effect, clean: Array, sigma: Array, interval: float, rng: np.random.Generator) -> Array:
-    """clean, sigma: (n, 6) of a node. interval: s between samples."""
+def _scope_chosen(effect: Effect, beside: Mapping[str, Array]) -> Array:
+    """Whether its scope is more probable than the others together.
+
+    beside: of each node (DRAWS, K), ln likelihood ratio of the effect with each of K numbers that it could
+    have, as likely as each other beforehand, against its absence there. `all`: the same numbers on all nodes.
+    """
+    scores = {node: logsumexp(each, axis=1) for node, each in beside.items()}
+    scores["all"] = logsumexp(sum(beside.values()), axis=1)
+    whole = logsumexp(list(scores.values()), axis=0)
+    # The sum loses digits: what is just one half is not more.
+    return np.asarray(scores[effect.scope] - whole > np.log(0.5) + 1e-9)
+
+
+def _of_node(
+    effect: Effect, there: bool, clean: Array, sigma: Array, interval: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """T of a node, nothing where the effect is not there, and what `_scope_chosen` asks for.
+
+    clean, sigma: (n, 6) of the node. interval: s between samples.
+    """
     parameters = effect.parameters
     match effect.name:
         case "gyro_quantization":
-            return sum(_wider(parameters["step"], one, rng) for one in sigma[:, :3].T)
+            made = sum(_wider(parameters["step"], one, rng) for one in sigma[:, :3].T)
+            return (made, _certain(there)) if there else (np.zeros(DRAWS), _certain(there))
         case "gyro_rate_random_walk":
-            return sum(_walk(parameters["k"], one, interval, rng) for one in sigma[:, :3].T)
+            made = sum(_walk(parameters["k"], one, interval, rng) for one in sigma[:, :3].T)
+            return (made, _certain(there)) if there else (np.zeros(DRAWS), _certain(there))
         case "outliers":
-            return _mixture(parameters["probability"], parameters["sigma"], clean.size, rng)
+            return _mixture(parameters["probability"] * there, parameters["sigma"], clean.size, rng)
         case "sample_repeat":
-            return _stale(parameters["probability"], clean, sigma, rng)
+            return _stale(parameters["probability"] * there, clean, sigma, rng)
         case "gyro_saturation":
-            return _clipped(parameters["limit"], clean[:, :3], sigma[:, :3], GYRO_LSB, rng)
-    return _clipped(parameters["limit"], clean[:, 3:], sigma[:, 3:], ACCEL_LSB, rng)
+            return _clipped(parameters["limit"], there, clean[:, :3], sigma[:, :3], GYRO_LSB, rng)
+    return _clipped(parameters["limit"], there, clean[:, 3:], sigma[:, 3:], ACCEL_LSB, rng)
+
+
+def _certain(there: bool) -> Array:
+    """(DRAWS, 1): a lattice is there or not, beyond doubt."""
+    return np.full((DRAWS, 1), 1e3 if there else -1e3)
 
 
 def _wider(step: float, sigma: Array, rng: np.random.Generator) -> Array:
@@ -76,37 +110,55 @@ def _walk(k: float, sigma: Array, interval: float, rng: np.random.Generator) -> 
     return 0.5 * (squares @ more - np.sum(np.log1p(more)))
 
 
-def _mixture(probability: float, size: float, count: int, rng: np.random.Generator) -> Array:
+def _mixture(probability: float, size: float, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
     """(1 - p) N(0, 1) + p N(0, 1 + size²) against N(0, 1), readings counted in bins of their size."""
-    wide = float(np.hypot(1.0, size))
-    edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.linspace(6.2, 6.0 * wide + 6.0, 80), [np.inf]])
+    edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.linspace(6.2, 60.0, 120), [np.inf]])
     own = -np.diff(norm.sf(edges))
-    far = -np.diff(norm.sf(edges / wide))
-    # The last of the likelihood of nothing is less than a float can say, and no reading falls there anyhow.
-    ratio = np.log1p(probability * (far / np.maximum(own, 1e-290) - 1.0))
-    mixed = 2.0 * ((1.0 - probability) * own + probability * far)
-    return rng.multinomial(count, mixed / mixed.sum(), DRAWS) @ ratio
+
+    def far(size: float) -> Array:
+        return np.asarray(-np.diff(norm.sf(edges / np.hypot(1.0, size))))
+
+    def ratio(probability: float, far: Array) -> Array:
+        # The last of the likelihood of nothing is less than a float can say, and no reading falls there.
+        return np.log1p(probability * (far / np.maximum(own, 1e-290) - 1.0))
+
+    mixed = 2.0 * ((1.0 - probability) * own + probability * far(size))
+    drawn = rng.multinomial(count, mixed / mixed.sum(), DRAWS)
+    numbers = [ratio(one, far(other)) for one in _SHARES for other in _SIZES]
+    return drawn @ ratio(probability, far(size)), drawn @ np.array(numbers).T
 
 
-def _stale(probability: float, clean: Array, sigma: Array, rng: np.random.Generator) -> Array:
+def _stale(probability: float, clean: Array, sigma: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Samples equal to their predecessor in all six channels, against how likely that is anyhow."""
     moved = np.diff(clean, axis=0) / sigma[1:]
     by_chance = np.sum(np.log(LSB / (2.0 * np.sqrt(np.pi) * sigma[1:])) - 0.25 * moved**2, 1)
+    hits = rng.binomial(len(by_chance), probability, DRAWS) if probability else np.zeros(DRAWS, int)
+    # That a sample is stale is as good as certain: of each share only its power of the hits is left.
+    missed = len(by_chance) - hits
+    surely = np.median(-by_chance) * hits
+    beside = surely[:, None] + hits[:, None] * np.log(_SHARES) + missed[:, None] * np.log1p(-_SHARES)
+    if not probability:
+        return np.zeros(DRAWS), beside
     each = np.logaddexp(np.log(probability) - by_chance, np.log1p(-probability))
-    hits = rng.binomial(len(by_chance), probability, DRAWS)
-    missed = (len(by_chance) - hits) * np.log1p(-probability)
-    return missed + np.array([np.sum(rng.choice(each, one)) for one in np.maximum(hits, 1)])
+    made = missed * np.log1p(-probability)
+    return made + np.array([np.sum(rng.choice(each, one)) for one in np.maximum(hits, 1)]), beside
 
 
-def _clipped(limit: float, clean: Array, sigma: Array, lsb: float, rng: np.random.Generator) -> Array:
-    """A clipped value stands for all that would lie beyond, instead of for one step of the chip."""
+def _clipped(
+    limit: float, there: bool, clean: Array, sigma: Array, lsb: float, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """A clipped value stands for all that would lie beyond, instead of for one step of the chip.
+
+    A node without the effect shows that it has none by a reading beyond the limit.
+    """
     z = ((limit - np.abs(clean)) / sigma).ravel()
     beyond = norm.logsf(z)
     close = beyond > np.log(1e-7)
     z, beyond, sigma = z[close], beyond[close], sigma.ravel()[close]
     each = np.maximum(beyond - norm.logpdf(z) - np.log(lsb / sigma), 0.0)
-    made = np.zeros(DRAWS)
+    made, hits = np.zeros(DRAWS), np.zeros(DRAWS)
     for first in range(0, len(z), 500):
         part = slice(first, first + 500)
-        made += (rng.random((DRAWS, len(z[part]))) < np.exp(beyond[part])) @ each[part]
-    return made
+        hit = rng.random((DRAWS, len(z[part]))) < np.exp(beyond[part])
+        made, hits = made + hit @ each[part], hits + np.count_nonzero(hit, axis=1)
+    return (made, made[:, None]) if there else (np.zeros(DRAWS), np.where(hits > 0, -1e3, 0.0)[:, None])

@@ -4,8 +4,9 @@
 
 Named: the first finding has the right name and scope and a confidence above 0.5. The limit is that of an
 oracle which knows name, scope and sign (`oracle.py`), at one false alarm in a hundred logs, which all names
-in all scopes share. Trials come in three stages, each where the curve of those before it says most, in units
-of what the oracle sees in that very drive. Each is a line of JSON: what was interrupted goes on.
+in all scopes share; and that of one which has to choose among the names, too (`choice.py`). Trials come in
+three stages, each where the curve of those before it says most, in units of what the oracle sees in that very
+drive. Each is a line of JSON: what was interrupted goes on.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -14,15 +15,12 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import os
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # The package is found from its parent; this folder itself must not stand on the path, or its names would.
@@ -33,6 +31,7 @@ import numpy as np
 from gap_matrix import cases
 from gap_matrix.effects import KINDS, scaled
 from gap_matrix.judge.diagnoses import fingerprint
+from gap_matrix.judge.resumed import Row, kept, rows
 from gap_matrix.limit import curve, figure, table
 from gap_matrix.limit.oracle import half_seen, oracle
 from gap_matrix.limit.trial import drive, in_whole_hits, largest_possible, tried, typical
@@ -40,79 +39,74 @@ from gap_matrix.limit.trial import drive, in_whole_hits, largest_possible, tried
 DEVELOPMENT, TEST = 12_000, 412_000
 STAGES = 3
 SECONDS = 60.0
-Row = dict[str, Any]
 
 
 def main(argv: list[str] | None = None) -> int:
     """Runs what is missing, prints the table, draws the figure."""
     args = _arguments(argv)
     args.out.mkdir(parents=True, exist_ok=True)
-    rows = Rows(args.out / f"{args.seed}-{args.drives}-{_sources()}.jsonl")
+    done = Done(args.out / f"{args.seed}-{args.drives}-{_sources()}.jsonl", args.jobs)
     seeds = range(args.seed, args.seed + args.drives)
     print(
         f"{len(args.effects)} effects, {args.drives} drives of {SECONDS:.0f} s each, seeds {seeds[0]}.."
-        f"{seeds[-1]} (development from {DEVELOPMENT}, test from {TEST}); {len(rows.of)} rows in {rows.path}"
+        f"{seeds[-1]} (development from {DEVELOPMENT}, test from {TEST}); {len(done.of)} rows in {done.path}"
     )
     begin = time.monotonic()
-    with ProcessPoolExecutor(args.jobs) as pool:
-        rows.fill(pool, {f"oracle/{seed}": partial(_oracle, seed) for seed in seeds})
-        rows.fill(pool, {f"nothing/{seed}": partial(_nothing, seed) for seed in seeds})
-        for stage in range(STAGES):
-            rows.fill(pool, _stage(rows, stage, args.effects, list(seeds)))
-            if args.progress:
-                print(f"stage {stage + 1} of {STAGES}: {time.monotonic() - begin:.0f} s", flush=True)
-    limits = [table.limit(name, *_of(rows, name, seeds)) for name in args.effects]
-    print(table.text(limits, rows.of, seeds))
+    done.fill({f"oracle/{seed}": partial(_oracle, seed) for seed in seeds})
+    done.fill({f"nothing/{seed}": partial(_nothing, seed) for seed in seeds})
+    for stage in range(STAGES):
+        done.fill(_stage(done, stage, args.effects, list(seeds)))
+        if args.progress:
+            print(f"stage {stage + 1} of {STAGES}: {time.monotonic() - begin:.0f} s", flush=True)
+    limits = [table.limit(name, *_of(done, name, seeds)) for name in args.effects]
+    print(table.text(limits, done.of, seeds))
     figure.draw(limits, args.out / "limit.png")
-    print(f"{args.out / 'limit.png'}; {sum(row['cpu'] for row in rows.of.values()):.0f} s of CPU")
+    print(f"{args.out / 'limit.png'}; {sum(row['cpu'] for row in done.of.values()):.0f} s of CPU")
     return 0
 
 
-class Rows:
-    """What is done, by key; a file of JSON lines."""
+class Done:
+    """What is done, by key; a file of JSON lines that grows."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
-        # A last line that was cut off is left.
-        whole = [line for line in lines if line.endswith("\n")]
-        if len(whole) < len(lines):
-            path.write_text("".join(whole), encoding="utf-8")
-        self.of: dict[str, Row] = {row["key"]: row for row in map(json.loads, whole)}
+    def __init__(self, path: Path, jobs: int) -> None:
+        self.path, self._jobs = path, jobs
+        self.of: dict[str, Row] = {row["key"]: row for row in kept(path)}
 
-    def fill(self, pool: ProcessPoolExecutor, wanted: dict[str, partial[Row]]) -> None:
+    def fill(self, wanted: dict[str, partial[Row]]) -> None:
         """Does what is wanted and not there yet."""
-        missing = [key for key in wanted if key not in self.of]
-        with self.path.open("a", encoding="utf-8") as file:
-            for key, row in zip(missing, pool.map(_call, [wanted[key] for key in missing]), strict=True):
-                self.of[key] = {"key": key, **row}
-                print(json.dumps(self.of[key]), file=file, flush=True)
+        made = rows(self.path, list(wanted.items()), _key, _made, self._jobs)
+        self.of |= {row["key"]: row for row in made}
 
 
-def _call(made: partial[Row]) -> Row:
-    return made()
+def _key(item: tuple[str, partial[Row]]) -> str:
+    return item[0]
 
 
-def _stage(rows: Rows, stage: int, names: list[str], seeds: list[int]) -> dict[str, partial[Row]]:
+def _made(item: tuple[str, partial[Row]]) -> Row:
+    key, make = item
+    return {"key": key, **make()}
+
+
+def _stage(done: Done, stage: int, names: list[str], seeds: list[int]) -> dict[str, partial[Row]]:
     """The trials of a stage, each effect in a part of the drives."""
     own = np.array_split(seeds, STAGES)[stage]
     wanted = {}
     for name in names:
-        before = [row for row in _trials(rows, name) if row["stage"] < stage]
+        before = [row for row in _trials(done, name) if row["stage"] < stage]
         asked = curve.next_look([row["x"] for row in before], [row["named"] for row in before], len(own))
         for seed, x in zip(own.tolist(), asked, strict=True):
-            power = rows.of[f"oracle/{seed}"]["powers"][name]
+            power = done.of[f"oracle/{seed}"]["powers"][name]
             wanted[f"{name}/{seed}"] = partial(_trial, name, seed, stage, power, x)
     return wanted
 
 
-def _trials(rows: Rows, name: str) -> list[Row]:
-    return [row for key, row in rows.of.items() if key.startswith(f"{name}/")]
+def _trials(done: Done, name: str) -> list[Row]:
+    return [row for key, row in done.of.items() if key.startswith(f"{name}/")]
 
 
-def _of(rows: Rows, name: str, seeds: range) -> tuple[list[Row], list[Row], float]:
-    trials = [row for row in _trials(rows, name) if row["seed"] in seeds]
-    powers = [rows.of[f"oracle/{seed}"]["powers"][name] for seed in seeds]
+def _of(done: Done, name: str, seeds: range) -> tuple[list[Row], list[Row], float]:
+    trials = [row for row in _trials(done, name) if row["seed"] in seeds]
+    powers = [done.of[f"oracle/{seed}"]["powers"][name] for seed in seeds]
     return trials, powers, float(np.median([row["typical"] for row in trials]))
 
 
@@ -120,8 +114,8 @@ def _oracle(seed: int) -> Row:
     begin = time.process_time()
     made = oracle(drive(seed, SECONDS))
     powers = {
-        name: {key: np.round(getattr(power, key), 6).tolist() for key in ("factors", "one", "priced")}
-        | {"seen": power.seen and asdict(power.seen), "least": power.least}
+        name: {key: np.round(getattr(power, key), 6).tolist() for key in ("factors", "one", "priced", "told")}
+        | {"rival": power.rival, "seen": power.seen and asdict(power.seen), "least": power.least}
         for name, power in made.items()
     }
     return {"seed": seed, "powers": powers, "cpu": round(time.process_time() - begin, 2)}
@@ -146,7 +140,7 @@ def _trial(name: str, seed: int, stage: int, power: Row, x: float) -> Row:
 def _sources() -> str:
     here = Path(__file__).parent
     made = hashlib.sha256(fingerprint().encode())
-    for name in ("chance.py", "curve.py", "oracle.py", "trial.py"):
+    for name in ("chance.py", "choice.py", "curve.py", "oracle.py", "trial.py"):
         made.update((here / name).read_bytes())
     return made.hexdigest()[:8]
 

@@ -1,4 +1,8 @@
-"""The table of limits: sizes that are named and seen in half and in nine of ten drives, and their ratios."""
+"""The table of limits: sizes named, seen and told in half and in nine of ten drives, and their ratios.
+
+Seen: by an oracle that knows name, scope and sign, at false alarms that all names share. Told: by one that
+has to choose, too: seen, and name and scope more probable than all others together.
+"""
 
 from __future__ import annotations
 
@@ -17,32 +21,38 @@ from hubodo.effects import BY_NAME
 SHARES = (0.5, 0.9)
 # What more than this separates from the oracle has a reason of its own.
 WANTED = 1.5
-# Nats by which a name has to fit better than another; what is nearer `gap` calls inseparable.
-TOLD = 3.0
 Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Limit:
-    """One effect. named, priced, alone: sizes at SHARES, of `gap`, of the oracle with the price and without.
+    """One effect. named, priced, told, alone: sizes at SHARES, of `gap` and of the oracle: seen at the shared
+    price, chosen as well, seen without the price.
 
-    curve: of `gap`, over ln of size over the drive's own limit. instead: what was said beyond the middle.
-    screened: gain in the logs over what the oracle counts on, median. told, rival: size at which half of the
-    drives tell it by TOLD nats from the name that imitates it best; nan and "" where it is of chance.
+    over_seen, over_told: what is named over what is seen, and over what is told. curve: of `gap`, over ln of
+    size over the size that is seen in the drive. instead: what was said beyond the middle. screened: gain in
+    the logs over what the oracle counts on, median; nan for what is of chance. rival: what the oracle takes
+    it for most often, where half of its logs are told.
     """
 
     name: str
     unit: str
     named: tuple[float, float]
     priced: tuple[float, float]
+    told: tuple[float, float]
     alone: tuple[float, float]
-    ratios: tuple[float, float]
+    over_seen: tuple[float, float]
+    over_told: tuple[float, float]
     curve: Curve
     trials: tuple[tuple[float, bool], ...]
     instead: str
     screened: float
-    told: float
     rival: str
+
+    @property
+    def told_over_seen(self) -> float:
+        """What choosing costs, at 50 %."""
+        return self.over_seen[0] / self.over_told[0]
 
 
 def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: float) -> Limit:
@@ -61,6 +71,7 @@ def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: floa
     least = float(np.median([own.get("least", 0.0) for own in powers]))
     named = [max(size_seen(by_gap, share), least) for share in SHARES]
     priced = [size_seen(lambda f: by_oracle(f, "priced"), share) for share in SHARES]
+    told = [size_seen(lambda f: by_oracle(f, "told"), share) for share in SHARES]
     alone = [size_seen(lambda f: by_oracle(f, "one"), share) for share in SHARES]
 
     def sizes(factors: Sequence[float]) -> tuple[float, float]:
@@ -73,23 +84,16 @@ def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: floa
         BY_NAME[name].unit(parameter),
         sizes(named),
         sizes(priced),
+        sizes(told),
         sizes(alone),
         (named[0] / priced[0], named[1] / priced[1]),
+        (named[0] / told[0], named[1] / told[1]),
         curve,
         tuple((row["x"], row["named"]) for row in trials),
         _instead([row for row in trials if not row["named"] and row["x"] > curve.middle - 0.2]),
         _as_promised(trials),
-        *_told(powers, typical),
+        Counter(own["rival"] for own in powers).most_common(1)[0][0],
     )
-
-
-def _told(powers: Sequence[Row], typical: float) -> tuple[float, str]:
-    """See `Limit`."""
-    seen = [own["seen"] for own in powers if own.get("seen")]
-    if not seen:
-        return float("nan"), ""
-    factors = [float(np.sqrt(2.0 * TOLD / max(one["beside"], 1e-9))) for one in seen]
-    return typical * float(np.median(factors)), Counter(one["rival"] for one in seen).most_common(1)[0][0]
 
 
 def _instead(missed: Sequence[Row]) -> str:
@@ -117,33 +121,42 @@ def text(limits: Sequence[Limit], rows: Mapping[str, Row], seeds: Sequence[int])
     """All of it in words and numbers."""
     lines = [
         "",
-        "named: first, in its scope, confidence above 0.5. oracle: knows name, scope and sign; "
-        f"{FALSE_ALARM:.0%} false alarms",
-        f"a log, shared by the {CANDIDATES} names in their scopes; alone: not shared. told: {TOLD:.0f} nats "
-        "better than its nearest rival",
+        "named: first, in its scope, confidence above 0.5. seen: by an oracle that knows name, scope, sign,",
+        f"at {FALSE_ALARM:.0%} false alarms a log, shared by the {CANDIDATES} names in their scopes; alone: "
+        "not shared. told: seen so,",
+        "and more probable than all other names together, in its scope. over: named over seen, or over told",
         "",
-        f"{'':22} {'unit':>13} {'named':>19} {'oracle':>19} {'alone':>9} {'told':>9} {'ratio':>12}",
+        f"{'':22} {'unit':>13} {'named':>19} {'seen':>19} {'told':>19} {'alone':>9} {'over seen':>11} "
+        f"{'over told':>17}",
         " " * 36
-        + "".join(f"{share:>10}" for share in ("50 %", "90 %", "50 %", "90 %", "50 %", "50 %"))
-        + "  50 %   ±   90 %  seen, said instead; nearest rival",
+        + "".join(f"{share:>10}" for share in ("50 %", "90 %") * 3)
+        + "      50 %   50 %  90 %   50 %   ±   90 %  seen, said instead; nearest rival",
     ]
     for it in limits:
-        spread = it.curve.spread(0.5)
+        sizes = "".join(f" {size:9.3g}" for size in (*it.named, *it.priced, *it.told, it.alone[0]))
+        hits = sum(seen for _, seen in it.trials)
         lines.append(
-            f"{it.name:22} {it.unit:>13} {it.named[0]:9.3g} {it.named[1]:9.3g} {it.priced[0]:9.3g} "
-            f"{it.priced[1]:9.3g} {it.alone[0]:9.3g} {it.told:9.3g} {it.ratios[0]:5.2f} {spread:4.2f} "
-            f"{it.ratios[1]:5.2f}  {sum(seen for _, seen in it.trials):2}/{len(it.trials):2} "
-            f"{it.instead}; {it.rival}"
+            f"{it.name:22} {it.unit:>13}{sizes} {it.over_seen[0]:5.2f} {it.over_seen[1]:5.2f}  "
+            f"{it.over_told[0]:5.2f} {it.curve.spread(0.5):4.2f} {it.over_told[1]:5.2f}  "
+            f"{hits:2}/{len(it.trials):2} {it.instead}; {it.rival}"
         )
-    beyond = [it.name for it in limits if it.ratios[0] > WANTED]
     alarms = [seed for seed in seeds if rows[f"nothing/{seed}"]["found"]]
     lines += [
         "",
-        f"ratio at most {WANTED} at 50 %: {len(limits) - len(beyond)} of {len(limits)}; beyond: "
-        f"{', '.join(beyond) or 'none'}; median {np.median([it.ratios[0] for it in limits]):.2f}; "
-        f"at 90 %: {sum(it.ratios[1] <= WANTED for it in limits)} of {len(limits)}",
+        _summary("seen", [(it.name, it.over_seen) for it in limits]),
+        _summary("told", [(it.name, it.over_told) for it in limits]),
         "gain over what the oracle counts on, median of all: "
         f"{np.nanmedian([it.screened for it in limits]):.2f}",
         f"nothing hidden in the same drives: something named in {len(alarms)} of {len(seeds)}",
     ]
     return "\n".join(lines)
+
+
+def _summary(what: str, ratios: Sequence[tuple[str, tuple[float, float]]]) -> str:
+    """How many are near what the oracle needs, and which are not."""
+    beyond = [f"{name} {half:.2f}" for name, (half, _) in ratios if half > WANTED]
+    return (
+        f"at most {WANTED} times what is {what}, at 50 %: {len(ratios) - len(beyond)} of {len(ratios)}; "
+        f"beyond: {', '.join(beyond) or 'none'}; median {np.median([half for _, (half, _) in ratios]):.2f}; "
+        f"at 90 %: {sum(most <= WANTED for _, (_, most) in ratios)} of {len(ratios)}"
+    )

@@ -91,12 +91,12 @@ def test_the_grams_add_up_to_the_quadratic_forms_of_one_gaussian(seed):
     whole = np.eye(len(y)) + a @ prior @ a.T
     # The residual was taken about the path: the reading beside the model without it.
     both = np.column_stack([x, y + a @ path])
-    np.testing.assert_allclose(found.grams.sum(axis=0), both.T @ np.linalg.solve(whole, both), rtol=2e-5)
+    np.testing.assert_allclose(found.grams.total(), both.T @ np.linalg.solve(whole, both), rtol=2e-5)
     assert found.logs == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-6)
     assert len(found.grams) == 3
     # Nothing that was taken out can have added to what a column says.
     assert found.raw[-1] == pytest.approx(y @ y, rel=1e-5)
-    assert (np.diag(found.grams.sum(axis=0))[:-1] < found.raw[:-1]).all()
+    assert (np.diag(found.grams.total())[:-1] < found.raw[:-1]).all()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -133,5 +133,5 @@ def test_nothing_that_wanders_leaves_plain_products():
     y, x, _, _, _ = dense(shares, paths)
     both = np.column_stack([x, y])
     found = innovations([shares], (), paths[:0], COLUMNS, WINDOW, BLOCK)
-    np.testing.assert_allclose(found.grams.sum(axis=0), both.T @ both, rtol=1e-5)
+    np.testing.assert_allclose(found.grams.total(), both.T @ both, rtol=1e-5)
     assert found.logs == 0.0

@@ -23,7 +23,7 @@ def test_the_report_opens_without_errors_and_draws_its_figures(named, tmp_path):
         ],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=300,
         check=True,
     )
     complaints = [line for line in shown.stderr.splitlines() if "CONSOLE" in line]

@@ -1,21 +1,24 @@
 """The likelihood of each effect that shows in scatter, beside scipy's densities and sums written out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from scipy.stats import multivariate_normal, norm, poisson
+from scipy.stats import kstest, multivariate_normal, norm, poisson
 
 from hubodo.effects import BY_NAME
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.residual import Residual
+from hubodo.gap.scatter.base import unrounded
 from hubodo.gap.scatter.limits import look_for_limits
 from hubodo.gap.scatter.outliers import look_for_outliers, spiky_channels
 from hubodo.gap.scatter.quantization import lattice_step, look_for_quantization
 from hubodo.gap.scatter.random_walk import _refined, look_for_random_walk
 from hubodo.gap.scatter.repeats import look_for_repeats
-from hubodo.gap.state.noise import ChannelNoise
+from hubodo.gap.state.noise import ChannelNoise, channel_noise
+from hubodo.gap.tell.remaining import _noise
 from hubodo.vehicle import NodeMount
 
 SEEDS = (1, 2)
@@ -29,10 +32,9 @@ def shown(y, predicted, *, name="left", limits=(np.inf, np.inf), fresh=None, eff
     fresh = np.ones(count, bool) if fresh is None else fresh
     t = 0.003 + np.arange(count) / RATE_HZ
     node = NodeData(name, NodeMount("left", "left"), t, y, np.ones(6, bool), limits, None)
-    sigma = np.broadcast_to(SIGMA, y.shape)
-    zero = np.zeros_like(y)
+    noise, zero = ChannelNoise(SIGMA, np.zeros(count, np.uint8), fresh), np.zeros_like(y)
     present = {BY_NAME[effect]: None for effect in effects}
-    return Residual(node, y - predicted, sigma, ChannelNoise(sigma, fresh), zero, np.zeros(6), present)
+    return Residual(node, y - predicted, SIGMA, noise, zero, np.zeros(6), present)
 
 
 def white(rng, count=1500):
@@ -87,6 +89,14 @@ def test_a_limit_gains_what_clipping_the_model_there_adds_to_the_log_density(see
     gain = log_density(np.clip(clean[part], -limit, limit)) - log_density(clean[part])
     assert gain > 100.0
     assert found[0].gain == pytest.approx(gain, rel=1e-9)
+
+
+@pytest.mark.parametrize("step", [0.01, 0.05])
+def test_a_limit_is_known_to_half_a_step_of_the_readings(step):
+    clean, y = white(np.random.default_rng(1))
+    y[:3] = np.clip(step * np.round(y[:3] / step), -5.5, 5.5)
+    (found,) = look_for_limits([shown(y, clean, limits=(5.5, np.inf))])
+    assert found.sigmas["limit"] == pytest.approx(0.5 * step)
 
 
 def test_limits_of_all_nodes_are_shared_only_where_they_are_one():
@@ -146,8 +156,27 @@ def test_noise_that_is_far_larger_than_rounding_is_none_of_its_making():
     clean, y = white(np.random.default_rng(1))
     y[:3] = step * np.round((y[:3] + 0.06 * np.random.default_rng(2).standard_normal(y[:3].shape)) / step)
     one = shown(y, clean)
-    wide = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]]) * np.ones(y.shape)
-    assert look_for_quantization([replace(one, noise=replace(one.noise, found=wide))]) == []
+    wide = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]])
+    assert look_for_quantization([replace(one, noise=replace(one.noise, levels=wide))]) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_step_of_a_coarse_lattice_is_no_wild_reading(seed):
+    clean, y = white(np.random.default_rng(seed))
+    clean[:2] = 0.0
+    step = 3.0 * SIGMA[0, 0]
+    y[:2] = SIGMA[0] * np.random.default_rng(seed).standard_normal((2, y.shape[1]))
+    y[:3] = step * np.round(y[:3] / step)
+    assert look_for_outliers([shown(y, clean)]) == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_was_rounded_is_noise_again(seed):
+    clean, y = white(np.random.default_rng(seed))
+    y[2] = 0.04 * np.round(y[2] / 0.04)
+    z = unrounded(shown(y, clean), 2) / SIGMA[0]
+    print(f"seed {seed}: {np.std(z):.3f}, kurtosis {np.mean(z**4) / np.mean(z**2) ** 2:.2f}")
+    assert kstest(z, "norm").pvalue > 0.01
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -259,6 +288,43 @@ def walking(rng, k, count=3000):
     clean, y = white(rng, count)
     y[:3] += np.cumsum(k / np.sqrt(RATE_HZ) * rng.standard_normal((3, count)), axis=1)
     return clean, y
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_readings_that_are_sent_again_are_not_fresh_and_the_noise_is_that_of_the_others(seed):
+    rng = np.random.default_rng(seed)
+    clean, y = white(rng, 4000)
+    late = np.append(False, rng.random(3999) < 0.4)
+    for at in np.flatnonzero(late):
+        y[:, at] = y[:, at - 1]
+    declared = SimpleNamespace(model=SimpleNamespace(noise=SimpleNamespace(gyro=1e-3, accel=1e-3)))
+    found = channel_noise(declared, shown(y, clean).node, SimpleNamespace(rolling=None), y - clean)
+    assert (found.fresh == ~late).all()
+    assert found.found.mean(axis=1) == pytest.approx(SIGMA[:, 0], rel=0.1)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_wild_readings_are_judged_by_the_scatter_around_them_whatever_noise_was_found(seed):
+    rng = np.random.default_rng(seed)
+    clean, y = white(rng)
+    y[2, 30::60] += 20.0 * SIGMA[2]
+    one = shown(y, clean)
+    wide = replace(one, noise=replace(one.noise, levels=3.0 * SIGMA))
+    ((row, count, size),) = spiky_channels(one)
+    assert (row, count) == (2, 25)
+    # Beside the middle of four neighbours, whose own variance is 0.3.
+    assert size == pytest.approx(20.0 / np.sqrt(1.3), rel=0.1)
+    assert spiky_channels(wide) == [(row, count, pytest.approx(size))]
+
+
+@pytest.mark.parametrize(("times", "words"), [(1.0, ""), (1.1, ""), (3.0, "larger"), (0.3, "smaller")])
+def test_noise_is_worth_a_line_where_it_is_not_as_declared(times, words):
+    clean, y = white(np.random.default_rng(1))
+    one = shown(y, clean)
+    said = list(_noise({"left": replace(one, noise=replace(one.noise, levels=times * SIGMA))}))
+    assert len(said) == (6 if words else 0)
+    assert all(f"noise {words} than declared" in line.looks_like for line in said)
+    assert all(f"{times:.2f} times what the model says" in line.looks_like for line in said)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

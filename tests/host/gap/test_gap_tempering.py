@@ -1,10 +1,20 @@
-"""By how much the scatter of blocks of windows tempers a gain: not for what so few scatter by chance."""
+"""A refit: by how much the scatter of blocks tempers a gain, and weights that agree with what was fitted."""
 
 from types import SimpleNamespace
 
 import numpy as np
 
-from hubodo.gap.refit.refit import Refit
+from gap_matrix.make_case import make
+from hubodo.effects import BY_NAME
+from hubodo.gap.judge.search import initial_state
+from hubodo.gap.problem.build import build
+from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
+from hubodo.gap.refit import refit
+from hubodo.gap.refit.refit import Refit, fit_tracked, refit_with_weights
+from hubodo.gap.state.terms import ModelTerm
+from hubodo.log.csv_folder import read_folder
+from hubodo.model.model_file import read_model
 
 
 def tempering(score):
@@ -21,3 +31,33 @@ def test_independent_blocks_hardly_temper_a_gain_and_alike_ones_do():
     assert 0.05 < beyond < 0.3
     together = [tempering(3.0 * rng.standard_normal((60, 1)) / np.sqrt(60.0)) for _ in range(400)]
     assert 6.0 < np.median(together) < 9.5
+
+
+def test_what_moves_a_wheel_rightly_leaves_it_less_to_wander_and_the_fit_is_weighed_with_that(
+    tmp_path, monkeypatch
+):
+    """A tyre that grows: without its size the wheel seems to wander hundreds of times as much."""
+    seed = 3
+    (hidden,) = make(tmp_path, seed, ["tyre_growth"], "strong", scope="right", duration=60.0, rate_hz=50.0)
+    problem = build(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
+    state = initial_state(problem).with_term(ModelTerm(BY_NAME["tyre_growth"](), "right"))
+    tracked, _ = track_wheel_phase(state)
+    once, fits = fit_tracked(Point(tracked, own_weights(tracked))), []
+
+    def counted(point):
+        fits.append(point)
+        return fit_tracked(point)
+
+    monkeypatch.setattr(refit, "fit_tracked", counted)
+    made = refit_with_weights(state)
+    assert len(fits) == 2, "the second agrees"
+    wanders = {}
+    for name, fit in (("once", once), ("made", made)):
+        _, walks = track_wheel_phase(fit.point.state)
+        wanders[name] = fit.point.weights.walks["right"] / walks["right"]
+    assert wanders["once"] > 100.0
+    assert 0.9 < wanders["made"] < 1.1
+    (growth,) = (term.effect.k for term in made.point.state.terms if term.effect.name == "tyre_growth")
+    sigma = np.sqrt(made.covariance[0, 0]) / np.sqrt(once.covariance[0, 0])
+    assert sigma < 0.5, "what wanders less is known better"
+    assert abs(growth / hidden.parameters["k"] - 1.0) < 0.05

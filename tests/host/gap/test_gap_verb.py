@@ -2,10 +2,14 @@
 
 import json
 import tomllib
+from types import SimpleNamespace
+
+import pytest
 
 from gap_matrix.make_case import make
 from gap_runs import gap
 from hubodo.effects import BY_NAME
+from hubodo.gap.tell.explain import explain
 
 SEED = 3
 
@@ -70,3 +74,84 @@ def test_an_accepted_name_that_no_log_like_this_can_show_is_said(nothing, tmp_pa
 def test_every_effect_has_words_for_people():
     words = {kind.meaning for kind in BY_NAME.values()}
     assert len(words) == len(BY_NAME) and "" not in words
+
+
+def rival(name, scope="all", **values):
+    """A candidate of a round, refitted or as the linear model saw it."""
+    term = SimpleNamespace(effect=SimpleNamespace(name=name), scope=scope)
+    made = {"gain": 20.0, "evidence": 9.0, "probability": 0.25, **values}
+    return SimpleNamespace(term=term, candidate=SimpleNamespace(term=term), label=f"{name} {scope}", **made)
+
+
+def round_of(best, *rivals, screened=()):
+    return SimpleNamespace(best=best, rivals=rivals, screened=screened)
+
+
+def why(*rounds, name="gyro_bias", found=(), model=("wheel_camber",), rejected=False):
+    effects = [SimpleNamespace(effect=SimpleNamespace(name=it)) for it in model]
+    result = SimpleNamespace(
+        search=SimpleNamespace(rounds=rounds), found=found, model=SimpleNamespace(effects=effects)
+    )
+    return explain(result, name, rejected)
+
+
+CAMBER, BIAS = rival("wheel_camber", "right"), rival("gyro_bias")
+FOUND = SimpleNamespace(
+    effect="wheel_camber", scope="right", confidence=0.75, rivals=[("gyro_bias", "left", 12.3, 0.25)]
+)
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (why(model=("gyro_bias", "wheel_camber")), "is in the model file already"),
+        (why(found=[FOUND], name="wheel_camber"), "wheel_camber was found (right)"),
+        (why(model=("gyro_bias",), rejected=True), "--reject gyro_bias"),
+        (
+            why(found=[FOUND]),
+            "gyro_bias (left) lost to wheel_camber (right) when each name was reconsidered: gain 12.3",
+        ),
+        (why(), "could not be tested: this log has no node"),
+        (why(name="gyro_quantization"), "how the samples scatter; there is no sign of it"),
+        (why(round_of(BIAS, BIAS, CAMBER)), "gyro_bias (all) was added in round 1 and taken out again"),
+        (why(round_of(None, BIAS)), "gained 20.0 in log-likelihood, too little to be more than chance"),
+        (why(round_of(CAMBER, CAMBER, BIAS)), "round 1 but wheel_camber (right) explained it better"),
+        (
+            why(round_of(CAMBER, CAMBER, BIAS), round_of(CAMBER, CAMBER, rival("gyro_bias", gain=20.5))),
+            "gyro_bias (all) gained 20.5 in log-likelihood in round 2 but",
+        ),
+        (
+            why(round_of(CAMBER, CAMBER, screened=[rival("gyro_bias", gain=3.0, evidence=-0.5)])),
+            "would gain 3.0 in log-likelihood (all), less than the freedom it takes (ln Bayes factor -0.5)",
+        ),
+        (
+            why(
+                round_of(CAMBER, CAMBER, screened=[rival("gyro_bias", gain=9.0, evidence=7.0)]),
+                round_of(
+                    CAMBER,
+                    CAMBER,
+                    screened=[
+                        rival("gyro_bias", "left", gain=5.0, evidence=1.0),
+                        rival("gyro_bias", "right", gain=4.0, evidence=2.0),
+                        rival("gyro_bias", "right", gain=8.0, evidence=3.0),
+                    ],
+                ),
+            ),
+            "in the last round it would gain 4.0 in log-likelihood (right), less than others bring",
+        ),
+    ],
+)
+def test_what_became_of_an_effect_is_said_by_the_best_that_was_tried_of_it(made, words):
+    assert words in made.summary
+
+
+def test_each_scope_of_an_effect_has_one_row_in_each_round_and_what_beat_it():
+    screened = [rival("gyro_bias", "left", gain=5.0), rival("gyro_bias", gain=4.0), rival("gyro_lag")]
+    made = why(round_of(CAMBER, CAMBER, BIAS, screened=screened), round_of(BIAS, BIAS), round_of(None, BIAS))
+    rows = [(row.round, row.scope, row.gain, row.probability, row.beaten_by) for row in made.rows]
+    assert rows == [
+        (1, "all", 20.0, 0.25, "wheel_camber (right)"),
+        (1, "left", 5.0, None, "wheel_camber (right)"),
+        (2, "all", 20.0, 0.25, ""),
+        (3, "all", 20.0, 0.25, "nothing earned its place"),
+    ]

@@ -70,7 +70,7 @@ def test_of_a_sound_vehicle_nothing_is_said(drives):
 def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, log_format, capsys):
     second, said = SimpleNamespace(t_ns=1_000_000_000), ""
     with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml", log_format) as (say,):
-        until = time.monotonic() + 150.0
+        until = time.monotonic() + 500.0
         while not said and time.monotonic() < until:
             time.sleep(0.2)
             say(second)

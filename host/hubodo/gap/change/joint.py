@@ -81,13 +81,15 @@ def _settled(linear: Linearised) -> _Log:
     count = len(linear.directions)
     kept = [*range(count), len(linear.gram) - 1]
     if not linear.nuisances:
-        return _Log(linear.blocks, linear.raw[:-1])
+        return _Log(linear.blocks.whole(), linear.raw[:-1])
     gram, free = linear.gram, linear.always
     out = np.linalg.pinv(gram[np.ix_(free, free)], hermitian=True) @ gram[free]
     turn = np.eye(len(gram))
     turn[free] -= out
     turn = turn[:, kept]
-    return _Log(np.einsum("dk,bde,ef->bkf", turn, linear.blocks, turn, optimize=True), linear.raw[:count])
+    return _Log(
+        np.einsum("dk,bde,ef->bkf", turn, linear.blocks.whole(), turn, optimize=True), linear.raw[:count]
+    )
 
 
 def _difference(logs: Sequence[_Log], basis: Array, common: Array) -> tuple[float, Array, Array]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.residual import Masks
 from hubodo.gap.process_noise.weights import Weights
-from hubodo.gap.state.noise import ChannelNoise
 
 _STRETCH = 10.0
 _LEAST, _MOST = 0.15, 0.45
@@ -25,10 +24,7 @@ class Split:
 
     def without(self, weights: Weights) -> Weights:
         """Weights under which what is held out counts for nothing in a fit."""
-        noise = {
-            name: ChannelNoise(np.where(self.inside[name], np.inf, one.found), one.fresh)
-            for name, one in weights.noise.items()
-        }
+        noise = {name: one.without(self.inside[name]) for name, one in weights.noise.items()}
         return replace(weights, noise=noise)
 
 
@@ -38,11 +34,11 @@ def split(problem: Problem) -> Split:
     A log in which nothing differs has every third stretch held out.
     """
     edges = np.arange(problem.nodes[0].t[0], problem.nodes[0].t[-1] + _STRETCH, _STRETCH)
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    grid = np.linspace(edges[0], edges[-1], 20 * len(middle), endpoint=False)
+    count = len(edges) - 1
+    grid = np.linspace(edges[0], edges[-1], 20 * count, endpoint=False)
     body = problem.inputs.at(grid)
-    speed = np.sqrt((body.speed**2).reshape(len(middle), -1).mean(axis=1))
-    turning = np.sqrt((body.yaw_rate**2).reshape(len(middle), -1).mean(axis=1))
+    speed = np.sqrt((body.speed**2).reshape(count, -1).mean(axis=1))
+    turning = np.sqrt((body.yaw_rate**2).reshape(count, -1).mean(axis=1))
     kinds = {
         "fast with turns": (speed > np.median(speed)) & (turning > np.median(turning)),
         "slow with turns": (speed <= np.median(speed)) & (turning > np.median(turning)),
@@ -51,7 +47,7 @@ def split(problem: Problem) -> Split:
     for words, chosen in kinds.items():
         if _LEAST <= chosen.mean() <= _MOST and np.ptp(speed) > 0.05:
             return Split(_samples(problem, edges, chosen), f"stretches that are {words}")
-    third = np.arange(len(middle)) % 3 == 1
+    third = np.arange(count) % 3 == 1
     return Split(_samples(problem, edges, third), "every third stretch of ten seconds")
 
 

@@ -122,7 +122,7 @@ def _read(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _packed(made: Round) -> dict[str, Any]:
     return {
-        "rivals": [_packed_rival(rival, k == 0) for k, rival in enumerate(made.rivals)],
+        "rivals": [_packed_rival(rival) for rival in made.rivals],
         "nothing": made.nothing,
         "screened": [[_packed_term(it.candidate.term), it.gain, it.evidence] for it in made.screened],
         "null": _text(made.null.surprises),
@@ -130,25 +130,21 @@ def _packed(made: Round) -> dict[str, Any]:
     }
 
 
-def _packed_rival(rival: Rival, first: bool) -> dict[str, Any]:
-    """first: the search may go on from where its refit ended."""
+def _packed_rival(rival: Rival) -> dict[str, Any]:
     proposal = rival.proposal
     return {
         "term": _packed_term(rival.term),
         "numbers": [rival.gain, rival.evidence, rival.probability],
-        "state": None if rival.state is None else _packed_state(rival.state, first),
+        "state": None if rival.state is None else _packed_state(rival.state),
         "proposal": None
         if proposal is None
         else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where],
     }
 
 
-def _packed_state(state: State, whole: bool) -> dict[str, Any]:
-    terms = [_packed_term(term) for term in state.terms]
-    if not whole:
-        return {"terms": terms, "starts": {}, "paths": {}, "late": {}}
+def _packed_state(state: State) -> dict[str, Any]:
     return {
-        "terms": terms,
+        "terms": [_packed_term(term) for term in state.terms],
         "starts": {name: [start.angle, list(start.attitude)] for name, start in state.starts.items()},
         "paths": {name: _text(path) for name, path in state.paths.items()},
         "late": {name: _text(late) for name, late in state.late.items()},

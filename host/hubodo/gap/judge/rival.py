@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,11 @@ class Rival:
     @property
     def label(self) -> tuple[str, str]:
         return self.term.key
+
+    def bare(self) -> Rival:
+        """For keeping, where no search goes on from it: the paths of the wheels take much memory."""
+        state = None if self.state is None else replace(self.state, starts={}, paths={}, late={})
+        return replace(self, state=state)
 
     def p_value(self, null: NullDistribution) -> float:
         """How often the best of all would gain as much by chance."""

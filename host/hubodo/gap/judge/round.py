@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,7 +12,7 @@ from hubodo.gap.judge.rival import Rival, named_rival, scattered_rival, unnamed_
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.tracking import track_wheel_phase
 from hubodo.gap.process_noise.weights import Weights, declared_walk
-from hubodo.gap.refit.refit import Refit, fit_tracked, gain_over, refit
+from hubodo.gap.refit.refit import Refit, fit_from, fit_tracked, gain_over, look_from, refit
 from hubodo.gap.scatter import LOOKS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import Screened, screen
@@ -24,6 +25,8 @@ EMPIRICAL = "empirical"
 DECIDED = 0.99
 # Candidates that are refitted: the time of a round goes with their number.
 _REFITTED = 5
+# Of the deviance in units of its tempering: half of what the best gains, from which on the rest are hopeless.
+_FAR = 100.0
 # Ratio of a wheel's walk to the declared one, both rad²/s, from which on the wheel counts as lost; candidates
 # that are refitted beside, then.
 _LOST, _STRICT = 3.0, 3
@@ -43,6 +46,7 @@ Say = Callable[[str, float], None]
 class Round:
     """One round: where it began, its rivals, the most probable first, and the chance of nothing.
 
+    Of the first alone it is kept how its refit ended: the search may go on from there.
     screened: every candidate as the linear model saw it, the best first. null: what the best of them would
     gain by chance. tempering: by which the gains were divided, for what is left that samples share.
     """
@@ -90,13 +94,18 @@ def look(
     """
     say("every effect in every scope", 0.0)
     before = refit(point.bare(), rounds=1)
+    strict = _strict(before, reject)
     screening = screen(before.point)
     screened = [it for it in screening.candidates if it.candidate.name not in reject]
-    worth = _worth_a_refit(before, screened, reject, also)
-    refits = []
-    for k, it in enumerate(worth):
+    worth = _worth_a_refit(screened, also, strict)
+    states = [before.state.with_term(it.candidate.term) for it in worth]
+    begun = [look_from(before.point.at(state), screening.linear) for state in states]
+    null = screening.null
+    del screening  # Its matrices are large, and no longer needed.
+    refits: list[Refit] = []
+    for k, (it, one) in enumerate(zip(worth, begun, strict=True)):
         say(it.candidate.term.words, _SCREENED + (_FITTED - _SCREENED) * k / len(worth))
-        refits.append(refit(before.point.at(before.state.with_term(it.candidate.term))).bare())
+        refits.append(fit_from(one, hopeless=_hopeless(before, refits)).bare())
     say("the best beside each other", _FITTED)
     if refits:
         tracked = [track_wheel_phase(it.bare().state) for it in refits]
@@ -115,16 +124,25 @@ def look(
     rivals = [named_rival(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
     rivals += [scattered_rival(before, it, walkers.get(it.term.key), tempering) for it in proposals]
     rivals += [unnamed_rival(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    return Round(before.point.bare(), *judged(rivals), tuple(screened), screening.null, tempering)
+    ordered, nothing = judged(rivals)
+    kept = (*ordered[:1], *(rival.bare() for rival in ordered[1:]))
+    return Round(before.point.bare(), kept, nothing, tuple(screened), null, tempering)
+
+
+def _hopeless(before: Refit, refits: Sequence[Refit]) -> float:
+    """Deviance beyond which a candidate is not fitted to the end: another gained more than twice as much."""
+    best = min([before, *refits], key=lambda it: it.deviance)
+    half = 0.5 * (before.deviance - best.deviance)
+    return before.deviance - half if half > _FAR * best.tempering else math.inf
 
 
 def _worth_a_refit(
-    before: Refit, screened: list[Screened], reject: Collection[str], also: Collection[tuple[str, str]]
+    screened: list[Screened], also: Collection[tuple[str, str]], strict: list[Screened]
 ) -> list[Screened]:
     """The best of the screening, those asked for, and what explains how a wheel turns that is lost."""
     worth = _shortlist(screened, _REFITTED)
     asked = [next(it for it in screened if it.candidate.term.key == key) for key in also]
-    for it in [*asked, *_strict(before, reject)]:
+    for it in [*asked, *strict]:
         if it.candidate.term.key not in [other.candidate.term.key for other in worth]:
             worth.append(it)
     return worth

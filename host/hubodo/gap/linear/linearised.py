@@ -12,6 +12,7 @@ from hubodo.arrays import Array
 from hubodo.gap.linear.sensitivity import Direction, Directions
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.symmetric import Symmetric
 from hubodo.gap.state.state import State
 
 # Of what a column said before anything was taken out: less than this is rounding.
@@ -22,24 +23,30 @@ _ROUNDING = 1e-5
 class Linearised:
     """A model about a point, as grams of its directions.
 
-    directions: as asked; after them come nuisances, always free. blocks: (B, D+1, D+1), a gram for each
+    directions: as asked; after them come nuisances, always free. blocks: of D+1 each, a gram for each
     stretch of time, the last row the residual's. raw: (D+1,) see `Innovations`. logs: their logarithms.
     """
 
     directions: tuple[Direction, ...]
     nuisances: int
-    blocks: Array
+    blocks: Symmetric
     raw: Array
     logs: float
 
     @property
     def gram(self) -> Array:
-        return np.asarray(self.blocks.sum(axis=0))
+        return self.blocks.total()
 
     @property
     def always(self) -> list[int]:
         """Indices of what is always free."""
         return list(range(len(self.directions), len(self.directions) + self.nuisances))
+
+    def along(self, directions: Sequence[Direction]) -> Linearised:
+        """The same of some of its directions alone. Raises KeyError for one that is not among them."""
+        places = {direction: k for k, direction in enumerate(self.directions)}
+        kept = [*(places[direction] for direction in directions), *self.always, len(self.raw) - 1]
+        return Linearised(tuple(directions), self.nuisances, self.blocks.of(kept), self.raw[kept], self.logs)
 
 
 def linearise(point: Point, directions: Sequence[Direction]) -> Linearised:

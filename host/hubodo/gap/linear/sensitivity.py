@@ -67,11 +67,12 @@ class Directions:
         whole = state.part({node.name: slice(0, len(node.t)) for node in nodes})
         nodes = whole.problem.nodes
         self._chains = {node.name: whole.reached(node) for node in nodes if not state.at_once(node.name)}
+        self._moved = [direction.moved(_MOVE) for direction in directions]
         self._more: dict[int, SpeedCorrection] = {}
         self._kept = {node.name: dict[int, NDArray[np.float32]]() for node in nodes}
         moves = {node.name: _Moves(whole, node, self._chains.get(node.name)) for node in nodes}
         for k, direction in enumerate(directions):
-            there = direction.moved(_MOVE)
+            there = self._moved[k]
             own = [node.name for node in nodes if direction.felt_by(node)]
             effects = {name: _with(of, there) if name in own else of for name, of in state.effects.items()}
             # What changes the speed that the gyros of one node measured is felt by all the others.
@@ -100,7 +101,7 @@ class Directions:
             if k in kept:
                 into[:] = kept[k][:, inside]
             elif direction.felt_by(node):
-                there = direction.moved(_MOVE)
+                there = self._moved[k]
                 into[:] = moves.change(_with(state.effects[node.name], there), there)
             if answers and more:
                 answers.add(more, into)

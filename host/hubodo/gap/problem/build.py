@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.gap.problem.log_inputs import input_noises, log_temperature, read_inputs
+from hubodo.gap.problem.log_inputs import input_noises, log_temperature, read_inputs, trace
 from hubodo.gap.problem.plausible import check
 from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeForward
 from hubodo.model.inputs import Inputs
 from hubodo.model.model_file import Model
 from hubodo.one_record import check_one_record
-from hubodo.recording import Recording, Table
+from hubodo.recording import NODE_OPTIONAL, Recording, Table
 from hubodo.smooth import constant
 
 # s: shorter logs show too few turns and stops.
@@ -59,7 +60,7 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
         )
     speed = read.speed or constant(float(model.inputs.speed), first, last)
     yaw_rate = read.yaw_rate or constant(float(model.inputs.yaw_rate), first, last)
-    inputs = Inputs(speed, yaw_rate, *log_temperature(recording, names, origin))
+    inputs = Inputs(speed, yaw_rate, log_temperature(recording, names, origin))
     nodes = _nodes(tables, model, inputs, (origin, first, last), warnings)
     if not any(node.used.any() for node in nodes):
         raise InputError(f"{where}: no channel of any node changes; nothing was measured")
@@ -108,9 +109,8 @@ def _nodes(
             warnings.append(
                 f"{name}: without ax and ay its wheel's angle is unknown; gx and gy are left out too"
             )
-        own = inputs
-        if "temperature" in table:
-            own = Inputs(inputs.speed, inputs.yaw_rate, table.t - origin, table["temperature"])
+        warm, supply = (trace(table, column, origin) for column in NODE_OPTIONAL)
+        own = replace(inputs, temperature=warm or inputs.temperature, supply=supply or inputs.supply)
         forward = NodeForward(own, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
         limits = (pile_up(y[:3]), pile_up(y[3:]))
         nodes.append(NodeData(name, mount, t, y, used, limits, forward))

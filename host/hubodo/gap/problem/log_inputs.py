@@ -1,4 +1,4 @@
-"""The inputs of a model as a log has them: speed, yaw rate and temperature, and how noisy they are."""
+"""The inputs of a model as a log has them: speed, yaw rate and their noise, temperature, supply."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW
 from hubodo.fuse.wheels import wheel_odometry
+from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
 from hubodo.smooth import Smooth, constant, smooth
@@ -182,10 +184,16 @@ def _period(recording: Recording, name: str | float) -> float:
     return float(np.median(np.diff(table.t)))
 
 
-def log_temperature(recording: Recording, names: Iterable[str], origin: float) -> tuple[Array, Array]:
-    """Times, s, and °C, (M,) each, of the first table that has them; 25 °C where none has."""
+def log_temperature(recording: Recording, names: Iterable[str], origin: float) -> Trace:
+    """°C of the first table that has them; 25 °C where none has."""
     tables: list[Table | None] = [recording.reference, *(recording.nodes[name] for name in names)]
-    for table in tables:
-        if table is not None and "temperature" in table:
-            return table.t - origin, table["temperature"]
-    return np.zeros(1), np.full(1, 25.0)
+    found = (trace(table, "temperature", origin) for table in tables if table is not None)
+    return next((one for one in found if one is not None), Trace.steady(REFERENCE_CELSIUS))
+
+
+def trace(table: Table, column: str, origin: float) -> Trace | None:
+    """A column where it is known; None where it nowhere is. origin: s, when the log began."""
+    if column not in table:
+        return None
+    known = np.isfinite(table[column])
+    return Trace(table.t[known] - origin, table[column][known]) if known.any() else None

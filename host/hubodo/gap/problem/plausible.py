@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.problem.problem import NodeData
 from hubodo.log.units import doubtful
@@ -17,7 +18,7 @@ from hubodo.vehicle import facing_sign
 # No effect of a real wheel or sensor does what these say.
 _MOVING, _ALIKE, _STRANGE = 0.2, 0.9, 0.3
 _WRONG_UNIT = 3.0
-_ROLLS, _TURNS, _WARMS = 0.05, 0.02, 0.3
+_ROLLS, _TURNS, _WARMS, _FALLS = 0.05, 0.02, 0.3, 0.03
 
 
 def check(nodes: Sequence[NodeData], inputs: Inputs, measured_by: Sequence[str], where: str) -> list[str]:
@@ -113,7 +114,13 @@ def _unseen(nodes: Sequence[NodeData], inputs: Inputs) -> list[str]:
             "the vehicle does not turn: track_width, wheel_camber in gz, scale errors of gx and gy cannot be "
             "seen; turn both ways"
         )
-    temperatures = [node.forward.inputs.temperature for node in nodes]
+    temperatures = [node.forward.inputs.temperature.values for node in nodes]
     if max(float(np.ptp(values)) for values in temperatures) < _WARMS:
         lines.append("the temperature does not change, or was not recorded: gyro_temperature cannot be seen")
+    if "gyro_supply" in BY_NAME:
+        steady = [node.name for node in nodes if np.ptp(node.forward.inputs.supply.values) < _FALLS]
+        lines += [
+            f"{name}: the supply does not change, or was not recorded: gyro_supply cannot be seen"
+            for name in steady
+        ]
     return lines

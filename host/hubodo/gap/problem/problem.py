@@ -18,6 +18,8 @@ from hubodo.vehicle import NodeMount
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 # Hz: wheels and vehicles do nothing faster that an effect would need to be told from another.
 _ENOUGH = 100.0
+# A step between readings that is no rounding of the file.
+_DIGIT = 1e-8
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,12 @@ class NodeData:
         """m/s²: 1 sigma of white noise in ax and ay, from their second differences, whatever is declared."""
         bent = np.diff(self.y[3:5], 2, axis=1)
         return float(np.median(np.abs(bent)) / 0.6745 / np.sqrt(6.0))
+
+    @cached_property
+    def steps(self) -> Array:
+        """(6,): the smallest step between two readings of a channel; infinity where all are equal."""
+        gaps = [np.diff(np.unique(np.round(row, 9))) for row in self.y]
+        return np.array([one[one > _DIGIT].min(initial=np.inf) for one in gaps])
 
     def part(self, samples: slice) -> NodeData:
         """Some of its samples."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
+from hubodo.gap.process_noise.symmetric import Symmetric
 from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Sums, Walk, WindowSums
 
 
@@ -22,14 +23,14 @@ from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Sums, Walk, Win
 class Innovations:
     """What the filter left of residuals and columns, as sums.
 
-    grams: (B, P+1, P+1), one for each `block` windows; the last row and column belong to the residual.
+    grams: of P+1 each, one for each `block` windows; the last row and column belong to the residual.
     logs: logarithms that go with them: -½ (last element + logs) is the log-likelihood. raw: (P+1,)
     squares of the columns before anything but a free walk was taken out, with those of the steps that
     they ask of it. mean: (K, C) where each walk is beside its path as all windows show it; nothing when
     only columns were asked for.
     """
 
-    grams: Array
+    grams: Symmetric
     logs: float
     raw: Array
     mean: Array
@@ -67,7 +68,7 @@ def innovations(
     start = np.array([walk.start for walk in walks])
     moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
     filtered, first = _Filter(walks, size, window, smooth, together), 0
-    grams = np.zeros((-(-paths.shape[1] // block), size + 1, size + 1))
+    grams = Symmetric.room(-(-paths.shape[1] // block), size + 1)
     for shares in parts:
         summed = []
         for k, share in enumerate(shares):
@@ -76,8 +77,8 @@ def innovations(
             summed.append((nodes[k], nodes[k].add(share)))
             del share
         windows = len(summed[0][1].cross)
-        inside = grams[first // block : -(-(first + windows) // block)]
-        _take(filtered, summed, moves[:, first : first + windows], block, inside)
+        made = _taken(filtered, summed, moves[:, first : first + windows], block, size + 1)
+        grams.put(first // block, made)
         first += windows
     raw = np.zeros(size + 1)
     for node in nodes:
@@ -87,11 +88,12 @@ def innovations(
     return Innovations(grams, filtered.logs, raw, mean)
 
 
-def _take(
-    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, block: int, grams: Array
-) -> None:
-    """One part: into its grams, (B, P+1, P+1). moves: (C, K) of the paths of the walks."""
-    (count, windows), size = moves.shape, grams.shape[-1]
+def _taken(
+    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, block: int, size: int
+) -> Array:
+    """(B, P+1, P+1): the grams of one part. moves: (C, K) of the paths of the walks. size: P+1."""
+    count, windows = moves.shape
+    grams = np.zeros((-(-windows // block), size, size))
     shift, cross = np.zeros((2, windows, count, size))
     own = np.zeros((windows, count, count))
     for node, sums in summed:
@@ -102,7 +104,7 @@ def _take(
         grams[:, node.at[:, None], node.at] += sums.squares
     # The residual was taken about the path: where that moves, the walk has to be paid for it.
     shift[:, :, -1] += moves.T
-    grams -= filtered.take(cross, own, shift, block)
+    return grams - filtered.take(cross, own, shift, block)
 
 
 class _Filter:

@@ -100,7 +100,10 @@ class Point:
     def _shares(
         self, wanderings: Sequence[Wandering], columns: NodeColumns | None
     ) -> Iterator[Iterator[Share]]:
-        wild = {node.name: bounds(self._z(node, slice(None))) for node in self.problem.nodes}
+        wild = {
+            node.name: bounds(self.state.residual(node) * self._weight(node, slice(None)))
+            for node in self.problem.nodes
+        }
         for part in parts(self.problem):
             yield self._in_part(part, wanderings, columns, wild)
 
@@ -115,12 +118,13 @@ class Point:
         for whole, node in zip(self.problem.nodes, state.problem.nodes, strict=True):
             samples, bound = part.samples[node.name], wild[node.name]
             made = np.zeros((0, *node.y.shape), np.float32)
+            weight = self._weight(whole, samples)
             yield Share(
                 part.edges[node.name],
                 made if columns is None else columns.of(node, state, part.samples),
                 () if columns is None else columns.at[node.name],
-                np.clip(self._z(whole, samples), -bound, bound),
-                self._weight(whole, samples),
+                np.clip(state.residual(node) * weight, -bound, bound),
+                weight,
                 answers(state, node, wanderings, part.begins),
                 felt(wanderings, node),
             )
@@ -128,11 +132,7 @@ class Point:
     def _weight(self, node: NodeData, samples: slice) -> Array:
         noise = self.weights.noise[node.name]
         worth = noise.fresh[samples] * node.used[:, None] * ~node.clipped[:, samples]
-        return np.asarray(worth / noise.found[:, samples])
-
-    def _z(self, node: NodeData, samples: slice) -> Array:
-        """(6, N) residual of some samples, in sigma."""
-        return np.asarray(self.state.residuals[node.name][:, samples] * self._weight(node, samples))
+        return np.asarray(worth / noise.part(samples))
 
     def _paths(self, wanderings: Sequence[Wandering]) -> Array:
         """(C, K) where each that wanders was thought to be in each window."""
@@ -178,7 +178,7 @@ class Point:
     @cached_property
     def _beside_mean(self) -> tuple[Mapping[str, Residual], Mapping[str, Array]]:
         problem, nodes = self.problem, self.problem.nodes
-        values = {name: value.copy() for name, value in self.state.residuals.items()}
+        values = {node.name: self.state.residual(node) for node in nodes}
         of_inputs = {node.name: np.zeros_like(node.y) for node in nodes}
         sigmas = {node.name: np.empty_like(node.y) for node in nodes}
         squares = {node.name: np.zeros((2, 6)) for node in nodes}
@@ -192,6 +192,7 @@ class Point:
             own = it.state.input_answers(it.node)
             sigmas[name][:, at] = input_noise(problem, own)
             squares[name] += (own.speed**2).sum(axis=1), (own.yaw_rate**2).sum(axis=1)
+        self.state.forget_columns()
         made = {}
         for node in nodes:
             speed, yaw_rate = np.array(window_variances(problem))[:, None] * squares[node.name] / len(node.t)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,10 @@ class Residual:
         """1 sigma that the model file asks for, of sensors and inputs."""
         return np.asarray(np.hypot(self.sensor_sigma, self.input_sigma))
 
+    def declared_of(self, row: int | np.integer[Any]) -> Array:
+        """(N,): the same of one channel."""
+        return np.asarray(np.hypot(self.sensor_sigma[row], self.input_sigma[row]))
+
     @property
     def predicted(self) -> Array:
         """(6, N): what the model reads."""
@@ -51,9 +56,8 @@ def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float
     total, count = 0.0, 0
     for name, one in residuals.items():
         at = slice(None) if inside is None else inside[name]
-        declared = one.declared
         for row in np.flatnonzero(one.node.used):
-            z = one.value[row, at] / declared[row, at]
+            z = one.value[row, at] / one.declared_of(row)[at]
             total, count = total + float(z @ z), count + z.size
     return float(np.sqrt(total / count)) if count else float("nan")
 
@@ -65,8 +69,7 @@ def floor(residuals: Mapping[str, Residual]) -> float:
     """
     total, count = 0.0, 0
     for one in residuals.values():
-        declared = one.declared
         for row in np.flatnonzero(one.node.used):
-            spare = np.hypot(one.noise.found[row], one.input_sigma[row]) / declared[row]
+            spare = np.hypot(one.noise.of(row), one.input_sigma[row]) / one.declared_of(row)
             total, count = total + float(spare @ spare), count + spare.size
     return float(np.sqrt(total / count)) if count else float("nan")

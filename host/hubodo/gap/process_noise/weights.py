@@ -28,15 +28,15 @@ def declared_weights(problem: Problem, walks: Mapping[str, float]) -> Weights:
     """With the noise that the model file declares."""
     noise = {}
     for node in problem.nodes:
-        found = np.broadcast_to(sensor_noise(problem), node.y.shape)
-        noise[node.name] = ChannelNoise(found, np.ones(len(node.t), bool))
+        alike, fresh = np.zeros(len(node.t), np.uint8), np.ones(len(node.t), bool)
+        noise[node.name] = ChannelNoise(sensor_noise(problem), alike, fresh)
     return Weights(noise, walks)
 
 
 def weights_of(state: State, walks: Mapping[str, float]) -> Weights:
     """With the noise that the residuals of a state show."""
     noise = {
-        node.name: channel_noise(state.problem, node, state.readings[node.name], state.residuals[node.name])
+        node.name: channel_noise(state.problem, node, state.readings[node.name], state.residual(node))
         for node in state.problem.nodes
     }
     return Weights(noise, walks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.special import chdtri
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import moved, term_directions
-from hubodo.gap.linear.linearised import linearise, solved
+from hubodo.gap.linear.linearised import Linearised, linearise, solved
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_of
@@ -20,7 +21,9 @@ from hubodo.model.forward import NodeStart
 _ROUNDS = 6
 # Scales that one step may move a coordinate: beyond that nothing is linear.
 _LONGEST = 8.0
-# A step of so many sigma is as good as none; a deviance that grows by so much has not grown.
+# A step of so many sigma is as good as none; a deviance that grows by so much has not grown. Where what is
+# left is no noise, sigma is that of the scatter of the scores: a log that no model fits is not fitted to the
+# nat.
 _ARRIVED, _SLACK = 0.2, 3.0
 # Parts of a step that are tried; one is taken when it brings at least half of what it promised.
 _PARTS = (1.0, 0.3, 0.1)
@@ -29,6 +32,8 @@ _KEPT = 0.5
 _CIRCLES = 0.7
 # A scatter of the scores that is as likely as this, or likelier, is taken for chance: that is 1 sigma.
 _BY_CHANCE = 0.16
+# Rounds after which a fit that is hopeless ends.
+_TRIED = 2
 # Rounds in which weights and fit may come to agree.
 _AGREED = 5
 
@@ -56,6 +61,11 @@ class Refit:
     @property
     def state(self) -> State:
         return self.point.state
+
+    @property
+    def step(self) -> Array:
+        """(K + nuisances,) in scales: from there to where a linear model is fitted."""
+        return np.asarray(self.whole_covariance @ self.gram[:-1, -1])
 
     def bare(self) -> Refit:
         """For keeping: see `Point.bare`."""
@@ -108,28 +118,35 @@ def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
 
 def fit_tracked(point: Point, rounds: int = _ROUNDS) -> Refit:
     """As `refit`, from a state whose wheels have been tracked. rounds: 1 for the whole step, or none."""
-    best, step = _look(point)
-    size = _sigmas(best, step)
-    for _ in range(rounds):
-        if size < _ARRIVED:
+    return fit_from(look_from(point), rounds)
+
+
+def fit_from(best: Refit, rounds: int = _ROUNDS, hopeless: float = math.inf) -> Refit:
+    """As `fit_tracked`, from a first look. hopeless: deviance beyond which only two rounds are tried."""
+    size = _sigmas(best)
+    for done in range(rounds):
+        tempering = best.tempering
+        slack = _SLACK * tempering
+        if size**2 < _ARRIVED**2 * tempering or (done >= _TRIED and best.deviance > hopeless):
             break
         # The deviance counts the step already; when it grows, the step left the linear range.
         for part in _PARTS if rounds > 1 else _PARTS[:1]:
-            further, _walks = track_wheel_phase(_stepped(best, part * step))
-            made, next_step = _look(point.at(further))
-            if made.deviance < best.deviance + _SLACK + _KEPT * size**2:
+            further, _walks = track_wheel_phase(_stepped(best, part * best.step))
+            made = look_from(best.point.at(further))
+            if made.deviance < best.deviance + slack + _KEPT * size**2:
                 break
         else:
             break
         before, was = best.deviance, size
-        best, step, size = made, next_step, _sigmas(made, next_step)
-        if best.deviance > before - _SLACK and size > _CIRCLES * was:
+        best, size = made, _sigmas(made)
+        if best.deviance > before - slack and size > _CIRCLES * was:
             break
     return best
 
 
-def _sigmas(made: Refit, step: Array) -> float:
-    """How long a step is."""
+def _sigmas(made: Refit) -> float:
+    """How long its step is."""
+    step = made.step
     return float(np.sqrt(step @ np.linalg.pinv(made.whole_covariance) @ step)) if len(step) else 0.0
 
 
@@ -145,16 +162,16 @@ def refit_with_weights(state: State) -> Refit:
     return made
 
 
-def _look(point: Point) -> tuple[Refit, Array]:
-    """Everything at one point, and the step (K + nuisances,) from there."""
+def look_from(point: Point, known: Linearised | None = None) -> Refit:
+    """Everything at one point, before any step. known: linearised there, along more than its terms."""
     free = [term for term in point.state.terms if term.moves]
     directions, basis = term_directions(point.problem, free)
-    linear = linearise(point, directions)
+    linear = linearise(point, directions) if known is None else known.along(directions)
     whole = np.zeros((len(directions) + linear.nuisances + 1, basis.shape[1] + linear.nuisances + 1))
     whole[: len(directions), : basis.shape[1]] = basis
     rest = linear.nuisances + 1
     whole[-rest:, -rest:] = np.eye(rest)
-    blocks = np.einsum("dk,bde,ef->bkf", whole, linear.blocks, whole, optimize=True)
+    blocks = np.einsum("dk,bde,ef->bkf", whole, linear.blocks.whole(), whole, optimize=True)
     gram = blocks.sum(axis=0)
     inverse = solved(gram[:-1, :-1], (whole.T**2 @ linear.raw)[:-1])
     step = inverse @ gram[:-1, -1]
@@ -162,8 +179,7 @@ def _look(point: Point) -> tuple[Refit, Array]:
     robust = inverse @ (score.T @ score) @ inverse
     deviance = float(gram[-1, -1] - gram[:-1, -1] @ step) + linear.logs
     k = basis.shape[1]
-    made = Refit(point, tuple(free), inverse[:k, :k], robust[:k, :k], deviance, score[:, :k], inverse, gram)
-    return made, step
+    return Refit(point, tuple(free), inverse[:k, :k], robust[:k, :k], deviance, score[:, :k], inverse, gram)
 
 
 def _stepped(made: Refit, step: Array) -> State:

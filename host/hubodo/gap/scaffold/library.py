@@ -113,6 +113,8 @@ _WEIGHTS = {
     "np.abs(chain.spin)": ("rad/s", "with the spin, either way alike"),
     "chain.spin**2": ("rad²/s²", "with the square of the spin"),
     "chain.spin_beside": ("rad/s", "with the spin of the wheel on the other side"),
+    "chain.speed": ("m/s", "in proportion to the speed"),
+    "chain.speed**2": ("m²/s²", "with the square of the speed"),
     "chain.acceleration": ("m/s²", "while the speed changes"),
     "chain.yaw_rate": ("rad/s", "in turns"),
     "np.abs(chain.yaw_rate)": ("rad/s", "in turns, to either side alike"),

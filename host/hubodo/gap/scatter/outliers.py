@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import log
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.special import chdtrc, logsumexp
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.base import Proposal, shared
+from hubodo.gap.scatter.base import Proposal, shared, unrounded
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "outliers"
@@ -24,17 +25,38 @@ _RELUCTANCE = 2.0
 _FAR, _UNLIKELY = 5.0, 1e-5
 
 
+@dataclass(frozen=True)
+class _Channel:
+    """row: of a channel in use. z: (n,) its fresh readings beside their neighbours, in their own sigma.
+
+    sigma: that, in units of the noise that the channel shows.
+    """
+
+    row: int
+    z: Array
+    sigma: float
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What one node shows. tables: of each channel. count: of readings. chance: wild ones come anywhere."""
+
+    tables: Sequence[Array]
+    count: int
+    chance: bool
+
+
 def look_for_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
     """A mixture of the noise and of wider noise, against it alone: probability and sigma by likelihood."""
-    tables = {one.node.name: _table(one) for one in residuals if BY_NAME[NAME] not in one.effects}
+    seen = {one.node.name: _seen(one) for one in residuals if BY_NAME[NAME] not in one.effects}
     made = []
-    for scope, members in shared([one for one in residuals if one.node.name in tables]):
-        channels = [tables[one.node.name][0] for one in members]
-        table = np.sum([part for one in channels for part in one], axis=0)
-        count = sum(tables[one.node.name][1] for one in members)
+    for scope, members in shared([one for one in residuals if one.node.name in seen]):
+        own = [seen[one.node.name] for one in members]
+        table = np.sum([part for one in own for part in one.tables], axis=0)
+        count = sum(one.count for one in own)
         at = np.unravel_index(int(np.argmax(table)), table.shape)
         gain = float(table[at])
-        if gain < 3.0 or not all(_everywhere(one) and _lonely(one) for one in members):
+        if gain < 3.0 or not all(one.chance for one in own):
             continue
         share, sigma = float(_SHARES[at[0]]), float(_SIGMAS[at[1]])
         hits = max(share * count, 1.0)
@@ -49,29 +71,40 @@ def look_for_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
 
 def spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
     """Channels with wild readings of their own: row, how many, and how large in the middle of them."""
-    tables, _ = _table(residual)
-    rows = np.flatnonzero(residual.node.used)
-    if _everywhere(residual) and _lonely(residual):
+    channels = _channels(residual)
+    if _everywhere(channels) and _lonely(channels):
         return []
     made = []
-    for row, table in zip(rows, tables, strict=True):
-        at = np.unravel_index(int(np.argmax(table)), table.shape)
-        if table[at] > _SPIKY:
-            z = np.abs(_standing_out(residual, int(row)))
+    for one in channels:
+        if np.max(_table(residual, one)) > _SPIKY:
+            z = np.abs(one.z)
             far = z[z > 6.0]
             if len(far):
-                made.append((int(row), len(far), float(np.median(far))))
+                made.append((one.row, len(far), float(np.median(far))))
     return made
 
 
-def _everywhere(residual: Residual) -> bool:
+def _seen(residual: Residual) -> _Seen:
+    channels = _channels(residual)
+    tables = [_table(residual, one) for one in channels]
+    return _Seen(tables, sum(len(one.z) for one in channels), _everywhere(channels) and _lonely(channels))
+
+
+def _channels(residual: Residual) -> list[_Channel]:
+    """Each channel in use. A burst of misfit is no outlier: only what stands out from its own neighbours."""
+    made = []
+    for row in np.flatnonzero(residual.node.used).tolist():
+        ok = residual.noise.fresh & ~residual.node.clipped[row]
+        z = (unrounded(residual, row) / residual.noise.of(row))[ok]
+        z = z - _neighbourhood(z)
+        sigma = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)
+        made.append(_Channel(row, z / sigma, sigma))
+    return made
+
+
+def _everywhere(channels: Sequence[_Channel]) -> bool:
     """Whether all channels of a node are hit alike (G-test of the numbers of readings far out)."""
-    counts = np.array(
-        [
-            int((np.abs(_standing_out(residual, int(row))) > _FAR).sum())
-            for row in np.flatnonzero(residual.node.used)
-        ]
-    )
+    counts = np.array([int((np.abs(one.z) > _FAR).sum()) for one in channels])
     total = int(counts.sum())
     if total < 8 or len(counts) < 2:
         return True
@@ -80,54 +113,37 @@ def _everywhere(residual: Residual) -> bool:
     return bool(chdtrc(len(counts) - 1, max(statistic, 0.0)) > _UNLIKELY)
 
 
-def _lonely(residual: Residual) -> bool:
+def _lonely(channels: Sequence[_Channel]) -> bool:
     """Whether wild readings come one by one: no more of them side by side than chance puts there."""
     near, hits, total = 0, 0, 0
-    for row in np.flatnonzero(residual.node.used):
-        far = np.abs(_standing_out(residual, int(row))) > 4.5
+    for one in channels:
+        far = np.abs(one.z) > 4.5
         hits, total = hits + int(far.sum()), total + len(far)
         near += int((far[2:] & far[:-2]).sum()) + int((far[3:] & far[:-3]).sum())
     expected = 2.0 * hits * hits / max(total, 1)
     return bool(near < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0)
 
 
-def _standing_out(residual: Residual, row: int) -> Array:
-    """Residual of a channel beside its neighbours, in its own sigma."""
-    ok = residual.noise.fresh & ~residual.node.clipped[row]
-    z = (residual.value[row] / residual.noise.found[row])[ok]
-    z = z - _neighbourhood(z)
-    return np.asarray(z / max(float(np.median(np.abs(z))) / 0.6745, 1e-9))
-
-
-def _table(residual: Residual) -> tuple[list[Array], int]:
-    """For each channel in use (40, 40) gain of ln likelihood by share and sigma; the number of readings."""
-    tables, count = [], 0
-    for row in np.flatnonzero(residual.node.used):
-        ok = residual.noise.fresh & ~residual.node.clipped[row]
-        z = (residual.value[row] / residual.noise.found[row])[ok]
-        # A burst of misfit is no outlier: only what stands out from its own neighbours counts.
-        z = z - _neighbourhood(z)
-        one = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)
-        z = z / one
-        count += len(z)
-        edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
-        filled, _ = np.histogram(np.minimum(np.abs(z), 399.0), edges)
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        filled, middle = filled[filled > 0], middle[filled > 0]
-        # The noise alone, as it is: its own scale is free.
-        own = np.linspace(0.9, 1.3, 21)[:, None]
-        alone = float(np.max(np.sum(filled * (-0.5 * (middle / own) ** 2 - np.log(own)), axis=1)))
-        # Beside neighbours with noise of their own, and beside noise that is not as declared.
-        size = _SIGMAS * np.mean(residual.declared[row] / residual.noise.found[row]) / one
-        total = np.zeros((len(_SHARES), len(_SIGMAS)))
-        wide = 1.0 / np.sqrt(1.0 + size**2)
-        narrow = np.exp(-0.5 * middle**2)
-        for j, share in enumerate(wide):
-            far = share * np.exp(-0.5 * (middle * share) ** 2)
-            mixed = (1.0 - _SHARES[:, None]) * narrow + _SHARES[:, None] * far
-            total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ filled - alone
-        tables.append(total)
-    return tables, count
+def _table(residual: Residual, one: _Channel) -> Array:
+    """(40, 40) gain of ln likelihood of a channel by share and sigma."""
+    edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
+    filled, _ = np.histogram(np.minimum(np.abs(one.z), 399.0), edges)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    filled, middle = filled[filled > 0], middle[filled > 0]
+    # The noise alone, as it is: its own scale is free.
+    own = np.linspace(0.9, 1.3, 21)[:, None]
+    alone = float(np.max(np.sum(filled * (-0.5 * (middle / own) ** 2 - np.log(own)), axis=1)))
+    # Beside neighbours with noise of their own, and beside noise that is not as declared.
+    declared = float(np.mean(residual.declared_of(one.row) / residual.noise.of(one.row)))
+    size = _SIGMAS * declared / one.sigma
+    total = np.zeros((len(_SHARES), len(_SIGMAS)))
+    wide = 1.0 / np.sqrt(1.0 + size**2)
+    narrow = np.exp(-0.5 * middle**2)
+    for j, share in enumerate(wide):
+        far = share * np.exp(-0.5 * (middle * share) ** 2)
+        mixed = (1.0 - _SHARES[:, None]) * narrow + _SHARES[:, None] * far
+        total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ filled - alone
+    return total
 
 
 def _neighbourhood(z: Array) -> Array:

@@ -68,8 +68,8 @@ def _gain(residual: Residual, step: float) -> float:
     total, worth = 0.0, 0.0
     for row in np.flatnonzero(residual.node.used[:3]):
         ok = residual.noise.fresh & ~residual.node.clipped[row]
-        alone = residual.declared[row][ok] ** 2
-        if np.mean(residual.noise.found[row][ok] ** 2 - alone) > _LARGER * step**2 / 12.0:
+        alone = residual.declared_of(row)[ok] ** 2
+        if np.mean(residual.noise.of(row)[ok] ** 2 - alone) > _LARGER * step**2 / 12.0:
             return 0.0
         both = alone + step**2 / 12.0
         off = residual.value[row][ok] ** 2

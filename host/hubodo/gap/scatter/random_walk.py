@@ -88,11 +88,12 @@ def _means(residual: Residual) -> Iterator[tuple[Array, Array, Array]]:
     """For each gyro axis in use: mean of each window, (K,), its variance, and the seconds between them."""
     edges = windows(residual.node.t)
     steps = np.diff(np.add.reduceat(residual.node.t, edges[:-1]) / np.diff(edges))
-    tamed = winsorised(residual.value / residual.noise.found) * residual.noise.found
     for row in np.flatnonzero(residual.node.used[:3]):
-        weight = (residual.noise.fresh & ~residual.node.clipped[row]) / residual.noise.found[row] ** 2
+        found = residual.noise.of(row)
+        tamed = winsorised(residual.value[[row]] / found)[0] * found
+        weight = (residual.noise.fresh & ~residual.node.clipped[row]) / found**2
         information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
-        mean = np.add.reduceat(weight * tamed[row], edges[:-1]) / information
+        mean = np.add.reduceat(weight * tamed, edges[:-1]) / information
         yield mean, 1.0 / information + residual.input_variance[row], steps
 
 

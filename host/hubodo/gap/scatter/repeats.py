@@ -44,7 +44,7 @@ def _by_chance(residual: Residual) -> float:
         if not np.isfinite(step):
             continue
         # Two draws of Gaussian noise fall into one bin of a lattice.
-        odds *= np.minimum(1.0, step / (2.0 * np.sqrt(np.pi) * residual.noise.found[row]))
+        odds *= np.minimum(1.0, step / (2.0 * np.sqrt(np.pi) * residual.noise.of(row)))
     return float(odds.sum())
 
 

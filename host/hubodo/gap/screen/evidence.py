@@ -15,8 +15,9 @@ USUAL = 1.0
 # Prior widths in units of the usual sizes of the effects, each as likely as the others up to the usual size,
 # larger ones as much less likely as they are larger: how large an effect is on this vehicle nobody knows,
 # within decades. With one width alone, of two names that fit alike the one that happens to be nearer to its
-# usual size would win, and a faint one would pay for all that it is not.
-WIDTHS = np.geomspace(0.01, 100.0, 9)
+# usual size would win, and a faint one would pay for all that it is not; so it is where the widths end: the
+# narrowest lies below the smallest size that a minute of driving shows, a thousandth of what is usual.
+WIDTHS = np.geomspace(1e-4, 100.0, 13)
 _CHANCES = np.minimum(1.0, 1.0 / WIDTHS) / np.minimum(1.0, 1.0 / WIDTHS).sum()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.gap.linear.directions import term_directions
-from hubodo.gap.linear.linearised import linearise, solved
+from hubodo.gap.linear.linearised import Linearised, linearise, solved
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.screen.candidates import Candidate, all_directions, candidates
 from hubodo.gap.screen.evidence import log_evidence
@@ -32,10 +32,11 @@ class Screened:
 
 @dataclass(frozen=True)
 class Screening:
-    """candidates: the best first. null: what the best of them would gain by chance."""
+    """candidates: the best first. null: what the best of them would gain by chance. linear: of both."""
 
     candidates: list[Screened]
     null: NullDistribution
+    linear: Linearised
 
 
 def screen(point: Point) -> Screening:
@@ -49,7 +50,7 @@ def screen(point: Point) -> Screening:
     fitted[len(directions) : len(directions) + len(own), : basis.shape[1]] = basis
     fitted[linear.always, range(basis.shape[1], fitted.shape[1])] = 1.0
     beside = _beside(gram, fitted)
-    scores = linear.blocks @ beside[:, -1] @ beside
+    scores = linear.blocks.times(beside[:, -1]) @ beside
     gram = beside.T @ gram @ beside
     fitted_keys = {term.key for term in free}
     made, tests = [], []
@@ -60,7 +61,7 @@ def screen(point: Point) -> Screening:
         made.append(one)
         tests.append(test)
     made.sort(key=lambda it: -it.evidence)
-    return Screening(made, null_distribution(scores, tests))
+    return Screening(made, null_distribution(scores, tests), linear)
 
 
 def _beside(gram: Array, fitted: Array) -> Array:

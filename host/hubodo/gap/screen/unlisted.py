@@ -87,17 +87,18 @@ def scene(node: NodeData, reading: Reading) -> Chain:
 def _tried(node: NodeData, chain: Chain, expression: str, z: Array, weight: Array) -> Structure | None:
     """The term on those channels of the node where it pays."""
     made = np.stack(columns(expression, chain))
-    size = np.sqrt(np.mean(made**2, axis=1, keepdims=True))
+    size = np.sqrt([[np.mean(column**2)] for column in made])
     if not np.all(size > 0.0):
         return None
-    made = made / size
+    made /= size
+    weighted = np.empty_like(made)
     edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
     channels, shares, paid = [], [], 0.0
     cost = 0.5 * len(made) * log(len(node.t) / 4.0)
     for row in np.flatnonzero(node.used):
         if row < 3 and expression in _GYRO_NAMED:
             continue
-        gain = _gain(made * weight[row], z[row], edges)
+        gain = _gain(np.multiply(made, weight[row], out=weighted), z[row], edges)
         if gain > cost + 3.0:
             channels.append(CHANNELS[row])
             shares.append(gain)
@@ -125,8 +126,8 @@ def _gain(made: Array, z: Array, edges: NDArray[np.intp]) -> float:
     plain = 0.5 * float(along @ along)
     if plain < 4.0:
         return plain
-    left = z - along @ half
-    scores = np.add.reduceat(half * left, edges, axis=1)
+    half *= z - along @ half
+    scores = np.add.reduceat(half, edges, axis=1)
     return plain / max(1.0, float(np.sum(scores**2)) / len(half))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,29 +27,51 @@ _TRIMMED_MEAN = 0.7519694
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """found: (6, N), 1 sigma of each channel and sample as the residual shows it.
+    """How noisy each channel is, alike for all samples of a group: of a long log, few numbers.
 
-    fresh: (N,) samples that are not their predecessor sent again.
+    levels: (6, G), 1 sigma in each group as the residual shows it. group: (N,), that of each sample. fresh:
+    (N,) samples that are not their predecessor sent again.
     """
 
-    found: Array
+    levels: Array
+    group: NDArray[np.uint8]
     fresh: NDArray[np.bool_]
+
+    @property
+    def found(self) -> Array:
+        """(6, N): 1 sigma of each channel and sample."""
+        return self.part(slice(None))
+
+    def part(self, samples: slice) -> Array:
+        """(6, n): the same of some samples."""
+        return self.levels.take(self.group[samples], axis=1)
+
+    def of(self, row: int | np.integer[Any]) -> Array:
+        """(N,): the same of one channel."""
+        return np.asarray(self.levels[row].take(self.group))
+
+    def without(self, samples: NDArray[np.bool_]) -> ChannelNoise:
+        """So noisy in some samples, (N,), that they say nothing."""
+        levels = np.append(self.levels, np.full((6, 1), np.inf), axis=1)
+        group = np.where(samples, np.uint8(self.levels.shape[1]), self.group)
+        return ChannelNoise(levels, group, self.fresh)
 
 
 def channel_noise(problem: Problem, node: NodeData, reading: Reading, residual: Array) -> ChannelNoise:
     """Noise of a node's channels from their residual, (6, N)."""
     fresh = np.concatenate([[True], (np.diff(node.y, axis=1) != 0.0).any(axis=0)])
     spin = np.zeros(len(node.t)) if reading.rolling is None else np.abs(reading.rolling.spin)
-    found = np.empty_like(node.y)
-    free = fresh & ~node.clipped
+    bins, free = _bins(spin), fresh & ~node.clipped
+    levels, group = np.empty((6, len(bins))), np.empty(len(node.t), np.uint8)
     whole = _scatter(residual, np.flatnonzero(free.all(axis=0)))
-    for members in _bins(spin):
+    for k, members in enumerate(bins):
+        group[members] = k
         for row in range(6):
             inside = members[free[row, members]]
             enough = len(inside) > _LEAST_IN_BIN // 4
-            found[row, members] = _scatter(residual[[row]], inside)[0] if enough else whole[row]
-    floor = _floor(problem, node)
-    return ChannelNoise(np.maximum(found, floor[:, None]), fresh)
+            levels[row, k] = _scatter(residual[[row]], inside)[0] if enough else whole[row]
+    floor = np.maximum(_floor(problem, node), _rounding(node))
+    return ChannelNoise(np.maximum(levels, floor[:, None]), group, fresh)
 
 
 def _scatter(residual: Array, members: NDArray[np.intp]) -> Array:
@@ -129,3 +152,12 @@ def _floor(problem: Problem, node: NodeData) -> Array:
     """(6,) below which no noise is believed: a hundredth of the declared one."""
     noise = problem.model.noise
     return 0.01 * np.array([noise.gyro] * 3 + [noise.accel] * 3)
+
+
+def _rounding(node: NodeData) -> Array:
+    """(6,): 1 sigma of what rounding hides, step / √12.
+
+    Where a channel rests between two steps of a coarse lattice its readings are all the same, and say less of
+    where it is than their scatter would have it.
+    """
+    return np.asarray(np.where(np.isfinite(node.steps), node.steps, 0.0) / np.sqrt(12.0))

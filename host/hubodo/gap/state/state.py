@@ -66,7 +66,6 @@ class State:
         known = made.__dict__
         known["effects"], known["correction"] = self.effects, self.correction
         known["readings"] = {name: one.part(samples[name]) for name, one in self.readings.items()}
-        known["residuals"] = _cut(self.residuals, samples)
         known["phase_columns"] = _cut(self.phase_columns, samples)
         if self.problem.model.inputs.clock_sigma > 0.0:
             known["late_columns"] = _cut(self.late_columns, samples)
@@ -113,15 +112,15 @@ class State:
     @cached_property
     def readings(self) -> Mapping[str, Reading]:
         """What each node should have read."""
-        return {
-            node.name: self.reading(node, self.effects[node.name].values(), self.correction)
-            for node in self.problem.nodes
-        }
+        made = {}
+        for node in self.problem.nodes:
+            made[node.name] = self.reading(node, self.effects[node.name].values(), self.correction)
+            self._evaluated(node)
+        return made
 
-    @cached_property
-    def residuals(self) -> Mapping[str, Array]:
-        """(6, N) of each node: measured minus predicted."""
-        return {node.name: node.y - stacked(self.readings[node.name]) for node in self.problem.nodes}
+    def residual(self, node: NodeData) -> Array:
+        """(6, N) of a node: measured minus predicted."""
+        return node.y - stacked(self.readings[node.name])
 
     def input_answers(self, node: NodeData) -> InputAnswers:
         """What an error of the inputs does to a node."""
@@ -135,7 +134,13 @@ class State:
             if node.on_wheel:
                 path = self.paths.get(node.name, np.zeros(1))
                 made[node.name] = self._slope(node, partial(self._further, node.name, path))
+                self._evaluated(node)
         return made
+
+    def forget_columns(self) -> None:
+        """Its slopes go, as they will not be asked for again: of a long log they take much memory."""
+        for name in ("phase_columns", "late_columns"):
+            self.__dict__.pop(name, None)
 
     @cached_property
     def late_columns(self) -> Mapping[str, Array]:
@@ -167,6 +172,11 @@ class State:
         path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
         own = list(self.effects[node.name].values())
         return node.forward.reached(own, self.start(node), path, self.correction, late)[0]
+
+    def _evaluated(self, node: NodeData) -> None:
+        """What is worked out of all samples at once takes much memory, and is not asked for again."""
+        if not self.at_once(node.name):
+            node.forward.forget()
 
     def _further(self, name: str, path: Array, by: float) -> State:
         return replace(self, paths={**self.paths, name: path + by})

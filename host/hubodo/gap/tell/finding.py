@@ -19,8 +19,7 @@ from hubodo.gap.tell.words import manoeuvre, where_words
 
 # A rival with more than this share of the probability cannot be told apart.
 _ALIKE = 0.05
-# Nor one that fits as well but for so much of ln likelihood, whatever was thought of it beforehand; where the
-# whole gain is this faint, the prior alone would decide between them.
+# Where the whole gain of ln likelihood is this faint, the prior alone would decide between rivals.
 _FAINT = 40.0
 # What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain
 # is faint, names differ by that alone.

@@ -28,16 +28,16 @@ def remaining(final: Point, residuals: Mapping[str, Residual]) -> tuple[list[Une
 
 def _noise(residuals: Mapping[str, Residual]) -> Iterator[Unexplained]:
     for name, residual in residuals.items():
-        found = residual.noise.found
         for row in np.flatnonzero(residual.node.used):
+            found = residual.noise.of(row)
             # From sample to sample the noise of the inputs, which are smooth, is not seen.
-            sensor = np.sqrt(residual.declared[row] ** 2 - residual.input_sigma[row] ** 2)
-            ratio = float(np.sqrt(np.mean((found[row] / sensor) ** 2)))
+            sensor = np.sqrt(residual.declared_of(row) ** 2 - residual.input_sigma[row] ** 2)
+            ratio = float(np.sqrt(np.mean((found / sensor) ** 2)))
             if 1.0 / _NOISY <= ratio <= _NOISY:
                 continue
             size = "larger" if ratio > 1.0 else "smaller"
-            one = float(np.sqrt(np.mean(found[row] ** 2)))
-            always = np.ptp(found[row]) < 0.2 * one
+            one = float(np.sqrt(np.mean(found**2)))
+            always = np.ptp(found) < 0.2 * one
             yield Unexplained(
                 f"{name}.{CHANNELS[row]}",
                 "all the time" if always else "more at some speeds than at others",
