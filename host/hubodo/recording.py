@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 Column = NDArray[np.float64]
 
 NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
+NODE_OPTIONAL = ("temperature", "supply")
+"""What a node's table may tell besides, °C and V; NaN where it is not known."""
 BIAS_FILTER_COLUMNS = (
     "t",
     "state",
@@ -140,7 +142,7 @@ class Event:
 class Recording:
     """All that a log or a CSV folder holds, on one clock.
 
-    nodes: by name, columns `t,gx,gy,gz,ax,ay,az[,temperature]` and whatever else the file had.
+    nodes: by name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and whatever else the file had.
     bias_filters: what each node's own filter said of its gyro, by node, columns `BIAS_FILTER_COLUMNS`: rad/s,
     node axes; state as in the wire's FilterState; a sigma is NaN where the node does not know it.
     reference, wheels, gnss, heading, table, truth: the files of that name in the CSV folder, or None.

@@ -11,8 +11,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from distributed import Client
-
 LONGEST_S = 90.0
 
 
@@ -27,6 +25,8 @@ class Cluster:
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
     """`dask scheduler` and so many `dask worker`; yields once all are there."""
+    from distributed import Client
+
     told = folder / "scheduler.json"
     with ExitStack() as stack:
         common = ["--scheduler-file", str(told), "--no-dashboard"]

@@ -1,13 +1,30 @@
-"""One Dask cluster for all tests of a process that do not ask how it is started."""
+"""One Dask cluster for all tests of a file that do not ask how it is started: idle ones still work."""
 
 import pytest
-from distributed import LocalCluster
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def here():
-    """The options that send a batch there."""
-    with LocalCluster(
-        n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address="127.0.0.1:0"
-    ) as cluster:
+    """The options that send a batch there.
+
+    Its worker is a thread of this process, which a batch talks to as to any other: what it would import
+    has been imported, while a process of its own begins with seconds of that. Those are in `test_engines`.
+    """
+    # Seconds of imports, too, for processes that run none of these tests.
+    import dask
+    from distributed import LocalCluster
+
+    from hubodo.fleet.engine import UNWATCHED
+
+    with (
+        dask.config.set(UNWATCHED),
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=1,
+            processes=False,
+            protocol="tcp://",
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
+        ) as cluster,
+    ):
         yield ("--scheduler", cluster.scheduler_address)

@@ -9,7 +9,6 @@ import time
 
 import pandas as pd
 import pytest
-from distributed import Client
 
 from batch.cluster import cluster
 from batch.fleet_logs import FleetLog, write
@@ -42,8 +41,8 @@ def batch(logs, out, *options):
     return json.loads(done.out)
 
 
-def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, tmp_path, monkeypatch):
-    assert batch(logs, tmp_path / "here", "--workers", 2)["done"] == 12
+def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, tmp_path, here, monkeypatch):
+    assert batch(logs, tmp_path / "here", *here)["done"] == 12
     with cluster(tmp_path, 2) as running:
 
         def lose_one(client, work, places):
@@ -59,15 +58,19 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
     pd.testing.assert_frame_equal(numbers(tmp_path / "here"), numbers(tmp_path / "there"))
 
 
-def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_path, monkeypatch):
+def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_path, here, monkeypatch):
     """What is done to a log lets its worker die, as the kernel does where memory runs out."""
+    import dask
+
     killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
     monkeypatch.setattr("hubodo.verbs.batch.examine_one", _die_at_killer)
-    first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
+    # Two workers die of it instead of Dask's four: each that comes after them takes seconds to start.
+    with dask.config.set({"distributed.scheduler.allowed-failures": 1}):
+        first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
     assert (first["done"], first["failed"]) == (4, 1)
     assert "died" in first["errors"][0]["error"] and first["errors"][0]["log"] == str(killer)
     monkeypatch.undo()
-    again = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 2)
+    again = batch([logs / "van-0", killer], tmp_path / "out", *here)
     assert (again["fresh"], again["done"], again["failed"]) == (1, 5, 0)
 
 
@@ -79,19 +82,19 @@ def _die_at_killer(verb, options, log, folder):
     return examine_one(verb, options, log, folder)
 
 
-def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path):
+def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path, here):
     out = tmp_path / "out"
     words = ["batch", "allan", str(logs), "-o", str(out), "--workers", "1"]
     command = [sys.executable, "-c", INTERRUPTED, *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    _, said = process.communicate(timeout=120)
+    _, said = process.communicate(timeout=300)
     assert process.returncode == 130, said
     assert said == "hubodo batch: interrupted; nothing more was written\n"
     finished = numbers(out).log.nunique()
     assert 3 <= finished < 12
     assert (out / "fleet.html").is_file()
     assert _none_left(process.pid)
-    assert batch(logs, out, "--workers", 2)["fresh"] == 12 - finished
+    assert batch(logs, out, *here)["fresh"] == 12 - finished
 
 
 INTERRUPTED = """
@@ -129,6 +132,8 @@ def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
 
 
 def test_nobody_without_the_certificate_of_a_run_reaches_its_workers():
+    from distributed import Client
+
     with engine(None, 1, "auto") as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")

@@ -4,7 +4,6 @@ import json
 
 import pandas as pd
 import pytest
-from gcp_storage_emulator.server import create_server
 
 from batch.fleet_logs import FleetLog, write
 from in_process import hubodo
@@ -17,6 +16,8 @@ BUCKET = "drives"
 @pytest.fixture
 def store(monkeypatch):
     """A client of the store, which workers find, too, by the variable that Google's own tools read."""
+    from gcp_storage_emulator.server import create_server
+
     # The client's asking for a bucket's kind speaks gRPC, which the emulated store does not.
     monkeypatch.setenv("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
     server = create_server("127.0.0.1", 0, in_memory=True, default_bucket=BUCKET)
@@ -35,17 +36,17 @@ def test_a_google_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(sto
         path = write(folder, FleetLog(f"van-{day}", day, seed=day))
         store.put_file(str(path), f"{BUCKET}/{path.relative_to(folder)}")
 
-    def batch(logs, out, *engine):
-        done = hubodo("batch", "allan", logs, "-o", out, *(engine or ("--workers", 1)), "--json")
+    def batch(logs, out):
+        done = hubodo("batch", "allan", logs, "-o", out, *here, "--json")
         assert done.code == 0, done.err
         return json.loads(done.out)
 
-    assert batch(folder, tmp_path / "out", *here)["done"] == 2
+    assert batch(folder, tmp_path / "out")["done"] == 2
     there = batch(f"gs://{BUCKET}/", f"gs://{BUCKET}/results")
     assert (there["done"], there["refused"], there["fresh"]) == (2, 0, 2)
     assert batch(f"gs://{BUCKET}/*/*.mcap", f"gs://{BUCKET}/results")["fresh"] == 0
     store.get_file(f"{BUCKET}/results/table.parquet", str(tmp_path / "table.parquet"))
-    here = pd.read_parquet(tmp_path / "out" / "table.parquet")
+    near = pd.read_parquet(tmp_path / "out" / "table.parquet")
     far = pd.read_parquet(tmp_path / "table.parquet")
     far.log = far.log.str.replace(f"gs://{BUCKET}/", f"{folder}/")
-    pd.testing.assert_frame_equal(here.drop(columns="cpu"), far.drop(columns="cpu"))
+    pd.testing.assert_frame_equal(near.drop(columns="cpu"), far.drop(columns="cpu"))

@@ -2,10 +2,8 @@
 
 import json
 
-import boto3
 import pandas as pd
 import pytest
-from moto.server import ThreadedMotoServer
 
 from batch.fleet_logs import FleetLog, cut, write
 from in_process import hubodo
@@ -18,6 +16,8 @@ BUCKET = "drives"
 @pytest.fixture(scope="module")
 def server():
     """Its address; one for all tests, for a process keeps the client that it has once made."""
+    from moto.server import ThreadedMotoServer
+
     made = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
     made.start()
     yield "http://{}:{}".format(*made.get_host_and_port())
@@ -27,6 +27,8 @@ def server():
 @pytest.fixture
 def store(server, monkeypatch):
     """A client of an S3 server that workers find, too, by the variables that AWS' own tools read."""
+    import boto3
+
     for name, value in (
         ("AWS_ENDPOINT_URL", server),
         ("AWS_ACCESS_KEY_ID", "none"),
@@ -42,39 +44,39 @@ def store(server, monkeypatch):
     return client
 
 
-def test_a_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, tmp_path):
+def test_a_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, here, tmp_path):
     folder = tmp_path / "logs"
     paths = [write(folder, FleetLog(f"van-{day % 2}", day, seed=day)) for day in range(3)]
     paths.append(cut(folder, FleetLog("van-1", 9, seed=9)))
     for path in paths:
         store.upload_file(str(path), BUCKET, str(path.relative_to(folder)))
 
-    def batch(logs, out):
-        done = hubodo("batch", "allan", logs, "-o", out, "--workers", 1, "--json")
+    def batch(logs, out, *engine):
+        done = hubodo("batch", "allan", logs, "-o", out, *(engine or ("--workers", 1)), "--json")
         assert done.code == 0, done.err
         return json.loads(done.out)
 
-    assert batch(folder, tmp_path / "out")["done"] == 3
+    assert batch(folder, tmp_path / "out", *here)["done"] == 3
     there = batch(f"s3://{BUCKET}/", f"s3://{BUCKET}/results")
     assert (there["done"], there["refused"], there["fresh"]) == (3, 1, 4)
     assert batch(f"s3://{BUCKET}/*/*.mcap", f"s3://{BUCKET}/results")["fresh"] == 0
     store.download_file(BUCKET, "results/table.parquet", str(tmp_path / "table.parquet"))
-    here, far = (
+    near, far = (
         pd.read_parquet(tmp_path / "out" / "table.parquet"),
         pd.read_parquet(tmp_path / "table.parquet"),
     )
     assert far.log.str.startswith(f"s3://{BUCKET}/van-").all()
     far.log = far.log.str.replace(f"s3://{BUCKET}/", f"{folder}/")
     far.error = far.error.str.replace(f"s3://{BUCKET}/", f"{folder}/")
-    pd.testing.assert_frame_equal(here.drop(columns="cpu"), far.drop(columns="cpu"))
+    pd.testing.assert_frame_equal(near.drop(columns="cpu"), far.drop(columns="cpu"))
     page = store.get_object(Bucket=BUCKET, Key="results/fleet.html")["Body"].read()
     assert b"4 logs of 2 vehicles" in page
 
 
-def test_files_that_a_verb_writes_go_beside_the_table(store, tmp_path):
+def test_files_that_a_verb_writes_go_beside_the_table(store, here, tmp_path):
     write(tmp_path / "logs", FleetLog("van-1", 0, seed=1))
     words = ["batch", "export", tmp_path / "logs", "--format", "parquet", "-o", f"s3://{BUCKET}/out"]
-    done = hubodo(*words, "--workers", 1)
+    done = hubodo(*words, *here)
     assert done.code == 0, done.err
     names = [item["Key"] for item in store.list_objects_v2(Bucket=BUCKET)["Contents"]]
     assert any(name.startswith("out/files/export/20260601T060000-1-") for name in names)

@@ -86,6 +86,8 @@ class FakeNode:
     spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
     bias_q12: tuple[int, int, int] | None = None  # what its filter says five times a second
     refuse: int | None = None  # the Reason for which settings and initialisations are refused
+    battery_mv: int = 3700  # what its next reports say; 0: it measures none
+    charge: int = 255  # % of it, 255: not known
     rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
     computer: VirtualComputer | None = None
     frames: list[SentFrame] = field(default_factory=list)
@@ -302,7 +304,10 @@ class FakeNode:
         if now >= self._next_health:
             self._next_health = now + 0.5
             t_us = self._clock_us() % PERIOD
-            self._put(Health(t_us, 3700, 0, 0, 0, 0, 0, min(self.dropped, 65535), 0, 1, 900, 1, 50_000, 40))
+            dropped = min(self.dropped, 65535)
+            self._put(
+                Health(t_us, self.battery_mv, 0, 0, 0, 0, 0, dropped, 0, 1, 900, 1, 50_000, 40, self.charge)
+            )
 
     def _listen(self) -> None:
         if self._master < 0:

@@ -43,6 +43,8 @@ def install(ticks: FakeTicks) -> None:
     micropython.kbd_intr = lambda char: None  # type: ignore[attr-defined]
     sys.modules["micropython"] = micropython
     machine = types.ModuleType("machine")
+    # Of buses and pins the names alone: tests bring their own.
+    machine.SPI = machine.Pin = None  # type: ignore[attr-defined]
     sys.modules["machine"] = machine
     functions = {
         "ticks_us": ticks.us,

@@ -134,6 +134,7 @@ def our_log(path: Path) -> bytes:
             t = T0 + (k + np.arange(8)) * 5_000_000
             log.imu("left", t, t + 1000, np.full((8, 3), 0.01 * k), np.full((8, 3), 3.0))
             log.temperature("left", t[:1], t[:1], [20.0])
+            log.battery("left", t[:1], t[:1], [3.7], 0.5)
             log.fix(t[:1], t[:1], [47.0], [8.0], [400.0], sigma=[[1.0, 1.0, 2.0]])
             log.odometry(t[:1], t[:1], [[1.0, 2.0]], [0.1], [1.0], [0.0])
             log.columns("reference", t[:1], t[:1], {"speed": [1.0], "yaw_rate": [0.1]})

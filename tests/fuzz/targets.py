@@ -215,7 +215,8 @@ def option_case(rng: random.Random) -> Case:
         words = ["simulate", "FOLDER/m.toml", "--duration", "6", "-o", "FOLDER/s.mcap"]
     options = {
         "simulate": ("--duration", "--rate", "--reference-rate", "--seed", "--temperature", "--settle",
-                     "--stop", "--turn", "--angles-deg", "--azimuth-deg", "--latitude-deg", "--drive"),
+                     "--supply", "--stop", "--turn", "--angles-deg", "--azimuth-deg", "--latitude-deg",
+                     "--drive"),
         "fuse": ("--smooth", "--antenna", "--nodes"), "allan": ("--turn", "--start", "--end", "--per-octave"),
         "warmup": ("--age", "--at", "--start", "--end"),
         "heading": ("--age", "--rest", "--lag", "--step", "--scale-sigma"),

@@ -61,7 +61,7 @@ def run(fresh, folder, *words):
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
     environment["OPENBLAS_NUM_THREADS"] = "1"
     command = [fresh / "bin" / words[0], *words[1:]]
-    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
 def test_the_wheel_is_for_every_computer_and_needs_no_compiler(dist):

@@ -117,6 +117,20 @@ def test_rest_with_a_warm_up_follows_the_temperature(tmp_path):
     assert not log.truth["x"].any()
 
 
+def test_a_supply_that_falls_moves_what_hangs_on_it_and_is_in_the_log(tmp_path):
+    model = MODEL + "[effects.gyro_supply]\nz = 0.1\n"
+    words = ("--drive", "rest", "--duration", 60, "--candidates", "field")
+    _, log = simulate(tmp_path, *words, "--supply", 4.1, 3.4, model=model)
+    node = log.nodes["frame"]
+    volts = 4.1 - 0.7 * node.t / 60
+    np.testing.assert_allclose(node["supply"], volts, atol=1e-4)
+    np.testing.assert_allclose(np.polyfit(volts - 3.7, node["gz"], 1), [0.1, 0.02], atol=1e-3)
+    (tmp_path / "again").mkdir()
+    _, log = simulate(tmp_path / "again", *words, model=model)
+    assert "supply" not in log.nodes["frame"]
+    assert log.nodes["frame"]["gz"].mean() == pytest.approx(0.02, abs=1e-3)
+
+
 QUIET = MODEL.replace("0.004", "2e-5").replace("accel_noise = 0.05", "accel_noise = 0.002")
 
 
@@ -212,6 +226,8 @@ def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
         (["--latitude_deg", "48"], "turntable or poses"),
         (["--settle", "3"], "two temperatures"),
         (["--temperature", "1", "2", "3"], "give one number"),
+        (["--supply", "1", "2", "3"], "give one number"),
+        (["--virtual-node", "--supply", "3.9"], "leave --supply out"),
         (["--virtual-node", "--drive", "poses"], "cannot do poses"),
         (["--virtual-node", "--rate", "100"], "52, 104, 208, 416"),
         (["--calibration", "nope.toml"], "nope.toml"),

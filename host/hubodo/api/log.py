@@ -50,7 +50,7 @@ class LoadedLog:
 
     @property
     def nodes(self) -> Mapping[str, Table]:
-        """The nodes by name: `t,gx,gy,gz,ax,ay,az[,temperature]`, in s, rad/s, m/s² and °C."""
+        """The nodes by name: `t,gx,gy,gz,ax,ay,az[,temperature][,supply]`, in s, rad/s, m/s², °C, V."""
         return self.recording.nodes
 
     @property
@@ -74,7 +74,7 @@ class LoadedLog:
         """The one given on opening, else the one that the log carries, None where there is neither."""
         if self._vehicle is not None or not self.path.exists():
             return self._vehicle
-        from hubodo.ingest.replay.playback import setup_of
+        from hubodo.ingest.replay.setup import setup_of
         from hubodo.log.any_log import open_source
         from hubodo.log.logfile import Log
 

@@ -28,6 +28,7 @@ def simulate(
     calibration: StrPath | Calibration | None = None,
     temperature: Sequence[float] = (),
     settle: float | None = None,
+    supply: Sequence[float] = (),
     latitude_deg: float | None = None,
     azimuth_deg: float = 0.0,
     angles_deg: Sequence[float] = (0.0, 180.0),
@@ -37,8 +38,7 @@ def simulate(
     """A log of what the nodes of a model would measure: what `hubodo simulate` draws.
 
     >>> import hubodo
-    >>> log = hubodo.simulate("model.toml", "loop", duration=20, seed=7)
-    >>> log
+    >>> hubodo.simulate("model.toml", "loop", duration=20, seed=7)
     LoadedLog('simulated-loop': left, right, reference, truth; 20.0 s)
 
     Args:
@@ -51,6 +51,7 @@ def simulate(
         calibration: errors of the nodes as they were calibrated, put into the samples.
         temperature: °C, one, or the first and the last.
         settle: s, the time constant of a warm-up between two temperatures.
+        supply: V of the nodes, one, or the first and the last.
         latitude_deg: lets the Earth turn under a turntable or poses.
         azimuth_deg: of the table's zero, clockwise from north.
         angles_deg: of the table's stops.
@@ -62,20 +63,25 @@ def simulate(
         InputError: no such drive, too short a time for poses, a model without nodes.
     """
     known, notes = _with_errors(given_model(model), calibration)
-    earth = None if latitude_deg is None else Earth(math.radians(latitude_deg), math.radians(azimuth_deg))
     experiment = experiments.experiment_of(
         drive,
         known,
         duration,
         seed,
-        earth=earth,
+        earth=_earth(latitude_deg, azimuth_deg),
         programme=Programme(tuple(map(math.radians, angles_deg)), stop, turn),
         temperature=temperature,
         settle=settle,
+        supply=supply,
     )
     drawn = experiments.simulate(known, experiment, rate, reference_rate, seed)
     drawn = replace(experiments.simulated(drawn, drive, known, seed), warnings=notes)
     return LoadedLog(Path(f"simulated-{drive}"), drawn, known.vehicle)
+
+
+def _earth(latitude_deg: float | None, azimuth_deg: float) -> Earth | None:
+    """What turns under a bench."""
+    return None if latitude_deg is None else Earth(math.radians(latitude_deg), math.radians(azimuth_deg))
 
 
 def _with_errors(model: Model, calibration: StrPath | Calibration | None) -> tuple[Model, tuple[str, ...]]:

@@ -29,7 +29,7 @@ from hubodo.calibration.file import (
 )
 from hubodo.calibration.triad import triad_matrix
 from hubodo.effects import BY_NAME, Chain, Effect, effect_of
-from hubodo.effects.base import REFERENCE_CELSIUS, Follows
+from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS, Follows
 from hubodo.effects.triad import Sensor, times
 from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table
@@ -60,7 +60,7 @@ class SampleCorrection:
         return SampleCorrection(effects, _inverse(effects, "gyro"), _inverse(effects, "accel"))
 
     def follows(self, what: Follows) -> bool:
-        """Whether something that is undone depends on the age, or on the temperature."""
+        """Whether something that is undone depends on the age, the temperature, or the supply."""
         return any(effect.follows == what for effect in self.effects)
 
     def apply(
@@ -70,16 +70,18 @@ class SampleCorrection:
         *,
         age: Array | None = None,
         temperature: Array | float | None = None,
+        supply: Array | float | None = None,
     ) -> tuple[Array, Array]:
         """True (gyro, accel) from raw ones, (N, 3) rad/s and m/s².
 
         age: (N,) s since power-on, for the warm-up, which is left out without. temperature: (N,) or one,
-        degrees C; its term is left out without.
+        degrees C; supply: the same, V; their terms are left out without.
         """
         count = len(gyro)
         t = np.zeros(count) if age is None else np.maximum(age, 0.0)
         warm = np.broadcast_to(REFERENCE_CELSIUS if temperature is None else temperature, (count,))
         chain = Chain(t, np.asarray(warm, np.float64), *np.zeros((5, 3, count)))
+        chain.supply = REFERENCE_VOLTS if supply is None else supply
         chain.force = times(self.accel, accel.T - self._offsets(chain).accel)
         chain.rate = times(self.gyro, gyro.T - self._offsets(chain).gyro)
         for effect in self.effects:
@@ -91,7 +93,7 @@ class SampleCorrection:
     def _offsets(self, chain: Chain) -> Chain:
         """A chain whose gyro and accel are what the effects add to a reading.
 
-        The reading is of its time, temperature and force.
+        The reading is of its time, temperature, supply and force.
         """
         made = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
@@ -138,17 +140,22 @@ def apply_calibration(
         table = nodes[name]
         starts = power_on_times(known, name)
         age = age_of(table.t, starts, t_zero_ns)
-        temperature = _temperature(table)
-        if correction.follows("temperature") and temperature is None:
-            warnings.append(
-                f"{name}: the log has no temperature, so gyro_temperature of the calibration is not applied"
-            )
+        temperature, supply = _known(table, "temperature"), _known(table, "supply")
+        for what, told in (("temperature", temperature), ("supply", supply)):
+            lost = [effect.name for effect in correction.effects if effect.follows == what]
+            if lost and told is None:
+                names = " and ".join(lost)
+                warnings.append(
+                    f"{name}: the log has no {what}, so {names} of the calibration is not applied"
+                )
         if correction.follows("age") and not starts:
             warnings.append(
                 f"{name}: the log does not say when the node was switched on; its warm-up is counted from "
                 "its first sample"
             )
-        gyro, accel = correction.apply(table.gyro, table.accel, age=age, temperature=temperature)
+        gyro, accel = correction.apply(
+            table.gyro, table.accel, age=age, temperature=temperature, supply=supply
+        )
         columns = dict(table.columns)
         columns |= dict(zip(("gx", "gy", "gz"), gyro.T, strict=True))
         columns |= dict(zip(("ax", "ay", "az"), accel.T, strict=True))
@@ -244,10 +251,10 @@ def _clipped(raw: Array, true: Array, limit: float) -> Array:
     return np.where(at_limit, np.copysign(np.maximum(np.abs(raw), np.abs(true)), raw), true)
 
 
-def _temperature(table: Table) -> Array | None:
-    if "temperature" not in table:
+def _known(table: Table, column: str) -> Array | None:
+    if column not in table:
         return None
-    values = table["temperature"]
+    values = table[column]
     known = np.isfinite(values)
     if not known.any():
         return None

@@ -53,7 +53,7 @@ class NodeMotion:
 
     def temperature(self, t: Array) -> Array:
         """(n,) °C."""
-        return np.interp(t - self.delay, self.inputs.temperature_t, self.inputs.temperature)
+        return self.inputs.temperature.at(t - self.delay)
 
     def magnetic_field(self, t: Array) -> Array:
         """(n, 3) T: the Earth's field, turned with the vehicle, the wheel and the node."""

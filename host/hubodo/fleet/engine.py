@@ -16,6 +16,12 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _CONNECT_S = 10
+UNWATCHED = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Dask's settings for this computer's processes: no page shows what it would look at many times a second."""
 
 
 @contextmanager
@@ -26,6 +32,7 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
     scheduler cannot be reached, InputError without Dask and for a limit that is none.
     """
     try:
+        import dask
         from distributed import Client, LocalCluster
     except ImportError:
         raise InputError("batch needs Dask: pip install 'hubodo[batch]'") from None
@@ -40,6 +47,7 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
             yield client
         return
     with (
+        dask.config.set(UNWATCHED),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import HubodoError
-from hubodo.ingest.replay.playback import setup_of
+from hubodo.ingest.replay.setup import setup_of
 from hubodo.log.any_log import open_source
 from hubodo.log.logfile import Log
 

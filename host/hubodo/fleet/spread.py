@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import ndtr
-from scipy.stats import false_discovery_control, median_abs_deviation, theilslopes
 
 Array = NDArray[np.float64]
 
@@ -42,6 +41,9 @@ def robust_sigma(values: Array) -> float:
 
     Of counts that are mostly the same from the 5th and 95th percentile; 0 where nine in ten are equal.
     """
+    # Half a second to load: of few logs, of which nothing can be said, nobody waits for it.
+    from scipy.stats import median_abs_deviation
+
     sigma = float(median_abs_deviation(values, scale="normal"))
     return sigma or float(np.subtract(*np.percentile(values, [95, 5]))) / _NORMAL_90
 
@@ -80,7 +82,11 @@ def outliers(table: pd.DataFrame) -> pd.DataFrame:
 
 def adjusted(p_values: Array) -> Array:
     """Benjamini and Hochberg: share of false discoveries if all up to each were believed; q values."""
-    made: Array = false_discovery_control(p_values, method="bh") if len(p_values) else p_values
+    if not len(p_values):
+        return p_values
+    from scipy.stats import false_discovery_control
+
+    made: Array = false_discovery_control(p_values, method="bh")
     return made
 
 
@@ -92,6 +98,8 @@ def drifts(table: pd.DataFrame) -> list[BiasDrift]:
         weekly = group.set_index("start").value.resample("W").median().dropna()
         if len(weekly) < _FEWEST_WEEKS:
             continue
+        from scipy.stats import theilslopes
+
         weeks = (weekly.index - weekly.index[0]).days.to_numpy(float) / 7.0
         slope, _, low, high = theilslopes(weekly.to_numpy(float), weeks, alpha=_DRIFT_LEVEL)
         if low > 0.0 or high < 0.0:

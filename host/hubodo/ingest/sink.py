@@ -22,6 +22,15 @@ class Sink(Protocol):
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
     ) -> None: ...
 
+    def battery(
+        self,
+        node: str,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        voltage: ArrayLike,
+        charge: ArrayLike = ...,
+    ) -> None: ...
+
     def magnetic_field(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
     ) -> None: ...

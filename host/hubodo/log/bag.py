@@ -13,8 +13,8 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log import ros2
 from hubodo.log.chunk_body import Messages, walk
-from hubodo.log.chunks import message_record
 from hubodo.log.logfile import Log, open_log
+from hubodo.log.message_records import message_record
 from hubodo.log.number_file import kind_of
 from hubodo.log.source import Facts, Stream
 

@@ -13,8 +13,8 @@ import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from hubodo.log.chunks import PREFIX
 from hubodo.log.descriptor import pread
+from hubodo.log.message_records import PREFIX
 
 MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""

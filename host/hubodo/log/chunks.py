@@ -1,4 +1,4 @@
-"""Messages to chunks: what is pending, for how long, and how a batch of equal messages becomes bytes at once.
+"""Messages to chunks: what is pending, and for how long.
 
 A message waits in memory until its chunk is full or half a second old, whichever comes first; then the chunk
 goes to the operating system in one call. The age is looked at on each write and on `tick()`, so a killed
@@ -7,41 +7,21 @@ process loses what is younger than `pending_s` plus the time between two ticks.
 
 from __future__ import annotations
 
-import struct
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
 
 import numpy as np
-from mcap.opcode import Opcode
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.container import Compression, McapFile, MessageIndexes
+from hubodo.log.message_records import SLAB, BatchStream, message_record
 
-PREFIX = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<i8"),
-        ("publish_time", "<i8"),
-    ]
-)
-"""What stands before the payload of each message record: 31 bytes, of which 22 count in `length`."""
-_HEAD = struct.Struct("<BQHIqq")
-SLAB = 2048
 _RAMP = np.arange(SLAB, dtype=np.uint32)
 _NS = 1_000_000_000
-
-
-def message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> bytes:
-    """A message as a chunk holds it."""
-    head = _HEAD.pack(5, 22 + len(payload), channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns)
-    return head + payload
 
 
 class _Index:
@@ -58,42 +38,11 @@ class _Index:
         if self.times:
             times.append(np.array(self.times, np.int64))
             places.append(np.array(self.places, np.int64))
-        self.__init__()  # type: ignore[misc]
+        self.batches, self.times, self.places = [], [], []
         return np.concatenate(times), np.concatenate(places)
 
     def __bool__(self) -> bool:
         return bool(self.batches or self.times)
-
-
-class BatchStream:
-    """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch.
-
-    The first `filled` rows wait for their chunk.
-    """
-
-    def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
-        size = layout.dtype.itemsize
-        self.channel = channel
-        self.filled = 0
-        self.record_size = PREFIX.itemsize + size
-        self.rows = np.zeros(SLAB, np.dtype([*_fields(PREFIX), ("message", layout.dtype)]))
-        self.rows["opcode"] = Opcode.MESSAGE
-        self.rows["length"] = 22 + size
-        self.rows["channel"] = channel
-        self.rows["message"] = layout.template
-        self.sequence = self.rows["sequence"]
-        self.log_time = self.rows["log_time"]
-        self.publish_time = self.rows["publish_time"]
-        message = self.rows["message"]
-        self.seconds = message[stamp + "stamp.sec"] if stamp else None
-        self.nanoseconds = message[stamp + "stamp.nanosec"] if stamp else None
-        self.views: dict[str, NDArray[Any]] = {}
-
-    def view(self, path: str) -> NDArray[Any]:
-        view = self.views.get(path)
-        if view is None:
-            view = self.views[path] = self.rows["message"][path]
-        return view
 
 
 class ChunkTarget(Protocol):
@@ -341,7 +290,3 @@ class ChunkLog:
                 self._deadline = now + self._pending_ns
             elif now >= self._deadline:
                 self.flush()
-
-
-def _fields(dtype: np.dtype[Any]) -> Sequence[tuple[str, Any]]:
-    return [(name, dtype[name]) for name in dtype.names or ()]

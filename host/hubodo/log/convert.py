@@ -1,11 +1,11 @@
 """A recording in memory to a log.
 
-Topics: node -> /<node>/imu (+ /<node>/temperature), gnss -> /gnss/fix, truth -> /truth, magnetometers, bias
-filters and odometry to their own. What a ROS message cannot give back to the last bit (t between whole ns,
-unknown columns, sigma, files without a ROS type) goes to /hubodo/columns/<file>, one Float64MultiArray a
-row, the column names in the channel's metadata `columns`. The metadata record `hubodo.csv` lists the columns
-of each file in order. Row i of a file has sequence number i in every channel that carries a part of it: so
-rows meet.
+Topics: node -> /<node>/imu (+ /<node>/temperature, /<node>/battery), gnss -> /gnss/fix, truth -> /truth,
+magnetometers, bias filters and odometry to their own. What a ROS message cannot give back to the last bit (t
+between whole ns, a supply, which is a float32 there, unknown columns, sigma, files without a ROS type) goes
+to /hubodo/columns/<file>, one Float64MultiArray a row, the column names in the channel's metadata `columns`.
+The metadata record `hubodo.csv` lists the columns of each file in order. Row i of a file has sequence number
+i in every channel that carries a part of it: so rows meet.
 """
 
 from __future__ import annotations
@@ -150,6 +150,9 @@ def _node(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: 
     log.imu(name, t_ns, t_ns, gyro, accel)
     if "temperature" in table:
         log.temperature(name, t_ns, t_ns, table["temperature"][rows])
+    if "supply" in table:
+        with np.errstate(over="ignore"):
+            log.battery(name, t_ns, t_ns, table["supply"][rows])
 
 
 def _gnss(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2
 from hubodo.log.chunk_body import Messages
-from hubodo.log.chunks import PREFIX
+from hubodo.log.message_records import PREFIX
 
 _NS = 1_000_000_000
 
 WANTED: Mapping[str, tuple[str, ...]] = {
     ros2.IMU: ("angular_velocity", "linear_acceleration"),
     ros2.TEMPERATURE: ("temperature",),
+    ros2.BATTERY: ("voltage",),
     ros2.MAGNETIC_FIELD: ("magnetic_field",),
     ros2.NAV_SAT_FIX: (
         "latitude",

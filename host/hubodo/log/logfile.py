@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from hubodo.errors import LogError
 from hubodo.log import topics
 from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, announced, load, load_cut, walk
-from hubodo.log.chunks import PREFIX
 from hubodo.log.descriptor import open_to_read
+from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import DamagedSpan, Scan, scan
 from hubodo.log.source import Facts, Stream
 

@@ -44,10 +44,10 @@ def recording_of(
 ) -> Recording:
     """Read a whole log into memory, each topic as what `roles.assign` takes it for.
 
-    A node's `temperature` is that of its topic: as recorded where each sample has one, else interpolated
-    linearly. GNSS rows without a fix are left out. Rows are put in order of time; of equal times the first
-    stays. `metadata["topics"]` tells what a foreign log is taken for topic by topic, `warnings` what is not.
-    Raises InputError as `assign` does.
+    A node's `temperature` and `supply` are those of their topics: as recorded where each sample has one, else
+    interpolated linearly. GNSS rows without a fix are left out. Rows are put in order of time; of equal times
+    the first stays. `metadata["topics"]` tells what a foreign log is taken for topic by topic, `warnings`
+    what is not. Raises InputError as `assign` does.
     """
     return _Collected(source, choice, progress).recording()
 
@@ -209,7 +209,7 @@ class _Collected:
 
     def _tell_unused(self, used: set[str]) -> None:
         """What is in a foreign log and plays no part."""
-        used |= {_temperature_topic(topic) for topic in used}
+        used |= {_beside(topic, what) for topic in used for what in _TOLD_BESIDE}
         unused = [
             f"{stream.topic} ({message_type(stream.schema) or stream.encoding})"
             + (f" as {stream.encoding}" if stream.encoding != "cdr" and stream.schema else "")
@@ -290,14 +290,16 @@ class _Collected:
         rows = self.rows[topic][1]
         values = np.hstack([rows.values["angular_velocity"], rows.values["linear_acceleration"]])
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
-        heat = self._get(_temperature_topic(topic))
-        if heat is None:
-            return table
-        heat = heat.take(np.flatnonzero(np.isfinite(heat.values["temperature"])))
-        if not len(heat):
-            return table
-        warm = self._ordered("", heat, {"temperature": heat.values["temperature"]})
-        return Table({**table.columns, "temperature": np.interp(table.t, warm.t, warm["temperature"])})
+        columns = dict(table.columns)
+        for what, (column, value) in _TOLD_BESIDE.items():
+            told = self._get(_beside(topic, what))
+            if told is None or value not in told.values:
+                continue
+            told = told.take(np.flatnonzero(np.isfinite(told.values[value])))
+            if len(told):
+                known = self._ordered("", told, {column: told.values[value]})
+                columns[column] = np.interp(table.t, known.t, known[column])
+        return Table(columns)
 
     def _bias_filter(self, topic: str, rows: ChannelRows) -> Table | None:
         columns = self._columns(topic, rows) if "data" in rows.values else {}
@@ -359,9 +361,13 @@ class _Collected:
         return Table({"t": t[chosen], **{prefix + name: values[chosen] for name, values in columns.items()}})
 
 
-def _temperature_topic(topic: str) -> str:
-    """Where the temperature of an IMU is told."""
-    return topic.removesuffix("/imu") + "/temperature"
+_TOLD_BESIDE = {"temperature": ("temperature", "temperature"), "battery": ("supply", "voltage")}
+"""Topics beside that of an IMU: name -> column of the node's table, and the message's field."""
+
+
+def _beside(topic: str, what: str) -> str:
+    """Where something else is told of an IMU."""
+    return f"{topic.removesuffix('/imu')}/{what}"
 
 
 def _stem(topic: str) -> str:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.log.chunk_body import Messages
-from hubodo.log.chunks import PREFIX
 from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile
 from hubodo.log.logfile import Log
+from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import scan
 from hubodo.whole_files import whole_new_file
 

@@ -19,6 +19,7 @@ import numpy as np
 IMU = "sensor_msgs/msg/Imu"
 MAGNETIC_FIELD = "sensor_msgs/msg/MagneticField"
 TEMPERATURE = "sensor_msgs/msg/Temperature"
+BATTERY = "sensor_msgs/msg/BatteryState"
 NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF = "tf2_msgs/msg/TFMessage"
@@ -64,6 +65,24 @@ _DEFINITIONS: Mapping[str, str] = {
         "std_msgs/Header header\ngeometry_msgs/Vector3 magnetic_field\nfloat64[9] magnetic_field_covariance"
     ),
     TEMPERATURE: "std_msgs/Header header\nfloat64 temperature\nfloat64 variance",
+    BATTERY: (
+        "uint8 POWER_SUPPLY_STATUS_UNKNOWN=0\nuint8 POWER_SUPPLY_STATUS_CHARGING=1\n"
+        "uint8 POWER_SUPPLY_STATUS_DISCHARGING=2\nuint8 POWER_SUPPLY_STATUS_NOT_CHARGING=3\n"
+        "uint8 POWER_SUPPLY_STATUS_FULL=4\n"
+        "uint8 POWER_SUPPLY_HEALTH_UNKNOWN=0\nuint8 POWER_SUPPLY_HEALTH_GOOD=1\n"
+        "uint8 POWER_SUPPLY_HEALTH_OVERHEAT=2\nuint8 POWER_SUPPLY_HEALTH_DEAD=3\n"
+        "uint8 POWER_SUPPLY_HEALTH_OVERVOLTAGE=4\nuint8 POWER_SUPPLY_HEALTH_UNSPEC_FAILURE=5\n"
+        "uint8 POWER_SUPPLY_HEALTH_COLD=6\nuint8 POWER_SUPPLY_HEALTH_WATCHDOG_TIMER_EXPIRE=7\n"
+        "uint8 POWER_SUPPLY_HEALTH_SAFETY_TIMER_EXPIRE=8\n"
+        "uint8 POWER_SUPPLY_TECHNOLOGY_UNKNOWN=0\nuint8 POWER_SUPPLY_TECHNOLOGY_NIMH=1\n"
+        "uint8 POWER_SUPPLY_TECHNOLOGY_LION=2\nuint8 POWER_SUPPLY_TECHNOLOGY_LIPO=3\n"
+        "uint8 POWER_SUPPLY_TECHNOLOGY_LIFE=4\nuint8 POWER_SUPPLY_TECHNOLOGY_NICD=5\n"
+        "uint8 POWER_SUPPLY_TECHNOLOGY_LIMN=6\n"
+        "std_msgs/Header header\nfloat32 voltage\nfloat32 temperature\nfloat32 current\nfloat32 charge\n"
+        "float32 capacity\nfloat32 design_capacity\nfloat32 percentage\nuint8 power_supply_status\n"
+        "uint8 power_supply_health\nuint8 power_supply_technology\nbool present\nfloat32[] cell_voltage\n"
+        "float32[] cell_temperature\nstring location\nstring serial_number"
+    ),
     NAV_SAT_FIX: (
         "uint8 COVARIANCE_TYPE_UNKNOWN=0\nuint8 COVARIANCE_TYPE_APPROXIMATED=1\n"
         "uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2\nuint8 COVARIANCE_TYPE_KNOWN=3\n"
@@ -84,17 +103,19 @@ _DEFINITIONS: Mapping[str, str] = {
 }
 
 STAMPED = frozenset(
-    {IMU, MAGNETIC_FIELD, TEMPERATURE, NAV_SAT_FIX, ODOMETRY, JOINT_STATE}
+    {IMU, MAGNETIC_FIELD, TEMPERATURE, BATTERY, NAV_SAT_FIX, ODOMETRY, JOINT_STATE}
     | {TWIST_STAMPED, TWIST_WITH_COVARIANCE_STAMPED}
 )
 """Types that begin with a header: the stamp is in bytes 4 to 12 of each message."""
 
 _PRIMITIVES: Mapping[str, str] = {
+    "bool": "b1",
     "int8": "i1",
     "uint8": "u1",
     "uint16": "u2",
     "int32": "i4",
     "uint32": "u4",
+    "float32": "f4",
     "float64": "f8",
 }
 _FIELD = re.compile(r"^(?P<type>[\w/]+)(?P<array>\[(?P<count>\d*)\])? (?P<name>[a-z]\w*)$")
@@ -270,13 +291,18 @@ def measure(name: str, payload: bytes) -> Form:
 
 
 def stamped(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
-    """The layout of a message with one header (or one transform), its frame names constant."""
+    """The layout of a message with one header (or one transform), its frame names constant.
+
+    Of a battery neither cells nor place nor serial number are told.
+    """
     prefix = "transforms[0]." if name == TF else ""
     texts = {
         prefix + "header.frame_id": frame_id.encode(),
         prefix + "child_frame_id": child_frame_id.encode(),
+        "location": b"",
+        "serial_number": b"",
     }
-    return layout(name, texts, {"transforms": 1})
+    return layout(name, texts, {"transforms": 1, "cell_voltage": 0, "cell_temperature": 0})
 
 
 def columns(names: Sequence[str]) -> CdrLayout:

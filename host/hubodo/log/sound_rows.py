@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from hubodo.recording import NODE_COLUMNS, RESERVED, Table
+from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL, RESERVED, Table
 
 
 def sound_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
@@ -45,7 +45,7 @@ def believable_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], li
     """The tables without rows of numbers that are too large to be any, and a line for each that had some."""
     kept, said = {}, []
     for name, table in tables.items():
-        known = [*chain(*RESERVED.get(name, ((*NODE_COLUMNS, "temperature"), ())))]
+        known = [*chain(*RESERVED.get(name, ((*NODE_COLUMNS, *NODE_OPTIONAL), ())))]
         wild = np.zeros(len(table), bool)
         for column in known:
             if column in table and column != "t":

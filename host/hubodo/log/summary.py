@@ -289,7 +289,9 @@ def _bias_filters(log: Source, filters: Mapping[int, Decoder], start: int) -> di
     return found
 
 
-_SAMPLED = (ros2.STAMPED - {ros2.TEMPERATURE}) | {ros2.COLUMNS}
+_BESIDE = {ros2.TEMPERATURE, ros2.BATTERY}
+"""Of which a node tells now and then: with a usual period, without gaps."""
+_SAMPLED = (ros2.STAMPED - _BESIDE) | {ros2.COLUMNS}
 
 
 def _stream(
@@ -299,7 +301,7 @@ def _stream(
     periods = np.diff(t_ns) / 1e9
     # Events and raw frames come when they come; a period is a property of sampled streams.
     factor = _ODOMETRY_FACTOR if message_type(schema) == ros2.ODOMETRY else GAP_FACTOR
-    sampled = message_type(schema) in _SAMPLED or message_type(schema) == ros2.TEMPERATURE
+    sampled = message_type(schema) in _SAMPLED | _BESIDE
     usual = float(np.median(periods)) if len(periods) and sampled else None
     regular = periods[periods <= factor * usual] if usual is not None else periods
     gaps: tuple[SampleGap, ...] = ()

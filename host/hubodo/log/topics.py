@@ -49,6 +49,11 @@ def temperature(node: str) -> str:
     return f"/{node}/temperature"
 
 
+def battery(node: str) -> str:
+    """Topic of a node's supply."""
+    return f"/{node}/battery"
+
+
 def bias_filter(node: str) -> str:
     """Topic of what a node's own filter says of its gyro."""
     return f"/{node}/bias_filter"

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.chunks import BatchStream, ChunkLog
+from hubodo.log.chunks import ChunkLog
 from hubodo.log.frames import GNSS, placed
+from hubodo.log.message_records import BatchStream
 from hubodo.log.own_messages import bytes_message, string_message
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import NS
@@ -41,6 +42,18 @@ class McapLog(ChunkLog):
             node + "/temperature", topics.temperature(node), ros2.TEMPERATURE, node
         )
         self.write_rows(stream, t_pub_ns, t_log_ns, {"temperature": temperature})
+
+    def battery(
+        self,
+        node: str,
+        t_pub_ns: ArrayLike,
+        t_log_ns: ArrayLike,
+        voltage: ArrayLike,
+        charge: ArrayLike = np.nan,
+    ) -> None:
+        """Supply of a node. voltage: (n,) V; charge: (n,) 0 to 1 of a full battery's, NaN: not known."""
+        stream = self._streams.get(node + "/battery") or self._open_battery(node)
+        self.write_rows(stream, t_pub_ns, t_log_ns, {"voltage": voltage, "percentage": charge})
 
     def magnetic_field(self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike) -> None:
         """Magnetometer of a node. field: (n, 3) tesla, node frame."""
@@ -237,6 +250,14 @@ class McapLog(ChunkLog):
         stream = self._open(node + "/imu", topics.imu(node), ros2.IMU, node)
         # No orientation is measured: sensor_msgs says so with -1 in the first element of its covariance.
         stream.view("orientation_covariance")[:, 0] = -1
+        return stream
+
+    def _open_battery(self, node: str) -> BatchStream:
+        stream = self._open(node + "/battery", topics.battery(node), ros2.BATTERY, node)
+        # Status, health and technology 0 are unknown; of what is measured in numbers NaN is.
+        for unknown in ("temperature", "current", "charge", "capacity", "design_capacity"):
+            stream.view(unknown)[:] = np.nan
+        stream.view("present")[:] = True
         return stream
 
 

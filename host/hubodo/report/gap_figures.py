@@ -72,7 +72,7 @@ def channels_that_matter(result: GapResult, most: int = 6) -> list[Channel]:
     for first, last in pairwise(result.steps):
         rows = []
         for name, row, residual in _measured(first):
-            change = (last[name].predicted[row] - residual.predicted[row]) / residual.declared[row]
+            change = (last[name].predicted[row] - residual.predicted[row]) / residual.declared_of(row)
             rows.append((float(np.linalg.norm(change)), name, row))
         rows.sort(reverse=True)
         chosen |= dict.fromkeys((name, row) for size, name, row in rows[:2] if size > 0.25 * rows[0][0])
@@ -231,7 +231,7 @@ def _both(result: GapResult) -> list[tuple[str, Mapping[str, Residual], str]]:
 
 
 def _rms(residual: Residual, row: int) -> float:
-    return float(np.sqrt(np.mean((residual.value[row] / residual.declared[row]) ** 2)))
+    return float(np.sqrt(np.mean((residual.value[row] / residual.declared_of(row)) ** 2)))
 
 
 def _short(values: Sequence[float] | NDArray[Any]) -> Array:

@@ -240,9 +240,9 @@ def _channel_table(result: GapResult) -> Grid:
                 rows.append((f"{name}.{CHANNELS[row]}", "not measured", "", ""))
                 continue
             values = (
-                residual.value[row] / residual.declared[row],
-                last[name].value[row] / last[name].declared[row],
-                last[name].noise.found[row] / last[name].declared[row],
+                residual.value[row] / residual.declared_of(row),
+                last[name].value[row] / last[name].declared_of(row),
+                last[name].noise.of(row) / last[name].declared_of(row),
             )
             sizes = (f"{float(np.sqrt(np.mean(value**2))):.3f}" for value in values)
             rows.append((f"{name}.{CHANNELS[row]}", *sizes))

@@ -87,7 +87,7 @@ def white_noise(gyro: FloatArray, interval: float) -> float:
     blocks = len(gyro) // size
     if blocks < 16:
         return 0.0
-    means = gyro[: blocks * size].reshape(blocks, size, -1).mean(axis=1)
+    means = gyro[: blocks * size].reshape(blocks, size, gyro.shape[1]).mean(axis=1)
     # The median of the differences: single knocks do not count.
     steps = np.median(np.abs(np.diff(means, axis=0)), axis=0) / 0.6745
     return float(np.max(steps)) * math.sqrt(0.5 * size * interval)
@@ -104,9 +104,9 @@ def disturbed(t: FloatArray, values: FloatArray) -> list[tuple[float, float]]:
     blocks = len(t) // size
     if blocks < 12:
         return []
-    cut = values[: blocks * size].reshape(blocks, size, -1)
+    cut = values[: blocks * size].reshape(blocks, size, values.shape[1])
     # A quiet channel behind a coarse converter hardly ever changes: half a step then stands for its noise.
-    changes = np.abs(np.diff(values[: min(len(values), 20_000)], axis=0))
+    changes = np.abs(np.diff(values[:20_000], axis=0))
     coarse = 0.5 * np.min(changes, axis=0, initial=np.inf, where=changes > 0)
     typical = np.maximum(np.median(np.std(cut, axis=1), axis=0), np.where(np.isfinite(coarse), coarse, 1e-12))
     # Single outliers are no movement: they are cut down to where noise ends.

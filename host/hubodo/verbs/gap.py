@@ -17,6 +17,8 @@ from hubodo.errors import InputError
 from hubodo.gap.judge.journal import Journal, fingerprint
 from hubodo.gap.judge.round import EMPIRICAL, Say
 from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.problem.build import build
+from hubodo.gap.problem.problem import Problem
 from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
 from hubodo.gap.tell.account import (
     probability,
@@ -29,7 +31,7 @@ from hubodo.gap.tell.account import (
 )
 from hubodo.gap.tell.explain import Explanation, explain
 from hubodo.gap.tell.result import GapResult
-from hubodo.gap.workflow import find_gap
+from hubodo.gap.workflow import find_gap_in
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
 from hubodo.model.model_file import Model, read_model
@@ -175,17 +177,8 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
         args.model, args.log = args.vehicle, args.model
     check_gap_folder(args.output, args.model)
     with progress_line() as show:
-        recording, model = _posed(args, show)
-        journal = _journal(args, recording, model)
-        result = find_gap(
-            recording,
-            model,
-            accept=args.accept,
-            reject=args.reject,
-            where=str(args.log),
-            say=show,
-            journal=journal,
-        )
+        problem, journal = _posed(args, show)
+        result = find_gap_in(problem, accept=args.accept, reject=args.reject, say=show, journal=journal)
         made = None
         if args.scaffold is not None and result.finished:
             show(f"looking for {args.scaffold}", 0.95)
@@ -208,14 +201,19 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
     )
 
 
-def _posed(args: argparse.Namespace, show: Say) -> tuple[Recording, Model]:
-    """The log, and the model file or what the log says in its place."""
+def _posed(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
+    """What the log and the model file, or what the log says in its place, ask; and where rounds are kept.
+
+    The log itself is large, and no longer needed then.
+    """
     model = None if args.vehicle is not None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     driven_by = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
     needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
     recording = read_log(args.log, form=log_form(args, vehicle, needed=needed), progress=show)
-    return recording, model or assumed_model(recording, vehicle, str(args.log))
+    model = model or assumed_model(recording, vehicle, str(args.log))
+    journal = _journal(args, recording, model)
+    return build(recording, model, str(args.log)), journal
 
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:

@@ -31,7 +31,6 @@ from hubowire.messages import (
     FilterState,
     Health,
     Hello,
-    Reboot,
     RebootMode,
     ResetCause,
     SetConfig,
@@ -160,7 +159,7 @@ def run(args: argparse.Namespace) -> NodeResult:
                 _find_bias(node, args.samples)
             elif args.action == "reboot":
                 status.update(f"{args.port}: waiting for the node to start again")
-                node.ask(Reboot(RebootMode.REPL if args.repl else RebootMode.RUN), tries=1)
+                node.restart(RebootMode.REPL if args.repl else RebootMode.RUN)
                 if not args.repl:
                     node.again(_HELLO_S, met.boot_id)
             if args.action in ("info", "bias"):

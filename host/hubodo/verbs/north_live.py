@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
 from hubodo.errors import InputError, LinkError
-from hubodo.ingest.live.node_stream import NodeStream
+from hubodo.ingest.live.node_stream import NodeStream, Samples
 from hubodo.log.mcap import read_recording
 from hubodo.recording import Recording
 from hubodo.sensors.north.east import FEWEST_STEPS, STOPS_A_STEP, East, seek_east
@@ -37,6 +37,8 @@ TABLE_ANSWER_S = 2.0
 _TABLE_BAUD = 115200
 _LOOK_S = 1.0
 _FEWEST_STOPS = 4
+_FEWEST_SAMPLES, _TRIES = 20, 3
+"""Samples that make a stop, and how often it is made again where fewer came."""
 
 
 @dataclass(frozen=True)
@@ -211,13 +213,26 @@ class _Session:
             self._done += 1
             degrees = math.degrees(self._angle) % 360
             _say(f"stop {self._done}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table")
-        samples = self._stream.measure(duration)
+        samples = self._samples(duration)
         if self._correction is None:
             self._correction = self._known()
         # Neither age nor temperature: they move the bias, which turning about takes out here; the log that is
         # read in the end has both.
         gyro, accel = self._correction.apply(samples.gyro, samples.accel)
         return samples.t, gyro, accel
+
+    def _samples(self, duration: float) -> Samples:
+        """Measured again where a computer that is too busy lost them. Raises LinkError when that goes on."""
+        for left in reversed(range(_TRIES)):
+            samples = self._stream.measure(duration)
+            if len(samples.t) >= _FEWEST_SAMPLES:
+                return samples
+            if left:
+                _say(f"{len(samples.t)} samples in {duration:g} s: measured again")
+        raise LinkError(
+            f"{self._args.live}: {len(samples.t)} samples in {duration:g} s, {_TRIES} times; "
+            "hubodo doctor looks for what loses them"
+        )
 
     def _known(self) -> SampleCorrection:
         """Raises InputError and CalibrationError for a calibration of another node, before all stops."""

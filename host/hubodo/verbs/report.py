@@ -12,7 +12,7 @@ from rich.console import Console
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.ingest.replay.playback import Setup, setup_of
+from hubodo.ingest.replay.setup import Setup, setup_of
 from hubodo.log.any_log import open_source, read_log
 from hubodo.log.logfile import Log
 from hubodo.log.summary import summary_of

@@ -126,6 +126,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="with two temperatures: the time constant of a warm-up",
     )
+    parser.add_argument(
+        "--supply",
+        type=number(0.0, 1000.0),
+        nargs="+",
+        metavar="V",
+        help="of the nodes: one voltage, or from first to last evenly",
+    )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
     add_effects_option(parser)
     _add_bench(parser)
@@ -211,6 +218,8 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         raise InputError("--temperature: give one number, or the first and the last, in °C")
     if args.settle is not None and (not args.temperature or len(args.temperature) < 2):
         raise InputError("--settle goes with two temperatures; give --temperature FIRST LAST")
+    if args.supply and len(args.supply) > 2:
+        raise InputError("--supply: give one number, or the first and the last, in V")
     needs_log = args.drive in ("reference", "gnss")
     if needs_log != (args.source is not None):
         raise InputError(
@@ -223,6 +232,8 @@ def _check(args: argparse.Namespace, model: Model) -> None:
     if args.virtual_node:
         if args.drive in ("turntable", "poses"):
             raise InputError(f"--virtual-node drives; it cannot do {args.drive}; leave one of them out")
+        if args.supply:
+            raise InputError("--virtual-node: its board measures 3.7 V; leave --supply out")
         strange = [name for name in model.vehicle.nodes if name not in NODE_IDS]
         if strange:
             raise InputError(
@@ -245,6 +256,7 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
         programme=Programme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
         temperature=args.temperature or (),
         settle=args.settle,
+        supply=args.supply or (),
     )
 
 

@@ -15,7 +15,7 @@ Hear = Callable[[str, tuple[Any, ...], dict[str, Any], Any], None]
 """hear(method of the sink, its arguments, its keywords, what it gave back)."""
 
 _METHODS = (
-    *("imu", "temperature", "magnetic_field", "bias_filter", "odometry", "transform", "fix"),
+    *("imu", "temperature", "battery", "magnetic_field", "bias_filter", "odometry", "transform", "fix"),
     *("raw", "asked", "event", "add_metadata", "add_channel", "write"),
 )
 

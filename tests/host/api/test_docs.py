@@ -65,7 +65,7 @@ def test_a_readme_on_the_site_has_no_link_into_the_tree(site):
 def test_the_notebook_runs(tmp_path):
     notebook = nbformat.read(ROOT / "host" / "docs" / "notebook.ipynb", as_version=4)
     assert not any(cell.get("outputs") for cell in notebook.cells), "store it without what it printed"
-    client = NotebookClient(notebook, timeout=120, resources={"metadata": {"path": tmp_path}})
+    client = NotebookClient(notebook, timeout=300, resources={"metadata": {"path": tmp_path}})
     client.execute()
     shown = [out["data"] for cell in notebook.cells for out in cell.get("outputs", ()) if "data" in out]
     assert sum("<svg" in data.get("text/html", "") for data in shown) == 4

@@ -49,6 +49,28 @@ def test_every_byte_passes_both_ways_unchanged_once_ctrl_c_is_off(tmp_path: Path
         assert host.until(payload[-4:]) == payload
 
 
+BUSY = """
+import hashlib, micropython, sys, time
+micropython.kbd_intr(-1)
+print('on')
+time.sleep_ms(400)
+got = sys.stdin.buffer.read(4000)
+sys.stdout.buffer.write(hashlib.sha256(got).digest() + b'over')
+"""
+
+
+def test_a_program_that_is_busy_loses_nothing_of_what_a_host_says_meanwhile_as_usb_makes_the_host_wait(
+    tmp_path: Path,
+) -> None:
+    payload = np.random.default_rng(1).bytes(4000)
+    with node(tmp_path, BUSY) as board, Terminal(board.port) as host:
+        host.until(b"on")
+        for at in range(0, 4000, 250):
+            host.write(payload[at : at + 250])
+            time.sleep(0.005)
+        assert hashlib.sha256(payload).digest() in host.until(b"over")
+
+
 def test_ctrl_d_is_a_soft_reset_that_runs_main_again_and_forgets_names(tmp_path: Path) -> None:
     with node(tmp_path, "print('main', 'x' in globals())") as board, Terminal(board.port) as host:
         host.until(b"main False")
@@ -79,7 +101,7 @@ def test_unmodified_mpremote_copies_lists_hashes_executes_and_resets(tmp_path: P
     command = [sys.executable, "-m", "mpremote", "connect"]
 
     def mpremote(*arguments: str) -> str:
-        done = subprocess.run([*command, board.port, *arguments], capture_output=True, timeout=60, text=True)
+        done = subprocess.run([*command, board.port, *arguments], capture_output=True, timeout=300, text=True)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
@@ -96,12 +118,12 @@ def test_unmodified_mpremote_copies_lists_hashes_executes_and_resets(tmp_path: P
         assert mpremote("exec", "import module; print(module.x + 1)").strip() == "2"
         assert (board.flash / "lib" / "module.py").read_bytes() == source.read_bytes()
         mpremote("reset")
-        end = time.monotonic() + 30
+        end = time.monotonic() + 300
         while not (board.stats["resets"] and Path(board.port).exists()) and time.monotonic() < end:
             time.sleep(0.05)
         assert [why for _, why in board.stats["resets"]] == ["machine.reset"]
         failed = subprocess.run(
-            [*command, board.port, "fs", "cat", ":nope"], capture_output=True, text=True, timeout=60
+            [*command, board.port, "fs", "cat", ":nope"], capture_output=True, text=True, timeout=300
         )
         assert failed.returncode == 1 and "No such file" in failed.stderr
 
@@ -113,7 +135,7 @@ def test_unplugging_hangs_the_host_up_and_a_new_terminal_goes_on_under_the_same_
             before = Path(board.port).readlink()
             board.unplug()
             assert not os.path.lexists(board.port)
-            end = time.monotonic() + 30
+            end = time.monotonic() + 300
             while host.pump(0.01):
                 assert time.monotonic() < end
             time.sleep(0.1)
@@ -130,7 +152,7 @@ def test_with_nobody_listening_bytes_are_discarded_and_the_program_goes_on(tmp_p
     with VirtualNode(
         StillMotion(), Flash(firmware(tmp_path / "fw", main=CHATTER)), own_process=False
     ) as board:
-        end = time.monotonic() + 30
+        end = time.monotonic() + 300
         while board.stats["counts"].get("bytes_out", 0) < 2000:
             assert time.monotonic() < end
             time.sleep(0.05)
@@ -190,7 +212,7 @@ def test_the_link_log_holds_what_was_written_and_what_arrived(tmp_path: Path) ->
         node(tmp_path, CHATTER, Host(wait=True, corrupt=0.05, log=True), seed=5) as board,
         Terminal(board.port) as host,
     ):
-        end = time.monotonic() + 30
+        end = time.monotonic() + 300
         while len(host.data) < 3000 and time.monotonic() < end:
             host.pump()
         log = board.link_log()

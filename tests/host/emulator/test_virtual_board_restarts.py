@@ -179,7 +179,7 @@ def test_nothing_outlives_a_parent_that_is_killed_not_even_a_busy_loop(tmp_path:
     assert len(_running(mark)) == 5
     parent.send_signal(signal.SIGKILL)
     parent.wait()
-    end = time.monotonic() + 30
+    end = time.monotonic() + 300
     while _running(mark) and time.monotonic() < end:
         time.sleep(0.05)
     assert _running(mark) == []

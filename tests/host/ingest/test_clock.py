@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.node.clock import PERIOD_US, ClockSync, TickUnwrapper
+from hubodo.ingest.node.clock import PERIOD_US, ClockEstimate, ClockSync, TickUnwrapper
 
 S = 1_000_000_000
 T0 = 1_700_000_000 * S
@@ -87,6 +87,29 @@ def test_an_insignificant_drift_is_not_used_and_a_significant_one_is():
     assert sync.estimate().drift_used
 
 
+def test_it_says_on_how_many_answers_it_rests_and_how_often_it_began_anew():
+    sync = ClockSync()
+    assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 0)
+    sync.arrival(1_000_000, T0)
+    assert (sync.source, sync.exchanges) == ("one way", 0)
+    for k in range(1, 4):
+        assert sync.exchange(T0 + k * S, k * 1_000_000, k * 1_000_000, T0 + k * S + 1_000_000)
+        assert (sync.source, sync.exchanges) == ("two way", k)
+        assert sync.estimate().exchanges == k
+    assert not sync.exchange(T0 + 4 * S, 4_000_000, 4_000_000, T0 + 4 * S - 1)
+    assert sync.exchanges == 3
+    sync.reset()
+    assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 1)
+
+
+def test_after_one_answer_the_node_read_its_clock_amid_the_round_trip_for_all_that_is_known():
+    """A uniform law over the trip: an offset of its middle; its sigma, sqrt(1 / 12) of it, counts twice."""
+    sync, trip = ClockSync(), 60_000_000
+    sync.exchange(T0, 5_000_000, 5_010_000, T0 + trip + 10_000_000)
+    assert sync.host_ns(np.array([5_005_000_000]))[0] == T0 + trip // 2 + 5_000_000
+    assert sync.sigma_ns(5_005_000_000) == pytest.approx(trip / np.sqrt(12.0) * np.sqrt(2.0), rel=0.01)
+
+
 def test_sigma_grows_while_nobody_answers():
     rng, sync, clock = np.random.default_rng(1), ClockSync(), SimulatedClock(60)
     t = last(run_exchanges(sync, clock, rng, seconds=60, request_delay=quick, reply_delay=quick))
@@ -95,6 +118,30 @@ def test_sigma_grows_while_nobody_answers():
         far = near + later * S
         assert sync.sigma_ns(far) > sync.sigma_ns(near)
         assert abs(error_ns(sync, clock, far // 1000)) < 3 * sync.sigma_ns(far)
+
+
+def test_over_a_month_without_an_answer_the_drift_walks_away_as_a_random_walk_does():
+    """The integral of a walk of q per root second has a sigma of q sqrt(t³ / 3); a crystal's q is 1e-7."""
+    rng, sync, clock = np.random.default_rng(7), ClockSync(), SimulatedClock(60)
+    t = last(run_exchanges(sync, clock, rng, seconds=60, request_delay=quick, reply_delay=quick))
+    month = 30 * 86400.0
+    walk = 1e-7 * np.sqrt(month**3 / 3)
+    assert sync.sigma_ns(clock.us(t) * 1000 + int(month * S)) * 1e-9 == pytest.approx(walk, rel=0.1)
+
+
+def test_what_is_told_of_a_clock_is_in_seconds_and_millionths():
+    told = ClockEstimate(
+        offset_ns=2.5e9,
+        drift=7e-5,
+        drift_sigma=3e-6,
+        drift_used=True,
+        sigma_ns=4e5,
+        source="two way",
+        exchanges=9,
+        resets=1,
+    ).as_json()
+    names = ("offset", "drift_ppm", "drift_sigma_ppm", "sigma")
+    assert [told[name] for name in names] == pytest.approx([2.5, 70.0, 3.0, 4e-4])
 
 
 def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():

@@ -63,7 +63,7 @@ def held(out, vehicle, nodes, seconds, rows=None):
     time.sleep(STALL_S)
     dropped = {name: node.dropped - before[name] for name, node in nodes.items()}
     daemon.send_signal(signal.SIGCONT)
-    printed, errors = daemon.communicate(timeout=100)
+    printed, errors = daemon.communicate(timeout=300)
     assert daemon.returncode == 0, errors
     return json.loads(printed), dropped
 

@@ -117,6 +117,13 @@ def test_what_is_kept_without_hello_is_bounded():
     assert decoder.counts.frames_unread == 2100 - 2048
 
 
+@pytest.mark.parametrize("size", [1, 20])
+def test_a_hello_that_is_cut_off_counts_as_one_frame_that_was_not_read(size):
+    decoder, hello = NodeDecoder("left"), Talker().hello()
+    assert list(decoder.frame(replace(hello, payload=hello.payload[:size]), T0, QUIET)) == []
+    assert decoder.counts.frames_unread == 1
+
+
 @given(st.integers(1, 9000), st.integers(0, 65535))
 def test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters(batches, index):
     talker, decoder = started(index=index)

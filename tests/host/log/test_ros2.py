@@ -18,6 +18,7 @@ ALL = (
     ros2.IMU,
     ros2.MAGNETIC_FIELD,
     ros2.TEMPERATURE,
+    ros2.BATTERY,
     ros2.NAV_SAT_FIX,
     ros2.ODOMETRY,
     ros2.TWIST_STAMPED,
@@ -47,7 +48,7 @@ def fill(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
         if form.base.kind == "f":
             record[name] = rng.normal(size=form.shape)
         else:
-            record[name] = rng.integers(0, 100, size=form.shape)
+            record[name] = rng.integers(0, 2 if form.base.kind == "b" else 100, size=form.shape)
     return record
 
 

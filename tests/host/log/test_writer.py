@@ -26,6 +26,7 @@ ROS_TOPICS = {
     "/left/imu": "sensor_msgs/msg/Imu",
     "/right/imu": "sensor_msgs/msg/Imu",
     "/left/temperature": "sensor_msgs/msg/Temperature",
+    "/left/battery": "sensor_msgs/msg/BatteryState",
     "/left/mag": "sensor_msgs/msg/MagneticField",
     "/odom": "nav_msgs/msg/Odometry",
     "/tf": "tf2_msgs/msg/TFMessage",
@@ -42,9 +43,8 @@ T0 = 1_700_000_000_123_456_789
 def numbers(seed: int = 5, n: int = 300) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     made = {name: rng.normal(size=(n, 3)) for name in ("gyro", "accel", "field", "sigma")}
-    made |= {
-        name: rng.normal(size=n) for name in ("heading", "speed", "yaw_rate", "lat", "lon", "alt", "heat")
-    }
+    made |= {name: rng.normal(size=n) for name in ("heading", "speed", "yaw_rate", "lat", "lon", "alt")}
+    made |= {name: rng.normal(size=n) for name in ("heat", "volts")}
     made |= {
         "xy": rng.normal(size=(n, 2)),
         "pose": rng.normal(size=(n, 3, 3)),
@@ -62,6 +62,7 @@ def write_everything(log: McapLog, d: dict[str, np.ndarray]) -> None:
         log.imu("left", t, received, d["gyro"][p], d["accel"][p])
         log.imu("right", t, received, -d["gyro"][p], -d["accel"][p])
         log.temperature("left", t, received, d["heat"][p])
+        log.battery("left", t, received, d["volts"][p], 0.75)
         log.magnetic_field("left", t, received, d["field"][p])
         log.odometry(
             t, received, d["xy"][p], d["heading"][p], d["speed"][p], d["yaw_rate"][p],
@@ -91,6 +92,13 @@ def check(topic: str, i: int, m: object, d: dict[str, np.ndarray]) -> None:
         assert m.orientation_covariance[0] == -1
     elif topic == "/left/temperature":
         assert (m.temperature, m.variance) == (d["heat"][i], 0)
+    elif topic == "/left/battery":
+        assert (m.voltage, m.percentage, m.present) == (np.float32(d["volts"][i]), 0.75, True)
+        unknown = (m.temperature, m.current, m.charge, m.capacity, m.design_capacity)
+        assert np.isnan(unknown).all()
+        assert (m.power_supply_status, m.power_supply_health, m.power_supply_technology) == (0, 0, 0)
+        assert (len(m.cell_voltage), len(m.cell_temperature)) == (0, 0)
+        assert (m.location, m.serial_number) == ("", "")
     elif topic == "/left/mag":
         assert xyz(m.magnetic_field) == d["field"][i].tolist()
     elif topic == "/odom":
@@ -196,7 +204,8 @@ def test_our_reader_gives_back_what_a_live_recording_wrote(tmp_path: Path) -> No
     assert left.gyro.tolist() == d["gyro"].tolist()
     assert left.accel.tolist() == d["accel"].tolist()
     assert left["temperature"].tolist() == d["heat"].tolist()
-    assert "temperature" not in recording.nodes["right"]
+    assert left["supply"].tolist() == d["volts"].astype(np.float32).tolist()
+    assert not {"temperature", "supply"} & set(recording.nodes["right"])
     assert recording.gnss["latitude_deg"].tolist() == d["lat"].tolist()
     np.testing.assert_allclose(recording.gnss["sigma"] ** 2, (d["sigma"][:, :2] ** 2).mean(axis=1))
     assert recording.magnetometers["left"]["mz"].tolist() == d["field"][:, 2].tolist()

@@ -10,7 +10,9 @@ from hubodo.errors import InputError
 from hubodo.sensors.allan.characterise import characterise
 from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design, point_covariance
 from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
-from hubodo.sensors.allan.likelihood import slope_sigma
+from hubodo.sensors.allan.fit import _white_sigma, fit_noise
+from hubodo.sensors.allan.interval import interval, limit
+from hubodo.sensors.allan.likelihood import Likelihood, N, R, slope_sigma
 from hubodo.sensors.at_rest import TemperatureStep
 
 DT = 0.01
@@ -116,6 +118,16 @@ def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
     assert 0.65 < np.mean(chi2) < 1.4
 
 
+@pytest.mark.parametrize(
+    ("samples", "octaves", "left"), [(12, 2, 1), (24, 3, 1), (50, 4, 1), (100, 5, 1), (200, 6, 2)]
+)
+def test_no_more_terms_are_fitted_than_points_can_hold(samples, octaves, left):
+    """Of N, band, K and B in this order as many as leave a point over."""
+    points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(1), n=1e-3), DT)
+    fit = fit_noise(points, 0.0, lambda: points)
+    assert (len(fit.factors), fit.dof) == (octaves, left)
+
+
 def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     """A gyro behind a low-pass of ten samples: its shortest averaging times are not of these terms."""
     samples = 1 << 18
@@ -192,6 +204,46 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
     needed = round(found["record_needed_s"] / DT)
     walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=found["limit_95"])
     assert characterise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
+
+
+def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
+    """1 sigma of N, relative: 1 / sqrt(2 n) at best, and as single differences have it, 2 n / 3 degrees."""
+    samples = 1 << 14
+    points = allan_deviation(
+        gyro_noise(samples, DT, np.random.default_rng(2), n=1e-3), DT, 2 ** np.arange(11)
+    )
+    likelihood = Likelihood.of(points, np.ones(11, bool), 0.0)
+    best = likelihood.best((N,))
+    sigma = _white_sigma(likelihood, best)
+    assert 0.97 / np.sqrt(2.0 * samples) < sigma < 1.03 / np.sqrt(4.0 * samples / 3.0)
+    # The variance is wrong by what the model is, and N by half of that.
+    likelihood.misfit = 0.2
+    ends = interval(likelihood, best, N)
+    wrong = np.sqrt(_white_sigma(likelihood, best) ** 2 - (2.0 * ends.sigma / (ends.low + ends.high)) ** 2)
+    assert wrong == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("slope", [0.0, 3e-6, -3e-6])
+def test_a_ramp_that_is_not_claimed_is_within_its_limit_on_the_side_where_it_was_seen(slope):
+    samples = 1 << 12
+    points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(5), n=1e-3), DT, 2 ** np.arange(9))
+    likelihood = Likelihood.of(points, np.ones(9, bool), slope)
+    best = likelihood.best((N, R))
+    sigma = float(slope_sigma(np.exp(best.x), samples * DT))
+    found = limit(likelihood, best, R, (slope / sigma) ** 2, 9.0)
+    assert abs(slope) + 1.6 * sigma < found < abs(slope) + 3.5 * sigma
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_quantisation_as_strong_as_the_white_noise_in_single_samples_is_told_from_it(seed):
+    """3 Q²/tau² = N²/tau at the first averaging time: there its variance is twice that of the white noise."""
+    samples, n = 1 << 15, 1e-3
+    q = n * np.sqrt(DT / 3.0)
+    noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=n, q=q)
+    fit = characterise(np.arange(samples) * DT, noise, "gz").fit
+    assert fit.terms["Q"].value == pytest.approx(q, rel=0.05)
+    assert fit.terms["N"].value == pytest.approx(n, rel=0.03)
+    assert (fit.factors[0], fit.band) == (1, 0.0)
 
 
 def test_white_noise_alone_shows_nothing_else_in_most_records():

@@ -12,6 +12,7 @@ from generators.fake_drive import RADIUS, TRACK, short_drive
 from hubodo.calibration.apply import SampleCorrection, apply_calibration, left_over
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.effects import BY_NAME, EFFECTS
+from hubodo.effects.field import GyroSupply
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run
@@ -155,6 +156,23 @@ def test_warm_up_counts_from_power_on_where_the_log_tells_it_and_says_so_where_n
     expected = np.expm1(-np.array([100.0, 101.0, 1.0, 2.0]) / 100.0)
     np.testing.assert_allclose(known.nodes["left"]["gz"], expected, atol=1e-8)
     assert known.warnings == ()
+
+
+def test_what_hangs_on_the_supply_is_taken_out_where_the_log_tells_it(monkeypatch):
+    monkeypatch.setitem(BY_NAME, "gyro_supply", GyroSupply)
+    found = CalibratedEffect({"x": Quantity(0.02, 1e-3), "z": Quantity(-0.01, 1e-3)})
+    calibration = Calibration({"left": NodeCalibration({"gyro_supply": found})})
+    columns = {name: np.full(3, 0.5) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
+    unknown = Table({"t": np.arange(3.0), **columns})
+    told = Table({**unknown.columns, "supply": np.array([4.1, np.nan, 3.5])})
+    made = apply_calibration({"left": told}, calibration).nodes["left"]
+    # 0.4 V above 3.7 V, 0.1 V, which is between its neighbours, and 0.2 V below.
+    np.testing.assert_allclose(made["gx"], [0.492, 0.498, 0.504], atol=1e-15)
+    np.testing.assert_allclose(made["gz"], [0.504, 0.501, 0.498], atol=1e-15)
+    np.testing.assert_array_equal(made["gy"], 0.5)
+    left = apply_calibration({"left": unknown}, calibration)
+    np.testing.assert_array_equal(left.nodes["left"]["gx"], 0.5)
+    assert "no supply, so gyro_supply" in left.warnings[0]
 
 
 @pytest.mark.parametrize(

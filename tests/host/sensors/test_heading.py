@@ -100,6 +100,16 @@ def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
     assert _within(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
 
 
+@pytest.mark.parametrize(("step", "points"), [(1e-9, 501), (0.05, 251), (0.1, 101), (0.5, 21)])
+def test_means_are_over_as_many_samples_as_come_next_to_the_step_and_over_one_at_least(step, points):
+    t = np.arange(501) * DT
+    rate = np.full(len(t), 0.3)
+    model, noise = WarmupModel(0.0), BiasNoise(1e-3)
+    track = heading_track(Axis(t, rate, rate), (), model, noise, step=step)
+    assert len(track.t) == points
+    np.testing.assert_allclose(track.heading, 0.3 * track.t, rtol=1e-9, atol=1e-12)
+
+
 def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated, tmp_path, capsys):
     bench, table = simulated / "bench.mcap", simulated / "table.mcap"
     calibration, allan = tmp_path / "c.toml", tmp_path / "allan.json"

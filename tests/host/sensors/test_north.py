@@ -121,6 +121,17 @@ def test_turning_table_zero_turns_the_answer(azimuth, latitude, shift):
     assert abs(wrap(mounted.azimuth - azimuth - shift)) < 1e-2
 
 
+@pytest.mark.parametrize("shift", [0.4, 2.0])
+def test_the_component_of_a_line_has_the_same_sigma_whichever_way_the_line_points(shift):
+    run = made(2, "maytag", 0.7)
+    (plain,), (sigma,) = find_north([record_of(run)], LATITUDE, "maytag").components()
+    turned = AxisRecord(run.t, run.rate, table_of(run), shift)
+    (rate,), (found,) = find_north([turned], LATITUDE, "maytag").components()
+    assert rate == pytest.approx(plain, rel=1e-4, abs=0.0) and found == pytest.approx(
+        sigma, rel=1e-4, abs=0.0
+    )
+
+
 def test_signs_from_first_principles():
     # Axis to the north feels all of it, to the south its negative, to the east nothing; anticlockwise from
     # north is west.
@@ -197,11 +208,20 @@ def test_impossible_latitudes_are_refused(latitude, words):
         ({"stops": 2}, InputError, "2 stops are too few"),
         ({"angles": [0.0, np.pi / 2]}, InputError, "180 degrees apart"),
         ({"method": "maytag4"}, InputError, "every 90 degrees"),
+        ({"method": "maytag4", "angles": [0.0, np.pi, 1.5 * np.pi]}, InputError, "every 90 degrees"),
         ({"method": "carousel"}, InputError, "turns; a carousel needs 2"),
         ({"method": "north"}, InputError, "method 'north' is unknown"),
         ({"constant": True}, CalibrationError, "never changes"),
     ],
-    ids=["too few", "wrong angles", "no cross stops", "no turns", "no method", "constant"],
+    ids=[
+        "too few",
+        "wrong angles",
+        "no cross stops",
+        "half a cross",
+        "no turns",
+        "no method",
+        "constant",
+    ],
 )
 def test_bad_records_end_in_words(change, error, words):
     rng = np.random.default_rng(0)

@@ -269,3 +269,11 @@ def test_a_node_that_falls_silent_is_said(table, computer, capsys):
         node._streaming = False
         status, err = north(node, capsys, "--table", table.path, "--stops", 4, "--stop", 1.0)
     assert status == 1 and "no samples for 8 s" in err
+
+
+def test_a_stop_without_enough_samples_is_made_again_and_the_third_is_the_end(table, computer, capsys):
+    words = ["--table", table.path, "--method", "maytag4", "--stop", 1, "--stops", 8]
+    with FineNode(rows=OnTable(table, 0.0, 1), computer=computer, rate_hz=12.0, batch=2) as node:
+        status, err = north(node, capsys, *words)
+    assert status == 1 and err.count("samples in 1 s: measured again") == 2
+    assert "samples in 1 s, 3 times; hubodo doctor looks for what loses them" in err

@@ -10,10 +10,13 @@ from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError, LinkError
+from hubodo.sensors.north.averages import average
 from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
 from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
+from hubodo.sensors.north.ml import estimate
 from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
-from hubodo.sensors.north.stops import TableMotion, split_stops
+from hubodo.sensors.north.seen import _turned_about
+from hubodo.sensors.north.stops import Stops, TableMotion, split_stops
 from hubodo.sensors.north.table import HandTable, SerialTable
 
 LATITUDE = np.radians(45)
@@ -171,6 +174,23 @@ def test_the_covariance_is_that_of_simulated_drift():
     assert np.std(found) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
 
 
+@pytest.mark.parametrize("squeezed", [0.3, 0.1, 1e-3, 0.0])
+def test_a_stop_whose_stamps_stand_closer_than_its_samples_is_left_out(squeezed):
+    """As a computer stamps them that made the node wait; four more stops tell all the same."""
+    rng, t, spans = np.random.default_rng(1), np.zeros(0), []
+    for stop in range(5):
+        spans.append((len(t), len(t) + 200))
+        own = 0.01 * (squeezed if stop == 0 else 1.0)
+        t = np.append(t, (t[-1] + 1.5 if stop else 0.0) + own * np.arange(200))
+    angle = np.repeat(np.pi / 2 * np.arange(5), 200)
+    seen = average(t, rng.normal(0.0, 0.002, 1000), angle, spans, 0.25)
+    assert len(seen.y) == 4 * 8 and seen.start[0] >= 1.5
+    assert (seen.start[1:] >= seen.end[:-1] - 1e-9).all()
+    assert np.isfinite(estimate([seen], 4.9e-5).rate_covariance).all()
+    with pytest.raises(InputError, match="no part of any stop"):
+        estimate([seen.part(0, 0)], 4.9e-5)
+
+
 def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():
     accel, gyro = np.zeros((200, 3)), np.zeros((200, 3))
     accel[:, 2] = 9.81
@@ -287,3 +307,14 @@ def test_a_table_that_nobody_can_turn_is_an_error():
 def test_earth_turns_once_in_a_mean_sidereal_day():
     # IERS: a mean sidereal day has 86164.0905 s.
     assert pytest.approx(2 * np.pi / 86164.0905, rel=1e-8) == EARTH_RATE
+
+
+def test_pairs_of_stops_that_turn_about_give_the_rate_along_the_first_of_them():
+    """A bias is the same in both and goes; 0, 180, 270, 90 degrees: the second and the third are no pair."""
+    angle = np.radians([0.0, 180.0, 270.0, 90.0])
+    times = np.array([[10.0 * k, 10.0 * k + 8.0] for k in range(4)])
+    at = 400 * np.arange(4)
+    stops = Stops(at, at + 300, times, angle, 2e-3 + 5e-5 * np.cos(angle - 0.4), (0.0, 0.0))
+    np.testing.assert_allclose(
+        _turned_about(stops), 5e-5 * np.cos(angle[[0, 2]] - 0.4), rtol=1e-9, atol=1e-15
+    )

@@ -126,6 +126,13 @@ def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
 
 
+def test_lengths_are_told_before_and_after_in_the_unit_of_the_measurement():
+    measured = 9.81 * Errors((0.02, -0.01, 0.03), (0.03, -0.02, 0.01)).measure(sphere(24))
+    found = scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
+    np.testing.assert_allclose(found.before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
+    assert np.abs(found.residual).max() < 1e-6 < 0.1 < np.abs(found.before).max()
+
+
 def circle(count, axis):
     a = np.linspace(0, 2 * np.pi, count, endpoint=False)
     return np.roll(np.column_stack([np.zeros(count), np.cos(a), np.sin(a)]), axis, axis=1)

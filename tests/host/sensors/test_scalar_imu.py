@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import sem
 
 from generators.poses import GRAVITY, Errors, carry, laid_on_faces
 from hubodo.calibration.file import read_calibration
@@ -16,8 +17,9 @@ from hubodo.log.csv_table import write_table
 from hubodo.recording import Table
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.frame import frame_covariance
-from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.imu.rests import find_rests, standard_error
 from hubodo.sensors.imu.turns import Turns, calibrate_by_turns, carried, carried_slopes, collect_turns
+from hubodo.sensors.misalignment import align_by_earth_rate
 from hubodo.verbs import calibrate_imu as verb
 
 GYRO = Errors(
@@ -132,6 +134,25 @@ def test_rests_are_those_that_were_made():
     # The raised cosine begins so gently that the first tenths of a turn are below the noise.
     assert np.abs(rests.t[:, 0] - starts).max() < 0.5
     assert np.abs(rests.t[:, 1] - (starts + 5.0)).max() < 0.5
+
+
+def test_the_error_of_a_mean_is_the_larger_of_single_samples_and_of_blocks():
+    """Seed 12: a short white record, and one that wanders from block to block."""
+    rng = np.random.default_rng(12)
+    white = rng.standard_normal((30, 3))
+    assert standard_error(white, 10) == pytest.approx(sem(white))
+    slow = np.repeat(rng.standard_normal((8, 3)), 10, axis=0)
+    assert standard_error(slow, 10) == pytest.approx(sem(slow[::10]))
+
+
+def test_how_well_poses_show_the_frame_is_the_condition_of_what_they_show():
+    """Seed 13: a turn of the frame changes the angle from Earth rate to up by their cross product."""
+    attitudes = Rotation.random(12, random_state=13).as_matrix()
+    latitude = 0.8
+    up, earth = (attitudes @ each for each in ([0.0, 0.0, 1.0], [np.cos(latitude), 0.0, np.sin(latitude)]))
+    found = align_by_earth_rate(GRAVITY * up, 7.292115e-5 * earth, 1e-8, latitude)
+    assert found.angle == pytest.approx(np.zeros(3), abs=1e-9)
+    assert found.condition == pytest.approx(np.linalg.cond(np.cross(earth, up)))
 
 
 def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():

@@ -34,7 +34,7 @@ class Client:
             subprotocols=["foxglove.sdk.v1"],
             max_size=None,
             max_queue=None,
-            open_timeout=60,
+            open_timeout=300,
         )
         self.channels, self.asked, self.messages = {}, {}, []
 
@@ -46,7 +46,7 @@ class Client:
         self.connection.__exit__(*error)
 
     def hear(self):
-        said = self.socket.recv(timeout=60)
+        said = self.socket.recv(timeout=300)
         if isinstance(said, bytes):
             opcode, subscription, t_ns = struct.unpack_from("<BIQ", said)
             assert opcode == 1

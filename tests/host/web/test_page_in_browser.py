@@ -70,7 +70,7 @@ class Rig:
 
     def end(self):
         self.process.terminate()
-        return self.process.communicate(timeout=60)[1].decode()
+        return self.process.communicate(timeout=300)[1].decode()
 
 
 @pytest.fixture(scope="module")

@@ -118,8 +118,8 @@ class Streams:
             self.watched = -1
 
     def watch(self) -> None:
-        """Waits for the terminal while a host has it open."""
-        if not self.link.host_open:
+        """Waits for the terminal while a host has it open and may say something."""
+        if self._full or not self.link.host_open:
             self.forget_terminal()
             return
         fd = self.link.fileno()
@@ -153,8 +153,8 @@ class Streams:
         if isinstance(self.link, MemoryLink):
             self.link.t = self._clock.now() * 1e-9
         port = self._ports[self._link_port]
-        if self._emulated and port.received:
-            # USB lets the host wait where the device does not take its bytes.
+        if self._full:
+            self.forget_terminal()
             return
         data = self.link.read()
         if not data:
@@ -163,9 +163,18 @@ class Streams:
         if self._link_port == 0 and self._interrupt_char >= 0 and self._interrupt_char in data:
             self._interrupted()
             data = data[data.rindex(self._interrupt_char) + 1 :]
-        room = port.receive_buffer - len(port.received)
-        port.received += data[:room]
-        self._counts["bytes_in_dropped"] += max(0, len(data) - room)
+        if self._on_uart:
+            room = port.receive_buffer - len(port.received)
+            self._counts["bytes_in_dropped"] += max(0, len(data) - room)
+            data = data[:room]
+        port.received += data
+
+    @property
+    def _full(self) -> bool:
+        """Whether the host has to wait: USB takes no more bytes than the device has room for; a UART does."""
+        port = self._ports[self._link_port]
+        room = 1 if self._emulated else port.receive_buffer
+        return (self._emulated or not self._on_uart) and len(port.received) >= room
 
     def send_waiting(self) -> None:
         """Sends as much of what waits for the host as goes."""

@@ -46,7 +46,7 @@ class Block:
     """Samples of one node that came together.
 
     t_ns: (N,) measured, host clock. gyro: (N, 3) rad/s, accel: (N, 3) m/s², raw, node axes. temperature:
-    degrees C, None without. power_on_ns: host clock, None where it is not known.
+    degrees C, supply: V, None without. power_on_ns: host clock, None where it is not known.
     """
 
     node: str
@@ -55,6 +55,7 @@ class Block:
     accel: Array
     temperature: float | None
     power_on_ns: int | None
+    supply: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,7 +262,9 @@ class Odometer:
             first_ns = self._first_ns.setdefault(block.node, int(block.t_ns[0]))
             since_ns = first_ns if block.power_on_ns is None else block.power_on_ns
             age: Array = (block.t_ns - since_ns) / S
-            gyro, accel = correction.apply(gyro, accel, age=age, temperature=block.temperature)
+            gyro, accel = correction.apply(
+                gyro, accel, age=age, temperature=block.temperature, supply=block.supply
+            )
         times = to_seconds(block.t_ns, self._t_zero_ns).tolist()
         # Between samples of the two wheels that fall close together one pose is enough.
         newest_ns = int(block.t_ns[-1])

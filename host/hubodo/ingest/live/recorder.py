@@ -266,7 +266,15 @@ class Recorder:
             block = item.block
             self._publish(
                 self.odometer.handle(
-                    Block(item.node, item.t_ns, block.gyro, block.accel, block.temperature, item.power_on_ns)
+                    Block(
+                        item.node,
+                        item.t_ns,
+                        block.gyro,
+                        block.accel,
+                        block.temperature,
+                        item.power_on_ns,
+                        item.supply,
+                    )
                 ),
                 arrived_ns,
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -23,7 +24,18 @@ from hubowire import (
     hello_identity,
     node_name,
 )
-from hubowire.messages import Ack, AnyMessage, Filter, GetHello, Health, Hello, Nack, Reason
+from hubowire.messages import (
+    Ack,
+    AnyMessage,
+    Filter,
+    GetHello,
+    Health,
+    Hello,
+    Nack,
+    Reason,
+    Reboot,
+    RebootMode,
+)
 
 _READ_S = 0.05
 _MEET_S = 4.0
@@ -36,6 +48,10 @@ _SAMPLE_BYTES = 512
 
 class NodeRefused(HubodoError):
     """A node said no."""
+
+
+class PortGone(LinkError):
+    """The port went away in the middle of a talk, as one does whose node starts anew."""
 
 
 class Conversation:
@@ -130,6 +146,11 @@ class Conversation:
         """Listens until `done` or so many seconds have gone by; whether it is done."""
         return self._wait(done, seconds)
 
+    def restart(self, mode: RebootMode) -> None:
+        """Has the node start anew; its port may go before the answer has been read. Raises as `ask` does."""
+        with contextlib.suppress(PortGone):
+            self.ask(Reboot(mode), tries=1)
+
     def again(self, seconds: float, boot_id: int) -> Hello:
         """The Hello of the start after that: the port may go and come back meanwhile. Raises LinkError."""
         end = time.monotonic() + seconds
@@ -165,7 +186,7 @@ class Conversation:
             if self._transport is not None:
                 self._transport.write(data, self._sender)
         except LinkDown as down:
-            raise LinkError(str(down)) from None
+            raise PortGone(str(down)) from None
         return seq
 
     def _wait(
@@ -182,7 +203,7 @@ class Conversation:
             try:
                 data, sender = self._transport.read(min(left, _READ_S))
             except LinkDown as down:
-                raise LinkError(str(down)) from None
+                raise PortGone(str(down)) from None
             self._bytes += len(data)
             self._strange += data[: _SAMPLE_BYTES - len(self._strange)]
             for frame in self._decoders.setdefault(sender, FrameDecoder()).feed(data) if data else ():

@@ -320,7 +320,7 @@ class NodeDecoder:
                 yield from self._gaps.health(message.frames_dropped)
                 yield from worsened(self.name, boot.health, message, t_ns)
                 boot.health = message
-                yield HealthSeen(message, t_ns)
+                yield HealthSeen(message, boot.ticks.unwrap(message.t_us, t_ns) * 1000, t_ns)
             case Filter():
                 step = boot.hello.gyro_lsb_ndps * RAD_PER_NANO_DEG
                 if step:  # without an IMU there is nothing to filter

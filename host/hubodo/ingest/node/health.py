@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import fields
 from typing import Any
@@ -34,6 +36,27 @@ def worsened(name: str, before: Health | None, now: Health, t_ns: int) -> Iterat
     yield Event(t_ns, "health", name, f"{name}: {', '.join(parts)}", health_data(name, now))
 
 
+def supply(health: Health) -> tuple[float, float]:
+    """Volts, and the charge that is left, 0 to 1; NaN where a node does not know it."""
+    known = health.battery_percent <= 100
+    return health.battery_mv / 1000, health.battery_percent / 100 if known else math.nan
+
+
 def health_data(name: str, health: Health) -> dict[str, Any]:
     """The numbers of a report under their names on the wire."""
     return {"node": name, **{item.name: getattr(health, item.name) for item in fields(health)}}
+
+
+class Supplies:
+    """The newest voltages of a node."""
+
+    def __init__(self) -> None:
+        self._told: deque[tuple[int, float]] = deque(maxlen=8)
+
+    def tell(self, t_ns: int, volts: float) -> None:
+        """V, measured at t_ns."""
+        self._told.append((t_ns, volts))
+
+    def at(self, t_ns: int) -> float | None:
+        """What was measured last, up to t_ns; None where nothing was."""
+        return next((volts for then_ns, volts in reversed(self._told) if then_ns <= t_ns), None)

@@ -18,12 +18,14 @@ class Published:
     """Samples of a node as they went into the log.
 
     t_ns: (N,) host time of measurement. power_on_ns: host time at which the node was switched on.
+    supply: V, as the node last measured it before, None where it has not.
     """
 
     node: str
     t_ns: NDArray[np.int64]
     block: ImuBlock
     power_on_ns: int | None
+    supply: float | None
 
 
 class ArrivalOrder:

@@ -92,9 +92,10 @@ class TimeReplySeen:
 
 @dataclass(frozen=True, slots=True)
 class HealthSeen:
-    """A node's counters."""
+    """A node's counters, and its supply."""
 
     health: Health
+    device_ns: int
     received_ns: int
 
 

@@ -14,6 +14,7 @@ from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.decoder import Output
 from hubodo.ingest.node.exchanges import Exchanges
 from hubodo.ingest.node.gaps import GapsSeen, LinkCounts
+from hubodo.ingest.node.health import Supplies, supply
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import clock_found, last_report, switched_on
 from hubodo.ingest.node.many_frames import NodeFrames
@@ -55,7 +56,7 @@ _START_AFTER_NS = 2 * S
 _MOST_REQUESTS = 16
 
 Send = Callable[[bytes], bool]
-Timed = ImuBlock | MagSample | FilterSeen  # what goes into the log at the time of its measurement
+Timed = ImuBlock | MagSample | FilterSeen | HealthSeen  # logged at the time of its measurement
 
 
 class NodeSession:
@@ -105,6 +106,8 @@ class NodeSession:
         self._times = SteadyTimes(self.clock)
         self._mag_times = SteadyTimes(self.clock)
         self._filter_times = SteadyTimes(self.clock)
+        self._battery_times = SteadyTimes(self.clock)
+        self._supplies = Supplies()
         self._held: list[Timed] = []
         self._held_since = 0
         self._questions = Questions(node_id)
@@ -247,6 +250,8 @@ class NodeSession:
                     yield from self._answered(output)
                 case HealthSeen():
                     self.health = output.health
+                    if output.health.battery_mv:
+                        yield from self._hold(output)
                 case AnswerSeen():
                     words = self._requests.pop((output.request, output.request_seq), None)
                     if words is not None:
@@ -346,6 +351,12 @@ class NodeSession:
             t_ns = self._filter_times.apply(np.array([item.device_ns], np.int64))
             self._sink.bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
             return
+        if isinstance(item, HealthSeen):
+            t_ns = self._battery_times.apply(np.array([item.device_ns], np.int64))
+            volts, charge = supply(item.health)
+            self._sink.battery(self.name, t_ns, item.received_ns, volts, charge)
+            self._supplies.tell(int(t_ns[0]), volts)
+            return
         t_ns = self._times.apply(item.device_ns)
         if self._boot is not None:
             self._started(self._boot, int(t_ns[0]))
@@ -356,7 +367,7 @@ class NodeSession:
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._recent.add(item.received_ns, len(t_ns))
         self.newest = item
-        yield Published(self.name, t_ns, item, self.power_on_ns)
+        yield Published(self.name, t_ns, item, self.power_on_ns, self._supplies.at(int(t_ns[0])))
 
     def _started(self, hello: Hello, t_ns: int) -> None:
         """Notes when the node was switched on; a restart without loss of power leaves the chip warm."""

@@ -35,7 +35,7 @@ Progress = Callable[[str, float], None]
 
 _PIECES = 20_000
 _QUESTIONS = 16
-_OF_NODES = (ros2.IMU, ros2.TEMPERATURE, ros2.MAGNETIC_FIELD)
+_OF_NODES = (ros2.IMU, ros2.TEMPERATURE, ros2.BATTERY, ros2.MAGNETIC_FIELD)
 _ODOMETRY = (topics.ODOM, topics.ODOM_MAP, topics.TF)
 _MADE_AGAIN = ("gap", "reset", "health", "started", "mismatch")
 
@@ -53,10 +53,10 @@ class DecodedAgain:
 def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> DecodedAgain:
     """Writes a log with the raw frames of another, decoded by this version.
 
-    Samples, temperatures, fields, the nodes' own biases, gaps and clocks are made anew from the frames and
-    from the questions that the recorder sent; GNSS, links and attachments are taken over; odometry is left
-    to `hubodo fuse`. Raises LogError for what is no log, InputError when it holds no raw frames or `out`
-    exists, WireMismatch when every node speaks another version.
+    Samples, temperatures, supplies, fields, the nodes' own biases, gaps and clocks are made anew from the
+    frames and from the questions that the recorder sent; GNSS, links and attachments are taken over;
+    odometry is left to `hubodo fuse`. Raises LogError for what is no log, InputError when it holds no raw
+    frames or `out` exists, WireMismatch when every node speaks another version.
     """
     with open_log(path) as log, whole_new_file(out) as part:
         records = {name: values for name, values in log.records.items() if not name.startswith("node.")}

@@ -3,71 +3,36 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.calibration.apply import check_serial, power_on_times
-from hubodo.calibration.file import Calibration, node_serial, parse_calibration
-from hubodo.errors import ConfigError
+from hubodo.calibration.file import Calibration, node_serial
 from hubodo.fuse.ranges import of_node
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.replay.setup import setup_of
 from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelRows, Decoder, message_type
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.mcap import events_of
 from hubodo.log.own_messages import own_text
 from hubodo.log.writer import McapLog
-from hubodo.toml_file import parse_toml
-from hubodo.vehicle import Vehicle, vehicle_of
+from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
 
+_PLAYED = (ros2.IMU, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX)
 _NO_FIXES = Decoder(ros2.NAV_SAT_FIX).rows()
 # A header's frame id "map": its length with the ending zero, then the text. In /tf a count stands before it.
 # Where the covariances of an Odometry message begin, bytes from its end.
 _POSE_COVARIANCE, _TWIST_COVARIANCE = 36 * 8 + 6 * 8 + 36 * 8, 36 * 8
 _FRAME_MAP = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
-
-
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """What the odometry of a log was made with.
-
-    vehicle: None where the log does not tell. rate_hz: poses a second at most.
-    """
-
-    vehicle: Vehicle | None
-    calibration: Calibration | None
-    rate_hz: float | None
-
-
-def setup_of(log: Log) -> Setup:
-    """Vehicle, calibration and rate that a log carries. Raises ConfigError when they make no sense."""
-    files = log.attachments
-    vehicle = calibration = None
-    if "vehicle.toml" in files:
-        where = f"{log.path}: vehicle.toml"
-        try:
-            vehicle = vehicle_of(parse_toml(files["vehicle.toml"].decode(), Path(where)), where)
-        except UnicodeDecodeError as error:
-            raise ConfigError(f"{where}: not TOML: {error}; give --vehicle") from None
-    if "calibration.toml" in files:
-        text = files["calibration.toml"].decode("utf-8", "replace")
-        calibration = parse_calibration(text, Path(f"{log.path}: calibration.toml"))
-    rate = log.metadata.get("odometry_rate_hz", "")
-    try:
-        rate_hz = float(rate) if rate else None
-    except ValueError:
-        raise ConfigError(f"{log.path}: odometry_rate_hz = {rate[:40]!r} in it is no number") from None
-    return Setup(vehicle, calibration, rate_hz if rate_hz is not None and 0.0 < rate_hz < math.inf else None)
 
 
 class Playback:
@@ -176,7 +141,7 @@ def as_messages(
 
 
 class _Blocks:
-    """Samples, temperatures and starts of the nodes of a log, and its fixes."""
+    """Samples, temperatures, supplies and starts of the nodes of a log, and its fixes."""
 
     def __init__(self, log: Log, progress: Progress | None) -> None:
         decoders: dict[str, Decoder] = {}
@@ -191,7 +156,7 @@ class _Blocks:
                 kind = message_type(stream.schema)
                 if stream.topic == topics.EVENTS:
                     payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
-                elif stream.encoding == "cdr" and kind in (ros2.IMU, ros2.TEMPERATURE, ros2.NAV_SAT_FIX):
+                elif stream.encoding == "cdr" and kind in _PLAYED:
                     decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
             if progress is not None:
                 progress(f"reading {log.path.name}", log.progress)
@@ -199,6 +164,7 @@ class _Blocks:
         rows = {topic: decoder.rows() for topic, decoder in decoders.items()}
         self.nodes: dict[str, ChannelRows] = {}
         self._temperatures: dict[str, dict[int, float]] = {}
+        self._supplies: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
         for topic, found in rows.items():
             name = topic.removeprefix("/").removesuffix("/imu")
             if topic != topics.imu(name) or not len(found):
@@ -212,6 +178,12 @@ class _Blocks:
             if warm is not None and len(warm):
                 pairs = zip(warm.publish_ns.tolist(), warm.values["temperature"].tolist(), strict=True)
                 self._temperatures[name] = dict(pairs)
+            fed = rows.get(topics.battery(name))
+            if fed is not None and len(fed):
+                # As a node tells it, to the millivolt, before it was a float32.
+                volts = np.round(fed.values["voltage"], 3)
+                order = np.argsort(fed.publish_ns)
+                self._supplies[name] = fed.publish_ns[order], volts[order]
         self.fixes = rows.get(topics.FIX, _NO_FIXES)
         self._starts = {name: power_on_times(events, name) for name in self.nodes}
         earliest = [int(found.publish_ns.min()) for found in self.nodes.values()]
@@ -256,4 +228,11 @@ class _Blocks:
             found.values["linear_acceleration"][rows],
             self._temperatures.get(name, {}).get(first),
             power_on[-1] if power_on else None,
+            self._supply(name, first),
         )
+
+    def _supply(self, name: str, t_ns: int) -> float | None:
+        """V, as it was measured last up to t_ns."""
+        told_ns, volts = self._supplies.get(name, (_NO_FIXES.publish_ns, np.empty(0)))
+        place = int(np.searchsorted(told_ns, t_ns, side="right")) - 1
+        return float(volts[place]) if place >= 0 and np.isfinite(volts[place]) else None

@@ -32,9 +32,11 @@ def descend(parts: Parts, x: FloatArray, low: FloatArray, high: FloatArray) -> t
     parts: gives r, (M, m), and v, (M,), at M points x, (M, n); derivatives are taken by differences.
     """
 
+    beside = np.vstack([np.zeros(len(x)), _STEP * np.eye(len(x))])
+
     def look(x: FloatArray) -> _Place:
         # All points in one call: a second one would take longer than the differences that a bad step wastes.
-        residual, rest = parts(np.vstack([x, x + _STEP * np.eye(len(x))]))
+        residual, rest = parts(x + beside)
         jacobian, slope = (residual[1:] - residual[0]) / _STEP, (rest[1:] - rest[0]) / _STEP
         cost = float(residual[0] @ residual[0] + rest[0])
         return _Place(x, cost, jacobian @ residual[0] + 0.5 * slope, jacobian @ jacobian.T)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,7 +165,7 @@ class Likelihood:
         residual, volume = self.residuals(terms)
         spread = slope_sigma(terms.theta, self.duration)
         off = (self.slope - terms.ramp) / spread
-        return np.column_stack([residual, off]), volume + 2.0 * np.log(spread)
+        return np.concatenate([residual, off[:, None]], axis=1), volume + 2.0 * np.log(spread)
 
     def best(
         self, active: Sequence[int], start: FloatArray | None = None, held: Mapping[int, float] | None = None
@@ -192,7 +193,8 @@ class Likelihood:
         high = np.array([np.inf if k == R else _FARTHEST if k == BAND else top[k] + 5.0 for k in free])
 
         def moved(step: FloatArray) -> FloatArray:
-            made = np.tile(x, (*step.shape[:-1], 1))
+            made = np.empty((*step.shape[:-1], len(x)))
+            made[:] = x
             made[..., free] = step * scale
             return made
 
@@ -220,7 +222,11 @@ def slope_sigma(theta: FloatArray, duration: float) -> FloatArray:
 
     duration: s. The integral of each noise density over the response of the slope to a frequency.
     """
-    t = duration
-    share = np.array([72.0 / t**4, 12.0 / t**3, 9.0 / np.pi / t**2, 1.2 / t])
-    made: FloatArray = np.sqrt(theta[..., :R] @ share)
+    made: FloatArray = np.sqrt(theta[..., :R] @ _shares_of_slope(duration))
     return made
+
+
+@lru_cache
+def _shares_of_slope(t: float) -> FloatArray:
+    """(4,) of the squares of Q, N, B, K in the variance of the slope of a record of t seconds."""
+    return np.array([72.0 / t**4, 12.0 / t**3, 9.0 / np.pi / t**2, 1.2 / t])

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_SQUEEZED = 0.5
+"""Of the time that its samples take: an interval whose stamps say less was stamped wrongly."""
+
 
 @dataclass(frozen=True)
 class Averages:
-    """M averages in order of time.
+    """M averages in order of time, none before the one in front of it has ended.
 
     start, end: (M,) s. y: (M,) rad/s. cos, sin: (M,) means over each interval of those of the sensing axis's
     angle. turned: (M,) rad by which the table has turned since its first stop, as the gyro felt it; zero
@@ -54,7 +57,9 @@ def average(
 ) -> Averages:
     """Averages over equal parts, of about `length` s, of each span of samples [i, j).
 
-    t: (N,) s. y: (N,) rad/s. angle: (N,) rad, of the sensing axis. turned: (N,) rad as in `Averages`.
+    t: (N,) s. y: (N,) rad/s. angle: (N,) rad, of the sensing axis. turned: (N,) rad as in `Averages`. A part
+    is left out whose samples stand so close that they cannot have been taken then, as a computer stamps them
+    that made a node wait.
     """
     step = float(np.median(np.diff(t)))
     rows = []
@@ -62,10 +67,11 @@ def average(
         count = max(1, round((j - i) * step / length))
         edges = np.linspace(i, j, count + 1).round().astype(int)
         for a, b in pairwise(edges):
-            if b > a:
+            # A step behind its last sample, but not behind the next: what drifts in intervals that overlap
+            # would have no covariance.
+            end = min(t[b - 1] + step, t[b]) if b < len(t) else t[b - 1] + step
+            if end - t[a] > _SQUEEZED * (b - a) * step:
                 part = angle[a:b]
                 by = 0.0 if turned is None else turned[a]
-                rows.append(
-                    (t[a], t[b - 1] + step, y[a:b].mean(), np.cos(part).mean(), np.sin(part).mean(), by)
-                )
-    return Averages(*np.array(rows).T)
+                rows.append((t[a], end, y[a:b].mean(), np.cos(part).mean(), np.sin(part).mean(), by))
+    return Averages(*np.array(rows).reshape(-1, 6).T)

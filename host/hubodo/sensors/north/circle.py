@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.sensors.north.ml import Posterior
+from hubodo.sensors.north.ml import UNSEEN, Posterior
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,7 @@ def wrap(angle: Array | float) -> Array:
 def blind_axis(posterior: Posterior) -> float | None:
     """Direction, rad, of the one line that was measured, or None when both components were."""
     values, vectors = np.linalg.eigh(posterior.rate_covariance)
-    if values[1] < 1.0:
+    if values[1] < UNSEEN / 2:
         return None
     return float(np.arctan2(vectors[1, 0], vectors[0, 0]))
 

@@ -68,8 +68,10 @@ class North:
     def components(self) -> tuple[Array, Array]:
         """The likelihood's rate and its sigma, rad/s, in the components that the classical filters give."""
         rate, spread = self.posterior.rate, self.posterior.rate_covariance
-        if blind_axis(self.posterior) is not None:
-            line = np.array([[np.cos(self.direction), np.sin(self.direction)]])
+        axis = blind_axis(self.posterior)
+        if axis is not None:
+            # The line that was measured to the last digit: what is across it is not known at all.
+            line = np.array([[np.cos(axis), np.sin(axis)]]) * np.copysign(1.0, np.cos(axis - self.direction))
             return np.asarray(line @ rate), np.asarray(np.sqrt(np.diag(line @ spread @ line.T)))
         return rate, np.asarray(np.sqrt(np.diag(spread)))
 

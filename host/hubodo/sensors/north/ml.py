@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.errors import InputError
 from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.whitening import BEND, RAMP, Ratios, Sufficient, pieces_of, sufficient
@@ -31,6 +32,10 @@ WALK_RATIOS = (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
 """K² T² / N², the same for random walk."""
 SHAKE_RATIOS = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4)
 """Q² / (N² T), the same for quantisation and shaking, of which one is chosen beforehand."""
+UNSEEN = 1e-2
+"""(rad/s)², variance of what was never measured: far beyond Earth rate, but what was measured must not be
+lost beside it in rounding.
+"""
 _BENT = 6.0
 """Of log likelihood, for each piece: what two more terms of its polynomial must explain."""
 _SHAKEN = 4.0
@@ -40,14 +45,18 @@ _MORE = 4.0
 _STRAIGHT = 0.1
 """rad at the far end of all turns, up to which angles are straight in the error of the gyro's scale."""
 _NARROW = 0.3
-"""1 sigma, and distance, of the parts of its prior where they are not; in sigmas of the prior."""
+_CENTRES = np.linspace(-3.0, 3.0, 21)
+"""1 sigma of the parts of its prior where they are not, and where these lie; in sigmas of the prior."""
+_AROUND = np.radians(np.arange(-180, 180, 5.0))
+_LITTLE_FLICKER, _LITTLE_WALK = (0.0, 0.64), (0.0, 1e-2)
+"""Azimuths, rad, and ratios: enough to compare what may be in a record beside Earth rate and drift."""
 
 
 @dataclass(frozen=True)
 class Posterior:
     """What the record says about Earth rate.
 
-    rate: (2,) C and S, rad/s, not held to the length that latitude demands; rate_covariance (2, 2), infinite
+    rate: (2,) C and S, rad/s, not held to the length that latitude demands; rate_covariance (2, 2), UNSEEN
     along a direction that was never measured; angle_covariance (2, 2): what of it the angles bring, where the
     gyro felt them. azimuth: (G,) rad and density (G,) with the known length. drift: the most likely one.
     order: of the polynomial that went with bias and ramp.
@@ -69,13 +78,16 @@ def estimate(
 
     horizontal: rad/s of Earth rate along an axis that points north. drift: None to fit it from the records;
     one that is given is widened where they have clearly more noise.
-    scale_sigma: 1 sigma of the relative error of the angles that a table was felt to turn.
+    scale_sigma: 1 sigma of the relative error of the angles that a table was felt to turn. Raises InputError
+    where the records are empty.
     """
     pieces = pieces_of(records)
+    if not pieces:
+        raise InputError("no part of any stop has time stamps that its samples can have; record it again")
     mean = float(np.mean(np.concatenate([p.end - p.start for p in pieces])))
     order = _order(pieces, horizontal, mean)
     freedom = sum(len(p.y) for p in pieces) - (order + 1) * len(pieces)
-    reach = max((float(np.abs(p.turned).max()) for p in pieces), default=0.0)
+    reach = max(float(np.abs(p.turned).max()) for p in pieces)
     if drift is None:
         shake = _shaking(pieces, horizontal, freedom, mean, order)
         grid = [(f, w, shake) for f in FLICKER_RATIOS for w in WALK_RATIOS]
@@ -129,7 +141,7 @@ def _scales(sigma: float, reach: float) -> list[tuple[float, float, float]]:
     if sigma * reach < _STRAIGHT:
         return [(0.0, sigma, 0.0)]
     width = _NARROW * sigma
-    centre = sigma * np.arange(-3.0, 3.0 + _NARROW / 2, _NARROW)
+    centre = sigma * _CENTRES
     weight = -0.5 * centre**2 / (sigma**2 - width**2)
     return [(float(c), width, float(w)) for c, w in zip(centre, weight, strict=True)]
 
@@ -225,8 +237,7 @@ def _moments(looks: Sequence[_Look], weight: Array, azimuth: float) -> tuple[Arr
         angles, among = angles + among, np.zeros_like(among)
     covariance = basis @ (spread + among + angles) @ basis.T
     if not seen.all():
-        blind = vectors[:, ~seen]
-        covariance = covariance + 1e6 * blind @ blind.T
+        covariance = covariance + UNSEEN * np.outer(vectors[:, 0], vectors[:, 0])
     return basis @ centre, covariance, basis @ angles @ basis.T
 
 
@@ -254,25 +265,23 @@ def _order(pieces: Sequence[Averages], horizontal: float, mean: float) -> int:
     By the likelihood that is not restricted, as the restricted ones of two polynomials cannot be compared.
     """
     count = sum(len(p.y) for p in pieces)
-    azimuth = np.radians(np.arange(-180, 180, 5.0))
-    grid = [(f, w, 0.0) for f in (0.0, 0.64) for w in WALK_RATIOS]
+    grid = [(f, w, 0.0) for f in _LITTLE_FLICKER for w in WALK_RATIOS]
     best = []
     for order in (RAMP, BEND):
         terms = sufficient(pieces, grid, mean, order=order)
         look = _Look(terms, horizontal, count, None)
         plain = np.array([0.5 * (term.logdet - term.plain) for term in terms])
-        best.append(float((look.log_density(azimuth) + plain[:, None]).max()))
+        best.append(float((look.log_density(_AROUND) + plain[:, None]).max()))
     return BEND if best[1] > best[0] + _BENT * len(pieces) else RAMP
 
 
 def _shaking(pieces: Sequence[Averages], horizontal: float, freedom: int, mean: float, order: int) -> float:
     """The most likely of SHAKE_RATIOS beside a little drift; 0 unless another is clearly better."""
-    azimuth = np.radians(np.arange(-180, 180, 5.0))
     best = []
     for shake in SHAKE_RATIOS:
-        grid = [(f, w, shake) for f in (0.0, 0.64) for w in (0.0, 1e-2)]
+        grid = [(f, w, shake) for f in _LITTLE_FLICKER for w in _LITTLE_WALK]
         look = _Look(sufficient(pieces, grid, mean, order=order), horizontal, freedom, None)
-        best.append(float(look.log_density(azimuth).max()))
+        best.append(float(look.log_density(_AROUND).max()))
     likely = int(np.argmax(best))
     return SHAKE_RATIOS[likely] if best[likely] > best[0] + _SHAKEN else 0.0
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.sensors.north.averages import Averages
+from hubodo.sensors.north.averages import Averages, average
 from hubodo.sensors.north.circle import summarise
 from hubodo.sensors.north.ml import estimate
 
@@ -30,29 +29,20 @@ class Tally:
         self, horizontal: float, earlier: Sequence[Averages] = (), near: float | None = None
     ) -> None:
         self._horizontal, self._earlier, self._near = horizontal, tuple(earlier), near
-        self._rows: list[tuple[float, ...]] = []
+        self._made: list[Averages] = []
         self.stops = 0
 
     def add(self, t: Array, rate: Array, angle: float) -> float:
         """One stop: t (N,) s, rate (N,) rad/s, the axis at `angle`, rad, from table zero. Gives its mean."""
-        step = float(np.median(np.diff(t)))
-        for part in np.array_split(np.arange(len(t)), PARTS):
-            self._rows.append(
-                (
-                    float(t[part[0]]),
-                    float(t[part[-1]]) + step,
-                    float(rate[part].mean()),
-                    math.cos(angle),
-                    math.sin(angle),
-                    0.0,
-                )
-            )
+        length = float(np.median(np.diff(t))) * len(t) / PARTS
+        self._made.append(average(t, rate, np.full(len(t), angle), [(0, len(t))], length))
         self.stops += 1
         return float(rate.mean())
 
     def averages(self) -> Averages:
         """Of the stops added here."""
-        return Averages(*np.array(self._rows).T)
+        fields = [(it.start, it.end, it.y, it.cos, it.sin, it.turned) for it in self._made]
+        return Averages(*(np.concatenate(values) for values in zip(*fields, strict=True)))
 
     def azimuth(self) -> tuple[float, float] | None:
         """Azimuth of table zero and sigma, rad; None before there are FEWEST stops or earlier ones."""

@@ -47,8 +47,8 @@ class Sufficient:
 def pieces_of(records: Sequence[Averages]) -> list[Averages]:
     """Records cut into pieces of at most PIECE averages."""
     made = []
-    for record in records:
-        count = max(1, -(-len(record.y) // PIECE))
+    for record in (it for it in records if len(it.y)):
+        count = -(-len(record.y) // PIECE)
         edges = np.linspace(0, len(record.y), count + 1).round().astype(int)
         made += [record.part(int(a), int(b)) for a, b in pairwise(edges)]
     return made

@@ -25,7 +25,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 FloatArray = NDArray[np.float64]
 
@@ -157,6 +156,9 @@ class RateBiasKalman:
             raise ValueError(f"samples of shape {samples.shape}: must be (N,) and finite")
         if not samples.size:
             return RateBias(samples, samples)
+        # It takes half a second to load, with what it brings along, and only records at rest ask for it.
+        from scipy.signal import lfilter
+
         totals: FloatArray
         totals, _ = lfilter([self._take], [1.0, -self._keep], samples, zi=[self._keep * self._sum])
         self._sum = float(totals[-1])

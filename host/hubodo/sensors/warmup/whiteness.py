@@ -117,9 +117,9 @@ def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
 
 
 def _autocovariance(sequence: FloatArray) -> FloatArray:
-    """(N,) biased autocovariance, eq. (3).
+    """(N,) biased autocovariance, eq. (3), but for its factor 1 / N.
 
     The mean is not taken off: the residual's own mean is part of the test.
     """
-    made: FloatArray = np.correlate(sequence, sequence, "full")[len(sequence) - 1 :] / len(sequence)
+    made: FloatArray = np.correlate(sequence, sequence, "full")[len(sequence) - 1 :]
     return made

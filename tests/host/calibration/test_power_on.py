@@ -1,0 +1,57 @@
+"""When a node was switched on, by what a log knows of it, and how old its samples are then."""
+
+import numpy as np
+import pytest
+
+from hubodo.calibration.apply import age_of, apply_calibration, power_on_times
+from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
+from hubodo.recording import Event, Table
+
+S = 10**9
+ZERO = 1_700_000_000 * S
+
+
+def started(at, power_on, source="left", kind="started"):
+    """An event at so many s of the log; power_on: s, None where it is not told."""
+    data = {} if power_on is None else {"power_on_ns": round(ZERO + power_on * S)}
+    return Event(round(ZERO + at * S), kind, source, "", data)
+
+
+def test_only_a_start_of_that_node_that_tells_it_counts():
+    events = [
+        started(20.0, 19.0),
+        started(5.0, -3.0),
+        started(6.0, 1.0, source="right"),
+        started(7.0, 2.0, kind="connected"),
+        started(8.0, None),
+    ]
+    assert power_on_times(events, "left") == [(ZERO + 5 * S, ZERO - 3 * S), (ZERO + 20 * S, ZERO + 19 * S)]
+    assert power_on_times(events, "right") == [(ZERO + 6 * S, ZERO + S)]
+    assert power_on_times(events, "middle") == []
+
+
+def test_a_sample_is_as_old_as_the_start_that_it_came_after():
+    starts = power_on_times([started(5.0, -3.0), started(20.0, 19.0)], "left")
+    t = np.array([4.0, 5.0, 19.99, 20.0, 25.0])
+    np.testing.assert_allclose(age_of(t, starts, ZERO), [7.0, 8.0, 22.99, 1.0, 6.0], atol=1e-6)
+    # Where no start is known the first sample is one.
+    np.testing.assert_allclose(age_of(t, [], ZERO), t - 4.0)
+    assert len(age_of(np.empty(0), [], ZERO)) == 0
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_what_was_applied_is_told_with_when_the_node_was_switched_on(told):
+    t = np.arange(0.0, 30.0, 0.5)
+    nodes = {"left": Table({"t": t, **dict.fromkeys(("gx", "gy", "gz", "ax", "ay", "az"), np.zeros(60))})}
+    warm = CalibratedEffect({"z": Quantity(0.01, 1e-3), "time_constant": Quantity(60.0, 1.0)})
+    calibration = Calibration({"left": NodeCalibration({"gyro_warmup": warm}), "right": NodeCalibration({})})
+    events = [started(0.0, -12.5), started(20.0, 18.0)] if told else []
+    made = apply_calibration(nodes, calibration, events=events, t_zero_ns=ZERO)
+    assert set(made.used) == {"left"}
+    assert made.used["left"]["applied"] == ["gyro_warmup"]
+    power_on = made.used["left"]["power_on"]
+    assert power_on == (pytest.approx(-12.5) if told else None)
+    age = np.where(t < 20.0, t + 12.5, t - 18.0) if told else t
+    np.testing.assert_allclose(made.nodes["left"]["gz"], -0.01 * (1.0 - np.exp(-age / 60.0)), atol=1e-9)
+    assert len(made.warnings) == (not told)
+    assert all("from its first sample" in line for line in made.warnings)

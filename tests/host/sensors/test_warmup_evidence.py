@@ -1,0 +1,33 @@
+"""What the forms of a warm-up are compared by: their marginal likelihood, beside scipy's densities."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from hubodo.sensors.warmup.forms import _posterior, _Record, factored
+
+SEED = 5
+
+
+def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read():
+    """Parameters of N(0, spread²) and noise of any covariance: what is read is Gaussian, too."""
+    rng = np.random.default_rng(SEED)
+    columns, spread = rng.standard_normal((12, 3)), np.array([0.5, 2.0, 30.0])
+    root = rng.standard_normal((12, 12))
+    noise = root @ root.T + np.eye(12)
+    y = rng.standard_normal(12)
+    mean, covariance, told = _posterior(columns, spread, factored(noise.copy()), y)
+    prior = np.diag(spread**2)
+    whole = columns @ prior @ columns.T + noise
+    assert told == pytest.approx(multivariate_normal.logpdf(y, cov=whole))
+    gain = prior @ columns.T @ np.linalg.inv(whole)
+    assert mean == pytest.approx(gain @ y)
+    assert covariance == pytest.approx(prior - gain @ columns @ prior)
+
+
+def test_the_covariance_of_a_record_is_that_of_its_three_noises_together():
+    rng = np.random.default_rng(SEED)
+    flicker, walk = (root @ root.T for root in rng.standard_normal((2, 6, 6)))
+    record = _Record(np.arange(6.0), np.zeros(6), None, 1.0, 0.0, flicker, walk)
+    lower = np.tril(record.factor(*np.log([0.7, 2.0, 3.0]))[0])
+    assert lower @ lower.T == pytest.approx(0.7**2 * np.eye(6) + 2.0**2 * flicker + 3.0**2 * walk)
