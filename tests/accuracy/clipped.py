@@ -2,7 +2,8 @@
 
 python tests/accuracy/clipped.py [--drives 20] [--seed 100] [--cases "20 m/s" ...]
 
-NEES: squared error of x, y, heading over their covariance, mean over the drives, 3 where it is honest.
+NEES: squared error of x, y, heading over their covariance, mean over the drives, 3 where it is honest. The
+rival is plain differential odometry from the same two gyros, which stand at their ends.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -19,6 +20,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
+from accuracy.mixed import plain
 from generators.clipped_drives import CASES, clipped_drive
 from hubodo.fuse.wheel.track import run
 from wheel_runs import BOTH, config, end_error, nees, tables
@@ -39,8 +41,10 @@ def main() -> int:
     print(f"{'':28}{'wheels':>7}{'median':>9}{'largest':>9}{'way':>8}{'NEES of 3':>11}{'largest':>9}")
     for name in args.cases:
         rows: dict[str, list[tuple[float, float, float]]] = {key: [] for key in WHEELS}
+        rival = []
         for seed in range(args.seed, args.seed + args.drives):
             drive = clipped_drive(CASES[name], seed)
+            rival.append(100.0 * plain(drive, not CASES[name].begins) / drive.length)
             for key, names in WHEELS.items():
                 found = run(config(drive, names, limits=CASES[name].limits), tables(drive))
                 way = abs(found.report.distance / drive.length - 1.0)
@@ -53,6 +57,7 @@ def main() -> int:
                 f"{honest.mean():11.2f}{honest.max():9.1f}",
                 flush=True,
             )
+        print(f"{name:28}{'plain':>7}{np.median(rival):9.2f}{max(rival):9.2f}", flush=True)
     return 0
 
 

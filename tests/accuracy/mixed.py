@@ -31,12 +31,15 @@ NAMES = {"left": ("left",), "two": ("left", "right")}
 DEGREES = 3
 
 
-def plain(drive: wheel_drives.WheelDrive) -> float:
-    """m at the end of differential odometry from the spin gyros, less their mean of the first half second."""
+def plain(drive: wheel_drives.WheelDrive, rests: bool = True) -> float:
+    """m at the end of differential odometry from the spin gyros, less their mean of the first half second.
+
+    rests: whether the vehicle stands then; else they are taken as they are.
+    """
     t = np.arange(0.5, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
-        still = node.gyro[node.t < node.t[0] + 0.5, 2].mean()
+        still = node.gyro[node.t < node.t[0] + 0.5, 2].mean() if rests else 0.0
         speed[name] = np.interp(t, node.t, node.gyro[:, 2] - still) * drive.radius
     heading = np.cumsum((speed["right"] - speed["left"]) / drive.track) * 0.01
     way = 0.5 * (speed["left"] + speed["right"]) * 0.01

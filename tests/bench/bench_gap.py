@@ -34,7 +34,7 @@ from hubodo.gap.judge.search import initial_state
 from hubodo.gap.problem.build import build
 from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.watch import GapWatch
-from hubodo.gap.workflow import find_gap
+from hubodo.gap.workflow import find_gap_in
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Table
@@ -44,7 +44,7 @@ SEED, SECONDS, HIDDEN = 5, 240.0, "wheel_camber"
 MINUTES = (10, 30, 60)
 FORWARD_LIMIT = 0.015  # s
 WORKFLOW_LIMIT = 5.0  # s of processor
-MEMORY_LIMIT = 1.0  # GB
+MEMORY_LIMIT = 0.9  # GB
 GROWTH_LIMIT = 1.1  # times as much per minute in the longest log as in the shortest
 RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
 RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
@@ -68,9 +68,11 @@ def once(folder, model_file=None):
     def mark(words, share):
         marks.append((words, time.process_time()))
 
-    log, model = read_folder(folder), read_model(model_file or folder / "model.toml")
+    log = read_folder(folder)
     mark("bring log and model together", 0.0)
-    result = find_gap(log, model, say=mark)
+    problem = build(log, read_model(model_file or folder / "model.toml"))
+    del log  # As the verb does.
+    result = find_gap_in(problem, say=mark)
     mark("", 1.0)
     parts = {}
     for (words, begin), (_, end) in pairwise(marks):

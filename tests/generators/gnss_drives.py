@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyproj
+from scipy.signal import oaconvolve
 
 STEP = 1e-3
 WGS84 = pyproj.Geod(ellps="WGS84")
@@ -155,9 +156,10 @@ def _integral(value):
 
 
 def _smooth(value, seconds=0.4):
+    """Two passes of a raised cosine; by Fourier transform, as a kernel of hundreds of samples takes long."""
     width = int(seconds / STEP)
     kernel = np.hanning(2 * width + 3)
     kernel /= kernel.sum()
     for _ in range(2):
-        value = np.convolve(np.pad(value, width + 1, mode="edge"), kernel, mode="valid")
+        value = oaconvolve(np.pad(value, width + 1, mode="edge"), kernel, mode="valid")
     return value

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.fft import next_fast_len
+from scipy.spatial.transform import Rotation
 
 from generators.noise import gyro_noise
 
@@ -171,12 +172,14 @@ def drive(
     arm: tuple[float, float] | None = None,
     ends: Ends | None = None,
     latitude_deg: float | None = None,
+    rotations: bool = False,
 ) -> WheelDrive:
     """Run a plan.
 
     facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm, m, instead of a
     drawn one. ends: of the sensors' words. latitude_deg: of an Earth that turns below (x east, y
-    north); None: it stands.
+    north); None: it stands. rotations: whether a node that is tilted is turned by a rotation, instead of by
+    the small vector that stands for one.
     """
     errors = errors or Errors()
     latitude = np.radians(latitude_deg or 0.0)
@@ -211,7 +214,7 @@ def drive(
         )
         turned = -1.0 if (facing or {}).get(name, "left") == "right" else 1.0
         flip = np.array([1.0, turned, turned])
-        node = _sensor(t, rate * flip, force * flip, rng, errors, rate_hz, ends or Ends())
+        node = _sensor(t, rate * flip, force * flip, rng, errors, rate_hz, ends or Ends(), rotations)
         node.truth.update(
             radius=true_radius / radius - 1.0,
             track=true_track / track - 1.0,
@@ -284,11 +287,17 @@ def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm, e
     return rate.T, force.T
 
 
-def _sensor(t, rate, force, rng, errors, rate_hz, ends) -> Node:
+def _sensor(t, rate, force, rng, errors, rate_hz, ends, rotations) -> Node:
     normal = rng.standard_normal
     turn = np.append(errors.tilt * normal(2), 0.0)
-    # Axes turned by the small vector m read v - m x v.
-    rate, force = rate - np.cross(turn, rate), force - np.cross(turn, force)
+    if rotations:
+        turned = Rotation.from_rotvec(turn).as_matrix()
+        rate, force, longer = rate @ turned, force @ turned, turned[2, 2]
+    else:
+        # Axes turned by the small vector m read v - m x v. What is turned so is longer as well: a rotation
+        # would leave gz less of the spin.
+        rate, force = rate - np.cross(turn, rate), force - np.cross(turn, force)
+        longer = np.sqrt(1.0 + turn @ turn)
     period = 1.0 / (rate_hz * (1.0 + 0.01 * rng.uniform(-1.0, 1.0))) if errors.noise else 1.0 / rate_hz
     taken = np.arange(t[0] + rng.uniform(0.0, period) * (errors.noise > 0), t[-1], period)
     late = errors.clock * normal()
@@ -310,9 +319,9 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends) -> Node:
     accel = accel + (errors.noise * ACCEL_DENSITY * bandwidth + shake) * normal(accel.shape)
     gyro, accel = _words(gyro, ends.gyro), _words(accel, ends.accel)
     truth = {
-        # What is turned so is longer as well: a rotation would leave gz less of the spin.
-        "spin_scale": float((1.0 + gyro_scale[2]) * np.sqrt(1.0 + turn @ turn) - 1.0),
+        "spin_scale": float((1.0 + gyro_scale[2]) * longer - 1.0),
         "yaw_scale": float(0.5 * (gyro_scale[0] + gyro_scale[1])),
+        "scale_difference": float(0.5 * (gyro_scale[0] - gyro_scale[1])),
         "bias_x": float(bias[0]),
         "bias_y": float(bias[1]),
         "bias_z": float(bias[2]),

@@ -1,4 +1,17 @@
-"""What a mutant is: one small change of meaning in one place of a source file, found in its syntax tree."""
+"""What a mutant is: one small change of meaning in one place of a source file, found in its syntax tree.
+
+The changes are those that mutmut and cosmic-ray make by default, one of each kind in each place:
+
+- an operator of arithmetic, of bits or of logic becomes its opposite; a minus or a `not` is dropped; True is
+  False;
+- a comparison is turned round, as cosmic-ray does: of measured numbers none is equal to its bound, so that
+  `<=` in place of `<`, as in mutmut, would mostly mean the same;
+- a number in a function becomes larger by one, as in both, or by half where one would be lost in it: a second
+  of 1,000,000,001 ns is no mistake that people make. So inner constants count, physical or tuned;
+- a number outside functions stays, as in mutmut: these are tables of a data sheet, usual sizes, and named
+  thresholds whose docstring says where they come from. No test should say them a second time;
+- beyond both: min is max, sin is cos, any is all, and a call for its effect alone is left out. Texts stay.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +28,8 @@ _SWAPS: dict[type[ast.AST], tuple[str, str]] = {
     ast.Eq: ("==", "!="), ast.NotEq: ("!=", "=="), ast.And: ("and", "or"), ast.Or: ("or", "and"),
 }  # fmt: skip
 _SILENT = ("annotation", "returns", "decorator_list", "type_params")
+_LARGE = 1000
+"""Above this one more of an integer is lost in it."""
 _CALLS = {"min": "max", "max": "min", "sin": "cos", "cos": "sin", "any": "all", "all": "any"}
 
 
@@ -36,8 +51,7 @@ class Mutant:
 def mutants(path: str, source: str) -> Iterator[Mutant]:
     """All mutants of a file, in its order; nothing in annotations, docstrings, defaults or error texts.
 
-    An assertion that holds, `zip(..., strict=True)` among them, changes nothing by its absence. Numbers that
-    stand outside functions are left alone: settings and usual sizes, which no test should pin.
+    An assertion that holds, `zip(..., strict=True)` among them, changes nothing by its absence.
     """
     starts = [0]
     for line in source.encode().splitlines(keepends=True):
@@ -89,7 +103,9 @@ def mutants(path: str, source: str) -> Iterator[Mutant]:
 def _other(value: bool | int | float) -> str:
     if isinstance(value, bool):
         return str(not value)
-    return repr(value + 1) if isinstance(value, int) else repr(value * 1.5 + (value == 0.0))
+    if isinstance(value, int):
+        return repr(value + max(1, value // 2 if value > _LARGE else 0))
+    return repr(value + max(1.0, value / 2.0))
 
 
 def _name(function: ast.expr) -> str:

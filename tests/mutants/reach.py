@@ -8,15 +8,16 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 _UNSEEN = 4
-"""Steps to a firmware file from a test of the firmware that does not import it."""
+"""Steps to a firmware file from a test that runs the firmware and does not import it."""
+_RUN_FIRMWARE = ("tests/firmware/", "tests/signal_path/")
 
 
 def nearest_tests(root: Path, paths: Iterable[str]) -> dict[str, list[str]]:
     """For each path the test files that import it, directly or through others, by the number of steps.
 
-    Tests of the firmware may also load its files into another interpreter: all of them reach every one of its
-    files, behind those that import it. A name that shares words with the file's counts as so many steps less.
-    Between equals the smaller test file goes first.
+    Tests of the firmware and of whole nodes may also load its files into another interpreter: all of them
+    reach every one of its files, behind those that import it. A name that shares words with the file's, or
+    with its folder's, counts as so many steps less. Between equals the smaller test file goes first.
     """
     files = {_module(root, path): path for path in _sources(root)}
     imports = {module: set(_imports(path, module, files)) for module, path in files.items()}
@@ -41,13 +42,13 @@ def _tests_of(root: Path, path: str, files: dict[str, Path], users: dict[str, se
             if user not in steps:
                 steps[user] = steps[module] + 1
                 queue.append(user)
-    words = set(Path(path).stem.split("_"))
+    words = {word for part in Path(path).with_suffix("").parts[-2:] for word in part.split("_")}
     found: list[tuple[tuple[int, int, int], str]] = []
     for module, file in files.items():
         name = str(file.relative_to(root))
         if not file.name.startswith("test_"):
             continue
-        by_name = path.startswith("firmware/") and name.startswith("tests/firmware/")
+        by_name = path.startswith("firmware/") and name.startswith(_RUN_FIRMWARE)
         if module in steps or by_name:
             shared = len(words & set(file.stem.split("_")))
             found.append(((steps.get(module, _UNSEEN) - shared, -shared, file.stat().st_size), name))

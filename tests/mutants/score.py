@@ -2,141 +2,40 @@
 
     python tests/mutants/score.py [--seed 1] [--count 125] [--only fuse gap] [--budget 120] [--jobs 2]
 
-Of all places of the core `--count` are drawn by the seed. For each, the test files that reach the changed
-file run, nearest first, in a copy of the project, until one fails or the budget is spent: what nobody noticed
+Of all places of the core `--count` are drawn by the seed. For each, the tests that execute the changed line
+run, cheapest first, in a copy of the project, until one fails or the budget is spent: what nobody noticed
 until then has survived. The budget is seconds of processor time, so that a busy computer does not change the
-score. What waits for the clock is left out.
+score. Which test executes which line is recorded at first; that and the verdicts are kept in `out/mutants`
+for as long as they hold, so that a run that was interrupted goes on. What waits for the clock is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import os
 import random
-import resource
-import shutil
-import signal
-import subprocess
 import sys
 import tempfile
-import threading
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import cache, partial
 from pathlib import Path
-from queue import SimpleQueue
 
 ROOT = Path(__file__).resolve().parents[2]
-WALL = 10.0
-"""Times its processor time that a test may take; then it hangs."""
 sys.path[:0] = [str(ROOT / "tests")]
 
+from gap_matrix.judge.resumed import Row, kept, rows  # noqa: E402
+from mutants.core import CORE, digest  # noqa: E402
+from mutants.equivalent import is_equivalent  # noqa: E402
+from mutants.executed import Executed, recorded  # noqa: E402
+from mutants.judge import Judge  # noqa: E402
 from mutants.operators import Mutant, mutants  # noqa: E402
+from mutants.project_copy import ProjectCopy  # noqa: E402
 from mutants.reach import nearest_tests  # noqa: E402
 
-CORE = {
-    "effects": "host/hubodo/effects",
-    "calibration": "host/hubodo/calibration",
-    "model": "host/hubodo/model",
-    "sensors": "host/hubodo/sensors",
-    "fuse": "host/hubodo/fuse",
-    "gap": "host/hubodo/gap",
-    "node": "host/hubodo/ingest/node",
-    "protocol": "protocol/hubowire",
-    "firmware": "firmware",
-}
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """killed_by: the test file that failed, "" where none did. seconds: of the processor that it took."""
-
-    mutant: Mutant
-    killed_by: str
-    seconds: float
-
-
-class Copy:
-    """A copy of the project in which one mutant at a time lives."""
-
-    def __init__(self, folder: Path) -> None:
-        self.root = folder / "hubodo"
-        listed = subprocess.run(
-            ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
-        )
-        for name in filter(None, listed.stdout.split("\0")):
-            target = self.root / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(ROOT / name, target)
-        for name in ("node_modules", ".venv"):
-            (self.root / name).symlink_to(ROOT / name)
-        self._fair: dict[str, bool] = {}
-        path = f"{self.root / 'host'}{os.pathsep}{self.root / 'protocol'}"
-        shared = os.environ.get("HUBODO_SHARED", str(ROOT.parent / "shared"))
-        # Without byte code a change is seen even where it comes within the same second.
-        self._environment = {
-            **os.environ,
-            "PYTHONPATH": path,
-            "HUBODO_SHARED": shared,
-            "PYTHONDONTWRITEBYTECODE": "1",
-        }
-
-    def judge(self, mutant: Mutant, tests: list[str], budget: float) -> Verdict:
-        """Put the mutant in, run tests until one fails, take it out."""
-        file = self.root / mutant.path
-        sound = file.read_bytes()
-        ill = sound[: mutant.start] + mutant.new.encode() + sound[mutant.end :]
-        spent = 0.0
-        for test in tests:
-            if spent >= budget:
-                break
-            file.write_bytes(ill)
-            try:
-                passes, seconds = self._passes(test, budget - spent)
-            finally:
-                file.write_bytes(sound)
-            spent += seconds
-            if not passes and self._is_fair(test):
-                return Verdict(mutant, test, spent)
-        return Verdict(mutant, "", spent)
-
-    def _is_fair(self, test: str) -> bool:
-        """Whether a test file passes on the project as it is: one that fails anyhow notices nothing."""
-        if test not in self._fair:
-            self._fair[test], _ = self._passes(test, 600.0)
-            if not self._fair[test]:
-                print(f"{test} fails without any mutant: left out", file=sys.stderr)
-        return self._fair[test]
-
-    def _passes(self, test: str, budget: float) -> tuple[bool, float]:
-        """Whether a test file passes, and its processor time; one that is not done by then has not failed."""
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-m",
-            "not real_time",
-            "-p",
-            "no:cacheprovider",
-            test,
-        ]
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        limit = int(budget) + 1
-        run = subprocess.Popen(
-            command,
-            cwd=self.root,
-            env=self._environment,
-            start_new_session=True,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (limit, limit)),
-            **quiet,
-        )
-        hangs = threading.Timer(WALL * limit, os.killpg, (run.pid, signal.SIGKILL))
-        hangs.start()
-        _, status, used = os.wait4(run.pid, 0)
-        hangs.cancel()
-        run.returncode = code = os.waitstatus_to_exitcode(status)
-        # 5: all of them wait for the clock. A negative one was killed for the time that it took.
-        return code in (0, 5) or code < 0, used.ru_utime + used.ru_stime
+KEPT = ROOT / "out" / "mutants"
+_EXECUTED, _VERDICTS = KEPT / "executed.jsonl", KEPT / "verdicts.jsonl"
 
 
 def main() -> int:
@@ -149,38 +48,86 @@ def main() -> int:
     ]
     every = [mutant for path in files for mutant in mutants(path, (ROOT / path).read_text("utf-8"))]
     drawn = random.Random(args.seed).sample(every, min(args.count, len(every)))
+    plan = [mutant for mutant in drawn if not is_equivalent(mutant, _line(mutant))]
     print(f"{len(drawn)} of {len(every)} mutants in {len(files)} files, seed {args.seed}", flush=True)
-    reach = nearest_tests(ROOT, {mutant.path for mutant in drawn})
+    reach = nearest_tests(ROOT, {mutant.path for mutant in plan})
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        verdicts = _judge_all(drawn, reach, Path(folder), args.budget, args.jobs)
-    survived = [verdict.mutant for verdict in verdicts if not verdict.killed_by]
+        tests = sorted({file for nearest in reach.values() for file in nearest})
+        recorded(_EXECUTED, tests, partial(_copy, folder), _say_recorded)
+        _forget_what_changed(plan, reach)
+        judge = partial(_judged, folder=folder, reach=reach, budget=args.budget)
+        verdicts = rows(_VERDICTS, plan, _key, judge, args.jobs, _say)
+        unfair = _judge(folder).fail_anyhow({row["killed_by"] for row in verdicts} - {""})
+    for test in unfair:
+        print(f"{test} fails without any mutant: what it killed has survived")
+    spared = {"", *unfair}
+    survived = [mutant for mutant, row in zip(plan, verdicts, strict=True) if row["killed_by"] in spared]
     print("\nSurvived:" if survived else "\nNone survived.")
     for mutant in sorted(survived, key=str):
         print(f"  {mutant}")
-    share = 1.0 - len(survived) / max(len(drawn), 1)
-    print(f"killed {len(drawn) - len(survived)} of {len(drawn)}, {share:.0%}; seed {args.seed}")
+    share = 1.0 - len(survived) / max(len(plan), 1)
+    print(
+        f"killed {len(plan) - len(survived)} of {len(plan)}, {share:.0%}; seed {args.seed}; "
+        f"{len(drawn) - len(plan)} more change nothing"
+    )
     return int(share < args.demand)
 
 
-def _judge_all(
-    drawn: list[Mutant], reach: dict[str, list[str]], folder: Path, budget: float, jobs: int
-) -> list[Verdict]:
-    copies: SimpleQueue[Copy] = SimpleQueue()
-    for number in range(jobs):
-        copies.put(Copy(folder / str(number)))
+def _line(mutant: Mutant) -> str:
+    return (ROOT / mutant.path).read_text("utf-8").splitlines()[mutant.line - 1]
 
-    def judge(mutant: Mutant) -> Verdict:
-        copy = copies.get()
-        try:
-            verdict = copy.judge(mutant, reach[mutant.path], budget)
-        finally:
-            copies.put(copy)
-        told = f"killed by {verdict.killed_by}" if verdict.killed_by else "SURVIVED"
-        print(f"{verdict.seconds:6.1f} s  {mutant}  {told}", flush=True)
-        return verdict
 
-    with ThreadPoolExecutor(jobs) as pool:
-        return list(pool.map(judge, drawn))
+def _key(mutant: Mutant) -> str:
+    return f"{mutant} at {mutant.start} of {digest(ROOT / mutant.path)}"
+
+
+def _hangs_on(killed_by: str, nearest: Sequence[str]) -> str:
+    """Of the test file that killed a mutant; of all that might, where none did."""
+    files = [killed_by.partition("::")[0]] if "::" in killed_by else nearest
+    return hashlib.sha256("".join(digest(ROOT / file) for file in files).encode()).hexdigest()[:16]
+
+
+def _forget_what_changed(plan: Sequence[Mutant], reach: dict[str, list[str]]) -> None:
+    """Verdicts of tests that are no longer the same."""
+    nearest = {_key(mutant): reach[mutant.path] for mutant in plan}
+    hold = [
+        row
+        for row in kept(_VERDICTS)
+        if row["key"] not in nearest or row["hangs_on"] == _hangs_on(row["killed_by"], nearest[row["key"]])
+    ]
+    _VERDICTS.write_text("".join(json.dumps(row) + "\n" for row in hold), "utf-8")
+
+
+@cache
+def _copy(folder: str) -> ProjectCopy:
+    """One for each process."""
+    return ProjectCopy(Path(folder) / str(os.getpid()))
+
+
+@cache
+def _judge(folder: str) -> Judge:
+    return Judge(_copy(folder), Executed(kept(_EXECUTED)))
+
+
+def _judged(mutant: Mutant, folder: str, reach: dict[str, list[str]], budget: float) -> Row:
+    nearest = reach[mutant.path]
+    verdict = _judge(folder).judge(mutant, nearest, budget)
+    return {
+        "key": _key(mutant),
+        "mutant": str(mutant),
+        "killed_by": verdict.killed_by,
+        "seconds": round(verdict.seconds, 1),
+        "hangs_on": _hangs_on(verdict.killed_by, nearest),
+    }
+
+
+def _say(done: int, of: int, row: Row) -> None:
+    told = f"killed by {row['killed_by']}" if row["killed_by"] else "SURVIVED"
+    print(f"{done} of {of}: {row['seconds']:6.1f} s  {row['mutant']}  {told}", flush=True)
+
+
+def _say_recorded(done: int, of: int) -> None:
+    print(f"recorded what {done} of {of} test files execute", flush=True)
 
 
 def _arguments() -> argparse.Namespace:

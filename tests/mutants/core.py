@@ -1,0 +1,23 @@
+"""What is mutated: the folders of the core by name, and when two files are the same."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+CORE = {
+    "effects": "host/hubodo/effects",
+    "calibration": "host/hubodo/calibration",
+    "model": "host/hubodo/model",
+    "sensors": "host/hubodo/sensors",
+    "fuse": "host/hubodo/fuse",
+    "gap": "host/hubodo/gap",
+    "node": "host/hubodo/ingest/node",
+    "protocol": "protocol/hubowire",
+    "firmware": "firmware",
+}
+
+
+def digest(path: Path) -> str:
+    """Of what a file says; "" where there is none."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""
