@@ -66,7 +66,7 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
-gap-limit: setup     ## the smallest size of each effect that is named, beside what an oracle sees; some twenty minutes
+gap-limit: setup     ## the smallest size of each effect that is named, beside what an oracle sees and can tell; some twenty minutes
 	$(BIN)/python tests/gap_matrix/limit/gap_limit.py --seed 412000
 
 gap-reliability: setup ## what the confidence of a name is worth: two thousand short logs, on the test seeds; some thirty minutes
@@ -83,7 +83,7 @@ gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelch
 	$(BIN)/python tests/signal_path/hidden.py
 	$(BIN)/python tests/replay/wheelchair_gap.py
 
-mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; about an hour
+mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; goes on where it was interrupted
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
 faults: setup        ## the table of faults, each done and judged, two hundred kills among them; some three minutes
