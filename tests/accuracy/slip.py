@@ -30,7 +30,7 @@ from generators.wheel_drives import Plan, WheelDrive
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, wheel_config
 from hubodo.fuse.wheel.track import WheelRun, run
 from hubodo.log.csv_folder import read_folder
-from wheel_runs import BOTH, config, end_error, nees, tables
+from wheel_runs import BOTH, config, end_error, nees, pose_error, tables
 
 ERRORS = replace(wheel_drives.Errors(), flicker=1e-4, accel_flicker=3e-3)
 """Those of other drives, and bias instability: 20 deg/h of the gyros, 0.3 mg of the accelerometers."""
@@ -120,6 +120,14 @@ def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
     return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {honest:7.2f} of 3  {said}"
 
 
+def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
+    """m off in the middle of what happens, and NEES there, of a track that knows `lag` s of what follows."""
+    drive, names, start = made(case, seed)
+    track = run(config(drive, names), tables(drive), lag).track
+    error, covariance = pose_error(drive, track, int(np.searchsorted(track.t, start + 0.5 * case.duration)))
+    return float(np.hypot(*error[:2])), float(error @ np.linalg.solve(covariance, error))
+
+
 def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
     """Two nodes, one on a steered wheel, told as an axle; whether the fixed one was chosen.
 
@@ -182,6 +190,15 @@ def main() -> int:
     print(f"loops of 120 m, seeds {seeds[0]} to {seeds[-1]}; error at the end in % of the path: median, 90 %")
     for name, case in CASES.items():
         print("  " + line(name, case, [outcome(case, seed) for seed in seeds]), flush=True)
+    print("  in the middle of the slip, by how much of what follows is known: median m off, median NEES of 3")
+    for name, case in CASES.items():
+        if "lifted" in name:
+            through = {lag: [way_through(case, seed, lag) for seed in seeds] for lag in (0.0, 10.0, np.inf)}
+            text = "".join(
+                "   {:4g} s {:5.2f} m {:8.2f}".format(lag, *np.median(errors, axis=0))
+                for lag, errors in through.items()
+            )
+            print(f"    {name:44s}{text}", flush=True)
     for side in BOTH:
         found = [steered_outcome(seed, side) for seed in seeds]
         kept = sum(right for _, right in found)

@@ -14,7 +14,7 @@ from hubodo.errors import LinkError
 from hubodo.flash import computer_checks
 from hubodo.flash.computer_checks import look_at
 from hubodo.flash.listen import Heard
-from hubodo.flash.surroundings import Holder, Surroundings
+from hubodo.flash.surroundings import Surroundings
 from hubodo.verbs import doctor as verb
 from in_process import hubodo
 

@@ -8,13 +8,14 @@ the five rows of A that a pose is made of are carried, so a longer lag costs lit
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.lost_wheels import LostWheels
 from hubodo.fuse.wheel.records import POSE, Kept, Pose, Step
 from hubodo.fuse.wheel.step import WheelStep
 
@@ -102,13 +103,13 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
 
 
 def smooth_with_lag(
-    config: WheelConfig, steps: Sequence[Step], needed: int, lag: int, slipped: Mapping[int, tuple[bool, ...]]
+    config: WheelConfig, steps: Sequence[Step], needed: int, lag: int, slips: LostWheels
 ) -> list[Pose]:
     """Poses of all steps, each from the log up to `lag` steps after it.
 
-    needed: windows the filter began with; slipped: as it found them, up to two seconds late.
+    needed: windows the filter began with; slips: as it found them, up to two seconds late.
     """
-    core = WheelStep(config, slipped)
+    core = WheelStep(config, slips)
     behind = FixedLag(lag, core.pose)
     core.keep = True
     core.begin([step.windows for step in steps if not step.listen])

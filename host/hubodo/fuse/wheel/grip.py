@@ -240,7 +240,9 @@ class Grip:
         self.calm += 1
         self._near = self._near + 1 if near else 0
         felt = push.residual + push.gain
-        self._follows = max(0.0, self._follows + 0.5 * (felt**2 - push.residual**2) / push.variance)
+        likelier = 0.5 * (felt**2 - push.residual**2) / push.variance
+        # However much changes in one window: it may be chance that both do.
+        self._follows = max(0.0, self._follows + min(likelier, _FOLLOWS / _QUIET))
         # Against what another wheel measures it helps nothing to spin evenly.
         even = carried is not None and (self._follows >= _FOLLOWS or self.calm >= _PATIENCE)
         return self._ends(now, number, even)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import WHEEL_ANGLE
 from hubodo.fuse.wheel.fixed_lag import gain
+from hubodo.fuse.wheel.lost_wheels import LostWheels
 from hubodo.fuse.wheel.records import Kept, Pose, Step
 from hubodo.fuse.wheel.step import WheelStep
 
@@ -35,14 +36,12 @@ class _Record(NamedTuple):
     transition: Array
 
 
-def smooth(
-    config: WheelConfig, steps: Sequence[Step], needed: int, slipped: Mapping[int, tuple[bool, ...]]
-) -> list[Pose]:
+def smooth(config: WheelConfig, steps: Sequence[Step], needed: int, slips: LostWheels) -> list[Pose]:
     """Poses of all steps, each from the whole log.
 
-    needed: windows the filter began with; slipped: as it found them.
+    needed: windows the filter began with; slips: as it found them.
     """
-    core = WheelStep(config, slipped)
+    core = WheelStep(config, slips)
     core.begin([step.windows for step in steps if not step.listen])
     copies = []
     for index, step in enumerate(steps):

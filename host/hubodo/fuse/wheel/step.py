@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from operator import itemgetter
 
@@ -16,6 +16,7 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import EXCESS, HEADING, SPEED, TRACK_WIDTH, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.excess import carried, keep_upright
 from hubodo.fuse.wheel.hindsight import Hindsight, Past
+from hubodo.fuse.wheel.lost_wheels import LostWheels
 from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady, surface_speed
 from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
 from hubodo.fuse.wheel.propagation import WheelMotion
@@ -49,8 +50,8 @@ class WheelStep(StateVector):
     ways.
     """
 
-    def __init__(self, config: WheelConfig, slipped: Mapping[int, tuple[bool, ...]] | None = None) -> None:
-        """slipped: which wheels spin by themselves, by number of the window; None: that is to be found."""
+    def __init__(self, config: WheelConfig, told: LostWheels | None = None) -> None:
+        """told: which wheels spin by themselves; None: that is to be found."""
         begin = initial_state(config)
         super().__init__(begin)
         self.config = config
@@ -58,12 +59,12 @@ class WheelStep(StateVector):
         self.steps = self.windows = 0
         self.keep = False
         self.kept = Kept([], np.empty(0), [], [], np.empty(0))
-        self.slipped: dict[int, tuple[bool, ...]] = {}
+        self.slips = told or LostWheels()
         self.silences = Silences()
         self._shortening = Shortening()
         self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
         self.carrying = False
-        self._update = WheelUpdate(config, begin.columns, pushed=slipped is None)
+        self._update = WheelUpdate(config, begin.columns, pushed=told is None)
         self._motion = WheelMotion(config, begin)
         self._over_silence = SilenceMotion(config, begin)
         self._timeless = False
@@ -75,7 +76,7 @@ class WheelStep(StateVector):
         self._covariance = np.array(
             [[row * len(self.x) + column for column in self.pose] for row in self.pose]
         )
-        self._told = slipped
+        self._searching = told is None
         self._hindsight = Hindsight(WindowNoise(config.noise, config.radius))
         self._tape = len(self.wheels) == 2 and TRACK_WIDTH not in config.known and not config.told
 
@@ -118,17 +119,18 @@ class WheelStep(StateVector):
             self._hindsight.forget()
         pairs = self._carried(pairs, renewed)
         stills = each_still(pairs, self.x, self.p)
-        if self._told is None:
-            lost = tuple(wheel.grip.lost for wheel in self.wheels)
-        else:
-            lost = self._told.get(step.number, (False,) * len(self.wheels))
+        if self._searching:
+            for index, wheel in enumerate(self.wheels):
+                if wheel.grip.lost:
+                    self.slips.mark(index, range(step.number, step.number + 1), len(self.wheels))
         if self.silences.open:
             self._hindsight.forget()
+            lost = self.slips.of(step.number, len(self.wheels))
             self.silences.look(self.p, self._at, pairs, least_still(stills, lost))
-        if self._told is None:
+        if self._searching:
             self._hindsight.keep(Past(step.number, pairs, stills, list(self.x), self.p.copy()))
-        found = self.work_in(step.number, pairs, stills, lost, renewed, told)
-        if self._told is None:
+        found = self.work_in(step.number, pairs, stills, renewed, told)
+        if self._searching:
             found = self._hindsight.judge(self, found)
         if step.speeds is not None:
             self._roll(step.speeds)
@@ -224,21 +226,23 @@ class WheelStep(StateVector):
         number: int,
         pairs: Pairs,
         stills: Sequence[Stillness],
-        lost: tuple[bool, ...],
         renewed: Sequence[int] = (),
         told: bool = False,
     ) -> Updated:
         """Takes the states to a window, and the window into the states.
 
-        lost: which wheels spin by themselves. renewed: the states that were begun anew before. told: whether
-        another odometer tells what the wheels do.
+        renewed: the states that were begun anew before. told: whether another odometer tells what the wheels
+        do.
         """
         stillness, carries = Stillness.MOVING, False
+        lost = self.slips.of(number, len(self.wheels))
         for wheel, away in zip(self.wheels, lost, strict=True):
             wheel.away = away
         if any(lost):
             carries = not any(wheel.rolls(window) for wheel, window in pairs)
-            self.slipped[number] = lost
+        if number in self.slips.doubt:
+            speed = self._at[SPEED]
+            self.p[speed, speed] += self.slips.doubt[number]
         # The window in which a wheel is back tells how wrong the speed was that was carried until then.
         carry, self.carrying = carries or self.carrying, carries
         if not carry:

@@ -148,10 +148,10 @@ def run(
         return alone
     steps = made.steps or []
     if lag >= len(steps) * WINDOW > 0.0:
-        poses = smoother.smooth(config, steps, LISTENED, made.core.slipped)
+        poses = smoother.smooth(config, steps, LISTENED, made.core.slips)
     elif lag > 0.0:
         ahead = math.ceil(lag / WINDOW - 1e-9)
-        poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slipped)
+        poses = smooth_with_lag(config, steps, LISTENED, ahead, made.core.slips)
     track = collect(poses)
     if len(made.core.wheels) == 1 and backwards(made.core.wheels[0]):
         track = replace(track, covariance=_mirrored(track))
@@ -246,7 +246,7 @@ def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelRepor
     nodes = {wheel.name: _quantities(made, wheel, OF_WHEEL) for wheel in wheels}
     counts = {
         wheel.name: {
-            "windows_slipping": wheel.slips + sum(away[index] for away in made.core.slipped.values()),
+            "windows_slipping": wheel.slips + made.core.slips.windows(index),
             "windows_clipped": wheel.clipped,
             "windows_unheard": wheel.unheard_in_all,
             "samples_refused": made.refused[wheel.name],

@@ -153,7 +153,7 @@ class _Drive:
             raise CalibrationError(f"{count} positions in the time of the nodes; at least ten are needed")
         self.steps: Sequence[Step] = first.steps
         # Told where it is, a filter cannot go back to where a slip began: they are those of the drive itself.
-        self.slipped = first.core.slipped
+        self.slips = first.core.slips
         self.track = collect(poses)
         self.warnings = report(first, self.track).warnings
         check_axes(self.track, told)
@@ -175,7 +175,7 @@ class _Drive:
     def tell(self, told: Positions, slow: float) -> Told:
         """The filter with wide priors, told positions."""
         random = np.interp(told.t, self.told.t, self.random)
-        return tell(self._wide, self.steps, told, random, slow, self._origin, self.slipped)
+        return tell(self._wide, self.steps, told, random, slow, self._origin, self.slips)
 
     def largest_slow_error(self) -> float:
         """The largest size of the slow error, m, under which the positions are not unlikely.
@@ -218,7 +218,7 @@ class _Drive:
             for name, node in self._plain.nodes.items()
         }
         vehicle = known_of(OF_VEHICLE, _effects(found.vehicle, {}), "left")
-        learnt = WheelStep(_known(self._plain, nodes, vehicle), self.slipped)
+        learnt = WheelStep(_known(self._plain, nodes, vehicle), self.slips)
         learnt.begin([step.windows for step in self.steps if not step.listen])
         poses: list[Pose] = []
         for step in self.steps:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import ANTENNA_X, ANTENNA_Y, POSITION_ERROR_X, POSITION_ERROR_Y, Entry, X, Y
 from hubodo.fuse.wheel.filter import LISTENED
+from hubodo.fuse.wheel.lost_wheels import LostWheels
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.records import Step
 from hubodo.fuse.wheel.step import WheelStep
@@ -54,15 +55,15 @@ def tell(
     random: Array,
     slow: float,
     origin: complex,
-    slipped: Mapping[int, tuple[bool, ...]],
+    slips: LostWheels,
 ) -> Told:
     """Runs the steps with each position worked in at the end of its window.
 
     random: (M,) m, 1 sigma of what is random in each position; slow: m, 1 sigma of what changes slowly.
-    origin: x + iy, m, where the first step begins, but for the antenna. slipped: which wheels spin by
+    origin: x + iy, m, where the first step begins, but for the antenna. slips: which wheels spin by
     themselves, by number of the window.
     """
-    core = WheelStep(replace(config, told=True, known={**config.known, **_around(told, slow)}), slipped)
+    core = WheelStep(replace(config, told=True, known={**config.known, **_around(told, slow)}), slips)
     ends = _at_their_windows(steps, told)
     for entry, value in ((X, origin.real), (Y, origin.imag)):
         place = core.columns.vehicle[entry]

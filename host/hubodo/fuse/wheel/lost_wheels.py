@@ -1,0 +1,47 @@
+"""Which wheels spin by themselves, window by window, and how far the speed is doubted meanwhile."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass
+class LostWheels:
+    """What one look at the windows finds and the next is told: a step back in time, or a smoother.
+
+    lost: by number of the window, of each wheel whether it is; a window without any is not in it. doubt:
+    (m/s)² by which the variance of the speed grows in a window beside what it does anyway, by its number.
+    """
+
+    lost: dict[int, tuple[bool, ...]] = field(default_factory=dict)
+    doubt: dict[int, float] = field(default_factory=dict)
+
+    def mark(self, wheel: int, numbers: range, wheels: int, lost: bool = True) -> None:
+        """That one of so many wheels was lost in these windows, or was not."""
+        for number in numbers:
+            away = list(self.lost.pop(number, (False,) * wheels))
+            away[wheel] = lost
+            if any(away):
+                self.lost[number] = tuple(away)
+
+    def doubt_speed(self, numbers: range, wrong: float) -> None:
+        """That the speed was wrong in the end, (m/s)², after it had been carried through these windows.
+
+        It has become so at a time that nobody knows: in equal parts in all of them, a random walk. Between
+        both ends that is a Brownian bridge, whose variance is that of a jump at a time that is uniformly
+        distributed.
+        """
+        for number in numbers:
+            self.doubt[number] = self.doubt.get(number, 0.0) + wrong / len(numbers)
+
+    def windows(self, wheel: int) -> int:
+        """In how many it was lost."""
+        return sum(away[wheel] for away in self.lost.values())
+
+    def all_before(self, number: int) -> bool:
+        """Whether nothing but accelerometers told the speed in the window before."""
+        return all(self.lost.get(number - 1, (False,)))
+
+    def of(self, number: int, wheels: int) -> tuple[bool, ...]:
+        """Of each of so many wheels, whether it is lost in a window."""
+        return self.lost.get(number, (False,) * wheels)
