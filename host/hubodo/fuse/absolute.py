@@ -52,7 +52,7 @@ def absolute_track(
     # Fixes tell the heading themselves; that of a truth that stands still may be anything.
     if heading is not None and fixes is None:
         config = replace(config, start_heading=heading)
-    found = fuse_graph(path_of(odometry.track), fixes, headings, config)
+    found = fuse_graph(path_of(odometry.track, odometry.loose), fixes, headings, config)
     prior = asdict(config.constants)
     seen = {
         name: {"value": q.value, "sigma": q.sigma}

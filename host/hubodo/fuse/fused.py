@@ -106,8 +106,16 @@ def fuse_recording(
     and CalibrationError as `wheel_odometry` and `absolute_track` do, and for samples in wrong units.
     """
     check_units(recording, vehicle.nodes, log)
+    graph = graph and (recording.gnss is not None or recording.heading is not None)
     odometry = wheel_odometry(
-        recording, vehicle, log=log, method=method, nodes=nodes, calibration=calibration, lag=lag
+        recording,
+        vehicle,
+        log=log,
+        method=method,
+        nodes=nodes,
+        calibration=calibration,
+        lag=lag,
+        for_graph=graph,
     )
     antenna = antenna or vehicle.antenna or (0.0, 0.0)
     absolute = absolute_track(recording, odometry, antenna) if graph else None

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
@@ -20,6 +21,7 @@ from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
+from hubodo.fuse.wheel.loose_way import loose_way
 from hubodo.fuse.wheel.node_screening import screened
 from hubodo.fuse.wheel.node_times import check_times
 from hubodo.fuse.wheel.surface_speeds import surface_speeds
@@ -41,7 +43,7 @@ class WheelOdometry:
 
     nodes: the names used. method: in words. learnt: what the estimator found, as fuse.json has it. warnings:
     one line each. constants: what the graph is to expect of its errors. full: the filter's own track, None
-    for differential odometry.
+    for differential odometry. loose: of its steps, as the graph takes it.
     """
 
     track: Track
@@ -51,6 +53,11 @@ class WheelOdometry:
     warnings: tuple[str, ...] = ()
     constants: ConstantSigmas = field(default_factory=of_wheel_speeds)
     full: WheelTrack | None = field(default=None, repr=False)
+
+    @property
+    def loose(self) -> Array | None:
+        """(N - 1,) m² of the steps of `track`; None for differential odometry."""
+        return None if self.full is None else np.append(0.0, loose_way(self.full))
 
 
 def wheel_nodes(
@@ -103,13 +110,15 @@ def wheel_odometry(
     nodes: Sequence[str] | None = None,
     calibration: Calibration | None = None,
     lag: float = 0.0,
+    for_graph: bool = False,
 ) -> WheelOdometry:
     """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
 
     A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track; beside
     nodes the wheel filter measures by them.
 
-    lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone.
+    lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone. for_graph:
+    whether a graph looks at the whole log, anyway: a slip that was found late is then smoothed.
     calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
     that a node told of itself where the calibration has none. Raises InputError for nodes that are missing,
     for two on one wheel, and for a log too short, CalibrationError for a calibration of another node.
@@ -136,7 +145,7 @@ def wheel_odometry(
     if method == "differential":
         return _differential(recording, vehicle, names, log)
     calibration, told_bias = with_node_biases(calibration, recording, names)
-    made = _filtered(recording, vehicle, names, log, calibration, lag, ranges)
+    made = _filtered(recording, vehicle, names, log, calibration, (lag, for_graph), ranges)
     if told_bias:
         made = replace(made, learnt={**made.learnt, "bias_from_node": list(told_bias)})
     warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
@@ -165,7 +174,7 @@ def _filtered(
     names: tuple[str, ...],
     log: str,
     calibration: Calibration | None,
-    lag: float,
+    looks: tuple[float, bool],
     ranges: Mapping[str, NodeRanges],
 ) -> WheelOdometry:
     """The wheel filter on nodes of a recording whose samples are calibrated."""
@@ -178,7 +187,11 @@ def _filtered(
         config = wheel_config(located(vehicle, recording), list(names), calibration, ranges)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
-        result = run(replace(config, encoder=bool(speeds)), used_nodes, lag, speeds)
+        config = replace(config, encoder=bool(speeds))
+        lag, for_graph = looks
+        result = run(config, used_nodes, lag, speeds)
+        if for_graph and lag == 0.0 and result.filter.core.slips.doubt:
+            result = run(config, used_nodes, math.inf, speeds)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()

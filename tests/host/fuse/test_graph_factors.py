@@ -192,18 +192,17 @@ STRAIGHT = OdometryPath(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5),
 ENDS = np.array([0.0, 0.75, 2.0])
 
 
-def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_what_is_random():
-    """Straight on, so that forward adds up: 1.5 steps and 2.5 of four, each with variances of its own."""
-    forward, left = np.array([1.0, 2.0, 4.0, 8.0]), np.array([3.0, 5.0, 7.0, 9.0])
-    told = replace(
-        STRAIGHT, covariance=np.array([np.diag([a, b, 0.0]) for a, b in zip(forward, left, strict=True)])
-    )
-    steps = cut_path(told, ENDS, StepNoise()).steps
-    np.testing.assert_allclose(steps.covariance[:, 0, 0], [2.0, 13.0], rtol=1e-6)
-    np.testing.assert_allclose(steps.covariance[:, 1, 1], [5.5, 18.5], rtol=1e-6)
-    twice = cut_path(told, ENDS, StepNoise(times=(2.0, 3.0, 1.0))).steps
-    np.testing.assert_allclose(twice.covariance[:, 0, 0], [8.0, 52.0], rtol=1e-6)
-    np.testing.assert_allclose(twice.covariance[:, 1, 1], [49.5, 166.5], rtol=1e-6)
+def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_loose_it_is():
+    """Straight on, so that it adds up: 1.5 steps and 2.5 of four, beside what wheels that roll leave open."""
+    loose = replace(STRAIGHT, loose=np.array([1.0, 2.0, 4.0, 8.0]))
+    for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
+        rolled, told = (cut_path(path, ENDS, StepNoise(times=times)).steps for path in (STRAIGHT, loose))
+        beyond = told.covariance - rolled.covariance
+        np.testing.assert_allclose(beyond[:, 0, 0], [2.0, 13.0])
+        np.testing.assert_allclose(beyond[:, 1, 1], [2.0, 13.0])
+        np.testing.assert_allclose(beyond[:, 2, 2], 0.0, atol=1e-12)
+    with pytest.raises(ValueError, match="loose"):
+        replace(STRAIGHT, loose=np.zeros(5))
 
 
 def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_stretch():

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from accuracy.slip import CASES, made
+from accuracy.slip import CASES, made, with_fixes
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.hindsight import Hindsight
+from hubodo.fuse.wheel.loose_way import loose_way
 from hubodo.fuse.wheel.lost_wheels import LostWheels
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import WheelTrack, run
 from wheel_runs import config, pose_error, tables
 
 ENTRIES = (X, Y, HEADING, SPEED)
@@ -105,6 +106,27 @@ def test_smoothing_knows_the_way_through_such_a_slip(
             assert found[1] < 1.2 and found[0] < chi2.ppf(0.999, 3)
     worst = max(_at(drive, tracks[0.0], start + 3.0)[0] for drive, start, tracks in ran_out)
     assert worst > 500.0, "nothing was hidden from the track of the moment"
+
+
+def test_beside_fixes_a_slip_that_began_unseen_costs_no_more_than_what_they_err_by() -> None:
+    """Fixes of 1 m at 2 Hz. The graph had been told such a way as if the wheels had rolled it: 6 to 21 m."""
+    found = [
+        with_fixes(CASES["one wheel, lifted 6 s, runs out in 3 s"], seed) for seed in (110, 111, 300, 302)
+    ]
+    print(found)
+    assert all(off < 2.0 and 0.1 < honest < 4.0 for off, honest in found)
+
+
+def test_a_way_is_loose_by_what_it_jumps_and_by_what_grows_as_no_wheel_tells_the_speed() -> None:
+    """2 m/s straight on; 3 m back in the fourth step; a second of silence; a step that is carried."""
+    t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 1.4, 1.5, 1.6])
+    x = 2.0 * t - 3.0 * (t > 0.35)
+    covariance = np.zeros((8, 5, 5))
+    covariance[:, 0, 0] = covariance[:, 1, 1] = 0.1 * np.arange(8)
+    nothing = np.zeros(8)
+    carrying = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    track = WheelTrack(t, x, nothing, nothing, 2.0 + nothing, nothing, covariance, *[nothing] * 3, carrying)
+    assert loose_way(track) == pytest.approx([0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12)
 
 
 def _at(drive: Any, track: Any, t: float) -> tuple[float, float]:

@@ -17,7 +17,7 @@ from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import NAMES
-from hubodo.fuse.graph.factors.factor import Factor
+from hubodo.fuse.graph.factors.factor import Factor, Linear
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes, one_fix
 from hubodo.fuse.graph.sensor_samples import SensorSamples
@@ -110,18 +110,13 @@ class LiveGraph:
         """One line for each thing worth knowing so far."""
         return tuple(self._warnings)
 
-    def odometry(
-        self, t: float, x: float, y: float, heading: float, covariance: Array | None = None
-    ) -> Reception:
-        """A pose of the odometry.
-
-        covariance: (3, 3) of what is random since the one before, as OdometryPath's.
-        """
+    def odometry(self, t: float, x: float, y: float, heading: float, loose: float = 0.0) -> Reception:
+        """A pose of the odometry; loose: m², of the way since the one before, as OdometryPath's."""
         if not all(math.isfinite(v) for v in (t, x, y, heading)):
             return Reception.IMPOSSIBLE
         if t <= self._trail.newest:
             return Reception.LATE
-        self._trail.add((t, x, y, heading), covariance)
+        self._trail.add((t, x, y, heading), loose)
         if self._underway is None:
             self._start(t)
         else:
@@ -235,7 +230,7 @@ class LiveGraph:
             self._extend(underway, float(underway.window.state_t[-1]) + knot, [])
         window = underway.window
         cut = self._trail.cut(float(window.state_t[-1]), t, underway.noise)
-        pose, _ = _carried(window, cut)
+        pose, covariance = _carried(window, cut)
         factors: list[Factor] = [BetweenFactors.of(cut.steps)]
         weight = None
         for sample in samples:
@@ -244,6 +239,10 @@ class LiveGraph:
                 fix = local.factors(cut, self._config)
                 item = fix.linear(np.stack([window.poses[-1], pose]), window.constants)
                 weight = float(fix.loss.weight(item.squares)[0])
+                if weight == 0.0:
+                    # Beyond what a receiver errs by, but not beyond what the odometry may have.
+                    pose, nis = _met(pose, covariance, item)
+                    weight = float(fix.loss.weight(np.array([nis]))[0])
                 factors.append(fix)
             elif (factor := sample.factors(cut, self._config)) is not None:
                 factors.append(factor)
@@ -267,6 +266,14 @@ class LiveGraph:
             self._warnings.append(
                 f"gnss: a fix at t = {t:.1f} s jumped; fixes after t = {underway.fix_t:.1f} s are refused"
             )
+
+
+def _met(pose: Array, covariance: Array, fix: Linear) -> tuple[Array, float]:
+    """The pose of an odometry of this covariance, (3, 3), with a fix; the squared innovation in sigmas."""
+    h, residual = fix.by_state[0], fix.residual[0]
+    innovation = h @ covariance @ h.T + np.eye(2)
+    weighted = np.linalg.solve(innovation, residual)
+    return pose - covariance @ h.T @ weighted, float(residual @ weighted)
 
 
 def _carried(window: PoseWindow, cut: CutPath) -> tuple[Array, Array]:

@@ -17,16 +17,15 @@ from hubodo.fuse.track import Track
 class OdometryPath:
     """Poses of an odometry, N of them at any rate, in its own frame.
 
-    t: s, strictly increasing; x, y: m; heading: rad (wrapped or not). covariance: (N - 1, 3, 3) of what is
-    random in each increment: forward and left (m) and heading (rad), in axes of the earlier pose; None:
-    StepNoise tells. Errors that last for the drive do not belong in it: the graph solves for them.
+    t: s, strictly increasing; x, y: m; heading: rad (wrapped or not). loose: (N - 1,) m², variance of each
+    increment, in any direction, beyond what StepNoise tells; None: there is none.
     """
 
     t: Array
     x: Array
     y: Array
     heading: Array
-    covariance: Array | None = None
+    loose: Array | None = None
 
     def __post_init__(self) -> None:
         n = len(self.t)
@@ -36,13 +35,13 @@ class OdometryPath:
             )
         if not all(np.isfinite(v).all() and v.shape == (n,) for v in (self.x, self.y, self.heading)):
             raise InputError("odometry has poses that are missing or not finite; check the nodes")
-        if self.covariance is not None and self.covariance.shape != (n - 1, 3, 3):
-            raise ValueError(f"covariance has shape {self.covariance.shape}, not {(n - 1, 3, 3)}")
+        if self.loose is not None and self.loose.shape != (n - 1,):
+            raise ValueError(f"loose has shape {self.loose.shape}, not {(n - 1,)}")
 
 
-def path_of(track: Track, covariance: Array | None = None) -> OdometryPath:
+def path_of(track: Track, loose: Array | None = None) -> OdometryPath:
     """A track as odometry."""
-    return OdometryPath(track.t, track.x, track.y, track.heading, covariance)
+    return OdometryPath(track.t, track.x, track.y, track.heading, loose)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,16 +162,17 @@ def _covariance(
     dt = np.diff(t)
     own = np.searchsorted(path.t, 0.5 * (t[:-1] + t[1:])) - 1
     length = np.diff(path.t)[own]
-    if path.covariance is not None:
-        q = path.covariance[own] * (dt / length)[:, None, None]
-    else:
-        q = np.zeros((len(way), 3, 3))
-        rolled = np.abs(way)
-        hole = np.where(length >= noise.gap, length**2 / 12.0 * dt, 0.0)
-        q[:, 0, 0] = noise.along**2 * rolled + noise.speed_walk**2 * hole
-        q[:, 1, 1] = noise.sideways**2 * rolled
-        q[:, 2, 2] = noise.heading**2 * dt + noise.heading_way**2 * rolled + noise.yaw_walk**2 * hole
+    q = np.zeros((len(way), 3, 3))
+    rolled = np.abs(way)
+    hole = np.where(length >= noise.gap, length**2 / 12.0 * dt, 0.0)
+    q[:, 0, 0] = noise.along**2 * rolled + noise.speed_walk**2 * hole
+    q[:, 1, 1] = noise.sideways**2 * rolled
+    q[:, 2, 2] = noise.heading**2 * dt + noise.heading_way**2 * rolled + noise.yaw_walk**2 * hole
     q = q * np.outer(noise.times, noise.times)
+    if path.loose is not None:
+        # What a drive's fixes say of wheels that roll is not said of wheels that do not.
+        q[:, 0, 0] += path.loose[own] * dt / length
+        q[:, 1, 1] += path.loose[own] * dt / length
     total = np.cumsum(moves)
     base = (total - moves)[first]
     # A turn within a step swings half of it, on average.

@@ -34,7 +34,8 @@ class Pose(NamedTuple):
 
     t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the window. covariance:
     (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still. nis, degrees: squared
-    innovations of the step over their variance, and how many there were.
+    innovations of the step over their variance, and how many there were. carrying: whether no wheel told the
+    speed, but the accelerometers.
     """
 
     t: float
@@ -47,6 +48,7 @@ class Pose(NamedTuple):
     still: Stillness
     nis: float
     degrees: int
+    carrying: bool = False
 
 
 class Kept(NamedTuple):

@@ -173,7 +173,7 @@ class WheelStep(StateVector):
         if not self.carrying:
             self.fastest = max(self.fastest, abs(speed))
         covariance[:2, :2] += self._shortening.covariance
-        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees)
+        return Pose(end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees, self.carrying)
 
     # -- silence --------------------------------------------------------------------------------------------
 

@@ -38,7 +38,8 @@ class WheelTrack:
 
     t: s on the log's clock. x, y: m from the start; heading: rad, unwrapped. speed: m/s and yaw_rate: rad/s,
     means of the tenth of a second that ends at t. covariance: (N, 5, 5) of x, y, heading, speed, yaw_rate.
-    still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of each step.
+    still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of each step. carrying: 1 where no wheel told the
+    speed.
     """
 
     t: Array
@@ -51,6 +52,7 @@ class WheelTrack:
     still: Array
     nis: Array
     degrees: Array
+    carrying: Array
 
     def plain(self) -> Track:
         """The same as the common track: no yaw rate, sigmas instead of covariances."""
@@ -230,7 +232,8 @@ def collect(poses: Sequence[Pose]) -> WheelTrack:
     still = np.array([pose.still for pose in poses], np.float64)
     nis = np.array([pose.nis for pose in poses])
     degrees = np.array([pose.degrees for pose in poses], np.float64)
-    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees)
+    carrying = np.array([pose.carrying for pose in poses], np.float64)
+    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees, carrying)
 
 
 def report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:

@@ -18,7 +18,9 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
+from hubodo.fuse.wheel.loose_way import loose_way
 from hubodo.fuse.wheel.records import Pose
+from hubodo.fuse.wheel.track import collect
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
 from hubodo.log.timebase import to_seconds
@@ -96,6 +98,7 @@ class Localizer:
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0
+        self._pose: Pose | None = None
 
     def fix(self, fix: FixSample) -> None:
         """A GNSS fix; those older than the newest pose of the graph are too late and left out."""
@@ -104,7 +107,9 @@ class Localizer:
 
     def odometry(self, pose: Pose) -> Located | None:
         """A pose of the wheel filter, at the end of a window; None while the heading is not known."""
-        self._graph.odometry(pose.t, pose.x, pose.y, pose.heading)
+        loose = 0.0 if self._pose is None else float(loose_way(collect([self._pose, pose]))[0])
+        self._pose = pose
+        self._graph.odometry(pose.t, pose.x, pose.y, pose.heading, loose)
         state = self._graph.state()
         if state is None or state.t != pose.t:
             return None
