@@ -15,8 +15,8 @@ from gap_runs import gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
 
-# Half the usual rate: as many nats show as much in half the time.
-SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 60.0, 50.0
+# The shortest drive that the generator makes, at half the usual rate: as many nats show as much in less time.
+SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 33.0, 50.0
 
 
 @pytest.fixture(autouse=True)
@@ -37,9 +37,9 @@ def test_an_effect_that_nobody_listed_gets_its_formula_and_is_found_again_by_its
     assert max(map(abs, score.pulls)) < 3.0, score.pulls
 
 
-@pytest.mark.parametrize("listed", [[], ["lever_arm"], ["gyro_nonorthogonality"]])
+@pytest.mark.parametrize("listed", ["lever_arm", "gyro_nonorthogonality"])
 def test_no_effect_is_made_of_a_log_that_the_list_explains(listed, tmp_path):
-    make(tmp_path / "case", SEED, listed, "strong", duration=SECONDS, rate_hz=RATE_HZ)
+    make(tmp_path / "case", SEED, [listed], "strong", duration=SECONDS, rate_hz=RATE_HZ)
     assert scaffolded(tmp_path / "case", "nothing") is None
 
 
