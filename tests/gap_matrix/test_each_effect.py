@@ -26,7 +26,7 @@ class FoundOne(Exception):
 
 
 def first_named(folder):
-    """(effect, scope) that a search adds first, None where it adds nothing. Alone, it would stay to the end."""
+    """(effect, scope) that a search adds first, None where it adds nothing: alone, it stays to the end."""
 
     def stop(found: SearchResult) -> None:
         raise FoundOne(found)

@@ -72,7 +72,7 @@ def test_logs_with_nothing_hidden_have_p_values_that_are_not_small(tmp_path):
     """The best of all effects in each of ten drives: one in ten of a fair test is below 0.1."""
     smallest = []
     for seed in range(40, 50):
-        make(tmp_path / str(seed), seed, [], duration=60.0, rate_hz=50.0)
+        make(tmp_path / str(seed), seed, [], duration=33.0, rate_hz=50.0)
         problem = build(read_folder(tmp_path / str(seed)), read_model(tmp_path / str(seed) / "model.toml"))
         state, _ = track_wheel_phase(initial_state(problem))
         made = screen(Point(state, own_weights(state)))
@@ -103,6 +103,6 @@ def test_with_a_coarse_and_noisy_reference_a_radius_is_still_a_radius(tmp_path, 
     Without that, a scale factor of the gyro seems to fit better.
     """
     monkeypatch.setattr(cases, "REFERENCE_STEP", 0.1)
-    make(tmp_path / "log", 11, ["wheel_radius"], factor=3.0, duration=60.0, rate_hz=50.0, speed_noise=0.01)
+    make(tmp_path / "log", 11, ["wheel_radius"], factor=3.0, duration=33.0, rate_hz=50.0, speed_noise=0.01)
     made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
     assert [it["effect"] for it in made.result["found"]] == ["wheel_radius"]

@@ -25,7 +25,7 @@ LEFT = ("gap.json", "model.toml", "report.html", "unfinished.jsonl")
 def case(tmp_path_factory):
     """A folder in which two effects are hidden."""
     folder = tmp_path_factory.mktemp("two")
-    make(folder, SEED, list(HIDDEN), "strong", scope="left", duration=40.0, rate_hz=50.0)
+    make(folder, SEED, list(HIDDEN), "strong", scope="left", duration=40.0, rate_hz=30.0)
     return folder
 
 
@@ -115,9 +115,8 @@ def test_a_search_that_is_stopped_before_it_found_anything_leaves_nothing(stoppe
     assert not left.folder.exists()
 
 
-@pytest.mark.parametrize("stop_at", [2, 4])
-def test_with_resume_it_ends_as_if_it_had_never_been_stopped(case, whole, stopped, rounds, tmp_path, stop_at):
-    first = stopped(stop_at, tmp_path / "out")
+def test_with_resume_it_ends_as_if_it_had_never_been_stopped(case, whole, stopped, rounds, tmp_path):
+    first = stopped(4, tmp_path / "out")
     assert first.code == 130
     found = names(first)
     made = gap(tmp_path / "out", case / "model.toml", case, *WORDS, "--resume")
