@@ -104,6 +104,7 @@ def test_several_sensors_make_one_table_one_figure_and_one_page_with_a_data_shee
     out = capsys.readouterr().out
     for name in ("a.csv a gz", "b.csv b gz", "MY1, data sheet"):
         assert name in out
+    assert picture.read_bytes().startswith(b"<?xml")
     text = page.read_text("utf-8")
     assert len(text) < 1_000_000
     assert "What to do" in text and "MPU-6050, data sheet" in text and text.count("<svg") == 3

@@ -130,10 +130,13 @@ def test_the_calibration_of_another_node_is_refused(tmp_path):
 def test_a_page_is_not_overwritten_unless_asked(tmp_path):
     recording = Recording({"left": still_node(np.random.default_rng(1), 10.0)})
     write_folder(recording, tmp_path / "csv")
-    report(tmp_path / "csv", "-o", tmp_path / "r.html")
+    page = tmp_path / "r.html"
+    page.write_text("mine", "utf-8")
     with pytest.raises(InputError, match="--force"):
-        report(tmp_path / "csv", "-o", tmp_path / "r.html")
-    report(tmp_path / "csv", "-o", tmp_path / "r.html", "--force")
+        report(tmp_path / "csv", "-o", page)
+    assert page.read_text("utf-8") == "mine"
+    report(tmp_path / "csv", "-o", page, "--force")
+    assert "What was found" in page.read_text("utf-8")
     shutil.rmtree(tmp_path / "csv")
     with pytest.raises(InputError, match="folder"):
         report(tmp_path / "csv", "-o", tmp_path / "no" / "r.html")
