@@ -106,6 +106,7 @@ def test_several_sensors_make_one_table_one_figure_and_one_page_with_a_data_shee
         assert name in out
     assert picture.read_bytes().startswith(b"<?xml")
     text = page.read_text("utf-8")
+    assert ">10⁻³<" in text and "10^{" not in text
     assert len(text) < 1_000_000
     assert "What to do" in text and "MPU-6050, data sheet" in text and text.count("<svg") == 3
     # What is used by its name within a figure has that name nowhere else on the page.
