@@ -119,10 +119,9 @@ class WindowSums:
             samples = slice(share.edges[inside.start], share.edges[inside.stop])
             rows = _rows(share, samples)
             if (counts[inside] != most).any():
-                at = share.edges[inside, None] - samples.start + np.arange(most)
                 there = np.arange(most) < counts[inside, None]
                 padded = np.zeros((*there.shape, *rows.shape[1:]), np.float32)
-                padded[there] = rows[at[there]]
+                padded[there] = rows
                 rows = padded
             yield inside, rows.reshape(inside.stop - inside.start, 6 * most, width)
 

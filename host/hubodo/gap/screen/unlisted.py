@@ -65,11 +65,12 @@ def unlisted(point: Point) -> list[Structure]:
         weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
         z = winsorised((residual.value - point.of_inputs[name]) * weight)
         present = {effect.name for effect in residual.effects}
+        edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
         fixed = [*LIBRARY, *_tones(node, z), *_steps(node, z)]
         for expression in fixed:
             if not node.on_wheel and "theta" in expression:
                 continue
-            found = _tried(node, chain, expression, z, weight)
+            found = _tried(node, chain, expression, z, weight, edges)
             if found is not None and found.term.effect.name not in present:
                 made.append(found)
     return sorted(made, key=lambda it: -it.evidence)
@@ -84,22 +85,23 @@ def scene(node: NodeData, reading: Reading) -> Chain:
     return chain
 
 
-def _tried(node: NodeData, chain: Chain, expression: str, z: Array, weight: Array) -> Structure | None:
-    """The term on those channels of the node where it pays."""
+def _tried(
+    node: NodeData, chain: Chain, expression: str, z: Array, weight: Array, edges: NDArray[np.intp]
+) -> Structure | None:
+    """The term on those channels of the node where it pays. edges: first samples of blocks."""
     made = np.stack(columns(expression, chain))
     size = np.sqrt([[np.mean(column**2)] for column in made])
     if not np.all(size > 0.0):
         return None
     made /= size
     weighted = np.empty_like(made)
-    edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
     channels, shares, paid = [], [], 0.0
     cost = 0.5 * len(made) * log(len(node.t) / 4.0)
     for row in np.flatnonzero(node.used):
         if row < 3 and expression in _GYRO_NAMED:
             continue
-        gain = _gain(np.multiply(made, weight[row], out=weighted), z[row], edges)
-        if gain > cost + 3.0:
+        gain = _gain(np.multiply(made, weight[row], out=weighted), z[row], edges, cost + 3.0)
+        if gain > 0.0:
             channels.append(CHANNELS[row])
             shares.append(gain)
             paid += gain - cost
@@ -115,20 +117,25 @@ def _tried(node: NodeData, chain: Chain, expression: str, z: Array, weight: Arra
     )
 
 
-def _gain(made: Array, z: Array, edges: NDArray[np.intp]) -> float:
-    """Gain of ln likelihood, less where the scores of blocks scatter more than independent samples would."""
+def _gain(made: Array, z: Array, edges: NDArray[np.intp], least: float) -> float:
+    """Gain of ln likelihood, less where the scores of blocks scatter more than independent samples would.
+
+    Zero where that is not more than `least`.
+    """
     inner = made @ made.T
     values, vectors = np.linalg.eigh(inner)
     if values[0] <= 1e-9 * values[-1]:
         return 0.0
-    half = (vectors / np.sqrt(values)).T @ made
+    turned = (vectors / np.sqrt(values)).T
+    if 0.5 * float(np.sum((turned @ (made @ z)) ** 2)) <= least:
+        return 0.0
+    half = turned @ made
     along = half @ z
     plain = 0.5 * float(along @ along)
-    if plain < 4.0:
-        return plain
     half *= z - along @ half
     scores = np.add.reduceat(half, edges, axis=1)
-    return plain / max(1.0, float(np.sum(scores**2)) / len(half))
+    gain = plain / max(1.0, float(np.sum(scores**2)) / len(half))
+    return gain if gain > least else 0.0
 
 
 def _tones(node: NodeData, z: Array) -> list[str]:
