@@ -8,26 +8,28 @@ class NotSmall(AssertionError):
 
 
 class SmallInt(int):
-    """Every result of arithmetic is a SmallInt again, or NotSmall is raised; `widest` is the largest seen."""
+    """Every result of arithmetic is a SmallInt again, or NotSmall is raised; `widest` is the largest of `of`."""
 
     widest = 0
 
     @classmethod
     def of(cls, value):
-        if value is NotImplemented:
-            return value
-        if not -LIMIT <= value < LIMIT:
-            raise NotSmall(f"{value} needs more than 31 bits")
-        if value > cls.widest:
-            cls.widest = value
-        return int.__new__(cls, value)
+        """A SmallInt of what was computed elsewhere."""
+        cls.widest = max(cls.widest, value)
+        return SmallInt(value) + 0
 
 
 def _checked(name):
-    plain, of = getattr(int, name), SmallInt.of
+    plain, new = getattr(int, name), int.__new__
 
+    # Millions of them in a test: no call but those that make the number.
     def operation(self, *others):
-        return of(plain(self, *others))
+        value = plain(self, *others)
+        if value is NotImplemented:
+            return value
+        if -LIMIT <= value < LIMIT:
+            return new(SmallInt, value)
+        raise NotSmall(f"{value} needs more than 31 bits")
 
     return operation
 
