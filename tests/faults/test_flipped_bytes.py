@@ -29,7 +29,7 @@ def write_log(path: Path, compression: str) -> None:
     ) as log:
         log.attach("vehicle.toml", "application/toml", VEHICLE)
         speed = log.add_channel("/speed", "std_msgs/msg/Float64", "ros2msg", b"float64 data", "cdr")
-        for i in range(6):
+        for i in range(3):
             log.raw("usb1", log.t_zero_ns + i * 1000 + 1, bytes([i] * 9))
             log.write(speed, log.t_zero_ns + i, log.t_zero_ns + i, bytes(4) + struct.pack("<d", i))
         log.event(Event(log.t_zero_ns + 99, "gap", "left", "lost", {"samples_lost": 1}))

@@ -74,8 +74,7 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     assert len(ends) >= 4
     seed = 3
-    sizes = range(8, len(data) + 1)
-    for size in sizes if compression == "zstd" else [*random.Random(seed).sample(sizes, 100), len(data)]:
+    for size in _cuts(data, seed) if compression == "zstd" else _drawn(data, seed, 100):
         cut.write_bytes(data[:size])
         done = recover(cut, out)
         found = judge(out)
@@ -86,6 +85,21 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
         assert done.was_whole == (size == len(data))
         out.unlink()
     assert sorted(found, key=lambda m: (m[1], m[0])) == everything
+
+
+def _drawn(data: bytes, seed: int, count: int) -> list[int]:
+    """So many sizes of what is left, and all of it."""
+    return [*random.Random(seed).sample(range(8, len(data)), count), len(data)]
+
+
+def _cuts(data: bytes, seed: int) -> list[int]:
+    """Sizes at every byte of the head of a record and of its last four, and 400 that fall anywhere."""
+    sizes, at = set(_drawn(data, seed, 400)), 8
+    while at < len(data) - 8:
+        end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+        sizes.update(range(at, min(at + 21, end)), range(end - 4, end + 1))
+        at = end
+    return sorted(sizes)
 
 
 def _file_order(path: Path) -> list[tuple[str, int, int, int, bytes]]:
