@@ -1,11 +1,10 @@
-"""A Dask cluster of real processes on loopback: one scheduler and its workers, ended with the test."""
+"""A Dask cluster on loopback: a scheduler of this process, and processes that work, ended with the test."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -24,22 +23,19 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
-    """`dask scheduler` and so many `dask worker`; yields once all are there."""
-    from distributed import Client
+    """So many `dask worker`; yields once all are there. A scheduler of its own costs a second of imports."""
+    from distributed import Client, LocalCluster
 
-    told = folder / "scheduler.json"
     with ExitStack() as stack:
-        common = ["--scheduler-file", str(told), "--no-dashboard"]
-        stack.enter_context(_process(folder, "scheduler", "--host", "127.0.0.1", "--port", "0", *common))
-        _wait(told.is_file)
-        words = ["--nthreads", "1", "--no-nanny", "--local-directory", str(folder), *common]
+        words = {"protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
+        address = stack.enter_context(LocalCluster(n_workers=0, processes=False, **words)).scheduler_address
+        words = ["--nthreads", "1", "--no-nanny", "--local-directory", str(folder), "--no-dashboard"]
         started = tuple(
-            stack.enter_context(_process(folder, "worker", "--name", str(number), *words))
+            stack.enter_context(_process(folder, "worker", address, "--name", str(number), *words))
             for number in range(workers)
         )
-        with Client(scheduler_file=str(told), timeout=LONGEST_S) as client:
+        with Client(address, timeout=LONGEST_S) as client:
             client.wait_for_workers(workers, timeout=LONGEST_S)
-            address = client.scheduler.address
         yield Cluster(address, started)
 
 
@@ -54,10 +50,3 @@ def _process(folder: Path, what: str, *words: str) -> Iterator[subprocess.Popen[
     finally:
         process.kill()
         process.wait()
-
-
-def _wait(come) -> None:
-    end = time.monotonic() + LONGEST_S
-    while not come():
-        assert time.monotonic() < end, "the scheduler did not come up"
-        time.sleep(0.05)

@@ -33,7 +33,7 @@ def drives(tmp_path_factory):
     (folder / "leaning.toml").write_text(model.read_text() + CAMBER)
     for vehicle, made_by in (("van-1", model), ("van-2", folder / "leaning.toml")):
         (folder / "logs" / vehicle).mkdir(parents=True)
-        words = ["--duration", 40, "--rate", 100, "--seed", 3, "-o", folder / "logs" / vehicle / "a.mcap"]
+        words = ["--duration", 24, "--rate", 100, "--seed", 3, "-o", folder / "logs" / vehicle / "a.mcap"]
         assert hubodo("simulate", made_by, *words).code == 0
     return model, folder / "logs"
 

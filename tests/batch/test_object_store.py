@@ -59,7 +59,7 @@ def test_a_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, her
     assert batch(folder, tmp_path / "out", *here)["done"] == 3
     there = batch(f"s3://{BUCKET}/", f"s3://{BUCKET}/results")
     assert (there["done"], there["refused"], there["fresh"]) == (3, 1, 4)
-    assert batch(f"s3://{BUCKET}/*/*.mcap", f"s3://{BUCKET}/results")["fresh"] == 0
+    assert batch(f"s3://{BUCKET}/*/*.mcap", f"s3://{BUCKET}/results", *here)["fresh"] == 0
     store.download_file(BUCKET, "results/table.parquet", str(tmp_path / "table.parquet"))
     near, far = (
         pd.read_parquet(tmp_path / "out" / "table.parquet"),

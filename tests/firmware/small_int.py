@@ -8,7 +8,7 @@ class NotSmall(AssertionError):
 
 
 class SmallInt(int):
-    """Every result of arithmetic is a SmallInt again, or NotSmall is raised; `widest` is the largest of `of`."""
+    """Every result of arithmetic is a SmallInt again, or NotSmall is raised; `widest`: of all `of`."""
 
     widest = 0
 
