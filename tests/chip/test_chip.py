@@ -15,11 +15,11 @@ from virtual_runs import matched, of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds)
 RUNS = {
-    "104 fifo": ({"rate_hz": 104, "fifo": True}, 3.0),
-    "208 fifo": ({"rate_hz": 208, "fifo": True}, 3.0),
-    "default, 416": ({}, 3.0),
-    "833": ({"rate_hz": 833}, 3.0),
-    "1660": ({"rate_hz": 1660}, 3.0),
+    "104 fifo": ({"rate_hz": 104, "fifo": True}, 2.4),
+    "208 fifo": ({"rate_hz": 208, "fifo": True}, 2.2),
+    "default, 416": ({}, 2.2),
+    "833": ({"rate_hz": 833}, 2.2),
+    "1660": ({"rate_hz": 1660}, 2.2),
 }
 # What a run may show at most.
 LOST = 0
@@ -78,12 +78,12 @@ def test_hello_comes_soon_after_power_on(run):
 def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
     """Every sample is the chip's own, in order, to the end; what is missing is announced."""
     pico_or_skip()
-    faults = [BusNack(1.5, 3), StuckBus(2.0), BrownOut(2.5, of="chips"), Stall(3.3, 0.05)]
+    faults = [BusNack(1.0, 3), StuckBus(1.3), BrownOut(1.6, of="chips"), Stall(2.2, 0.05)]
     node = VirtualNode(
-        unique_motion(5),
+        unique_motion(3),
         Flash(armv6m(tmp_path), {"rate_hz": 416}),
         board=BoardSettings(interpreter="rp2040"),
-        clock=Clock("stepped", run_for=4.2),
+        clock=Clock("stepped", run_for=2.6),
         host=Host("memory"),
         faults=faults,
     )
@@ -92,7 +92,7 @@ def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over
         output, truth, stats = node.output, node.chip.truth(), node.stats
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
     found = matched(sent, truth)
-    assert truth.t[int(found[-1, 0])] > 4.1
+    assert truth.t[int(found[-1, 0])] > 2.5
     missing = int((np.diff(found[:, 0]) - 1).sum())
     announced = sum(bool(b.flags & m.BatchFlag.GAP_BEFORE) for b in of(sent, m.ImuBatch))
     assert missing > 0 and announced >= 1

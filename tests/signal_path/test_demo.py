@@ -21,7 +21,7 @@ from hubodo.verbs import demo as verb
 from in_process import hubodo
 
 DRAWN = "fused from the two wheels"
-MOVING, SEED = 6.0, 7
+MOVING, SEED = 5.0, 7
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_the_report_lies_beside_the_page_and_it_warns_as_info_does(demo):
 
 def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
     scenario = replace(
-        make_scenario(SEED, MOVING), drive=loop_drive(np.random.default_rng(1), rest=1.0, moving=3.0)
+        make_scenario(SEED, MOVING), drive=loop_drive(np.random.default_rng(1), rest=1.0, moving=1.0)
     )
     logs = []
     for name in ("one", "the_other"):
@@ -125,7 +125,7 @@ def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
         riders = {"left": scenario.riders()["left"]}
         done = ride(riders, VEHICLE_TOML, tmp_path / name, kind, SEED, lambda share: None, start_ns=10**18)
         logs.append(done.log.read_bytes())
-    assert logs[0] == logs[1] and len(logs[0]) > 100_000
+    assert logs[0] == logs[1] and len(logs[0]) > 50_000
 
 
 def test_the_length_it_prints_is_that_of_the_drive(demo, truth):
