@@ -133,15 +133,21 @@ def legs(parts: list[tuple[float, float, float]]) -> Plan:
     return Plan(_smooth(speed), _smooth(yaw_rate))
 
 
-def loop(rng: np.random.Generator, length: float = 250.0, rest: float = 8.0) -> Plan:
-    """Once round in `length` metres with random legs between, from rest to rest."""
+def loop(
+    rng: np.random.Generator,
+    length: float = 250.0,
+    rest: float = 8.0,
+    speed: tuple[float, float] = (0.8, 1.8),
+) -> Plan:
+    """Once round in `length` metres with random legs between, from rest to rest; speed: m/s of the slowest
+    leg and the fastest."""
     parts, done = [(rest, 0.0, 0.0)] if rest > 0.0 else [], 0.0
     while done < length:
-        duration, speed = float(rng.uniform(3.0, 8.0)), float(rng.uniform(0.8, 1.8))
-        duration = min(duration, (length - done) / speed + 0.5)
-        turn = 2.0 * np.pi * speed / length + float(rng.uniform(-0.3, 0.3))
-        parts.append((duration, speed, turn))
-        done += duration * speed
+        duration, now = float(rng.uniform(3.0, 8.0)), float(rng.uniform(*speed))
+        duration = min(duration, (length - done) / now + 0.5)
+        turn = 2.0 * np.pi * now / length + float(rng.uniform(-0.3, 0.3))
+        parts.append((duration, now, turn))
+        done += duration * now
     parts.append((3.0, 0.0, 0.0))
     return legs(parts)
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from generators import wheel_drives
 from generators.told_positions import Receiver, positions
@@ -35,6 +36,8 @@ from hubodo.verbs import calibrate
 from wheel_runs import config, tables
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
+SLOW, FAST = (0.8, 1.8), (2.0, 4.0)
+"""m/s, of the slowest leg and the fastest."""
 TRUTH_OF = {
     ("wheel_radius", "error"): "radius",
     ("lever_arm", "x"): "arm_x",
@@ -47,10 +50,14 @@ TRUTH_OF = {
 
 
 @cache
-def _drive(seed: int, length: float = 120.0, right: str = "left") -> wheel_drives.WheelDrive:
+def _drive(
+    seed: int, length: float, speed: tuple[float, float] = SLOW, right: str = "left"
+) -> wheel_drives.WheelDrive:
     """right: where the z axis of the right node points."""
     rng = np.random.default_rng(seed)
-    return wheel_drives.drive(wheel_drives.loop(rng, length, 6.0), rng, ERRORS, facing={"right": right})
+    return wheel_drives.drive(
+        wheel_drives.loop(rng, length, 6.0, speed), rng, ERRORS, facing={"right": right}
+    )
 
 
 def _leave_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,9 +105,9 @@ def test_what_is_seen_is_as_far_from_the_truth_as_it_says(kind: str, monkeypatch
     """
     errors: dict[str, list[float]] = {}
     antennas = []
-    for seed in (70, 71, 72):
+    for seed in (70, 71):
         right = "right" if seed == 71 else "left"
-        drive = _drive(seed, 160.0, right)
+        drive = _drive(seed, 100.0, SLOW, right)
         receiver = RECEIVERS[kind]
         settings = config(drive, facing={"right": right})
         found = calibrate_wheels(settings, tables(drive), _told(drive, seed, receiver))
@@ -109,10 +116,11 @@ def test_what_is_seen_is_as_far_from_the_truth_as_it_says(kind: str, monkeypatch
         for name, values in _off(drive, found).items():
             errors.setdefault(name, []).extend(values)
         antennas += [(q.value - a) / q.sigma for q, a in zip(found.antenna, receiver.antenna, strict=True)]
-    print("seeds 70 to 72", {name: np.round(values, 1).tolist() for name, values in errors.items()}, antennas)
+    print("seeds 70, 71", {name: np.round(values, 1).tolist() for name, values in errors.items()}, antennas)
     assert {"wheel_radius.error", "lever_arm.x", "node_misalignment.y"} <= set(errors)
-    # Chi-square of six numbers: 1 in 10,000 sets lies above 4.6 times its mean; of all, twice their mean.
-    assert all(np.mean(np.square(values)) < 4.6 for values in [*errors.values(), antennas])
+    # Chi-square of so many numbers, at most four: 1 in 10,000 sets lies above. Of all, twice their mean.
+    for values in (*errors.values(), antennas):
+        assert np.sum(np.square(values)) < chi2.isf(1e-4, len(values)), values
     assert np.mean(np.square(np.concatenate([*errors.values(), antennas]))) < 2.0
 
 
@@ -120,7 +128,7 @@ def test_a_receiver_on_a_long_drive_finds_the_radius(monkeypatch: pytest.MonkeyP
     """Metres of error that last two minutes are nothing beside half a kilometre."""
     _leave_nothing_out(monkeypatch)
     seed = 74
-    drive = _drive(seed, 500.0)
+    drive = _drive(seed, 500.0, FAST)
     receiver = Receiver(rate_hz=1.0, white=0.7, slow=1.0, memory=120.0)
     found = calibrate_wheels(config(drive), tables(drive), _told(drive, seed, receiver, 1.5))
     for name, node in drive.nodes.items():
@@ -138,7 +146,7 @@ def test_a_receiver_on_a_long_drive_finds_the_radius(monkeypatch: pytest.MonkeyP
 def test_what_cannot_be_is_refused_with_the_likely_reason(
     spoil: Callable[[Positions], Positions], text: str
 ) -> None:
-    drive = _drive(76)
+    drive = _drive(76, 60.0)
     with pytest.raises(CalibrationError, match=text):
         calibrate_wheels(config(drive), tables(drive), spoil(_exact(drive, 76)))
 
@@ -146,7 +154,7 @@ def test_what_cannot_be_is_refused_with_the_likely_reason(
 def test_priors_can_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
     """A track that is known to a millimetre stays; one that is not is found."""
     _leave_nothing_out(monkeypatch)
-    drive = _drive(77, 75.0)
+    drive = _drive(77, 60.0)
     free = calibrate_wheels(config(drive), tables(drive), _exact(drive, 77))
     held = calibrate_wheels(config(drive), tables(drive), _exact(drive, 77), WheelPriors(track=0.001))
     assert "track_width" in free.vehicle and "track_width" not in held.vehicle
@@ -154,7 +162,7 @@ def test_priors_can_be_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_stretches_that_were_left_out_say_whether_it_helps() -> None:
     """Beside a calibration that helps, one that was made on another vehicle's positions."""
-    drive = _drive(78)
+    drive = _drive(78, 120.0, FAST)
     told = _exact(drive, 78)
     found = calibrate_wheels(config(drive), tables(drive), told)
     assert found.held_out.stretches == 4 and found.held_out.after.rms < 0.5 * found.held_out.before.rms
@@ -181,7 +189,7 @@ def test_a_calibration_that_does_not_help_is_not_made(monkeypatch: pytest.Monkey
 
 
 def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> None:
-    drive = _drive(72)
+    drive = _drive(72, 120.0, FAST)
     told = _exact(drive, 72)
     found = calibrate_wheels(config(drive), tables(drive), told.where(told.t < 0.5 * told.t[-1]))
     calibration = Calibration()
@@ -266,7 +274,7 @@ def test_the_verb_writes_a_calibration_file_that_reads_back(tmp_path: Path) -> N
 
 def test_a_drive_begins_at_the_origin_as_far_off_as_antenna_and_first_position_may_be() -> None:
     """Independent errors add in squares; at most one by one."""
-    drive = _drive(75)
+    drive = _drive(75, 20.0)
     at = Positions(np.array([0.0]), np.array([3.0]), np.array([4.0]), np.array([0.2]))
     for random, slow in ((3.0, 5.0), (1.5, 1.5), (0.2, 0.7)):
         told = tell(config(drive), (), at, np.array([random]), slow, 3.0 + 4.0j, {})
