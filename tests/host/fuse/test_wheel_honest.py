@@ -25,13 +25,13 @@ def _curves(rng: np.random.Generator, speed: float, turn: float) -> Plan:
 
 
 def test_clocks_and_gyros_that_differ_do_not_pass_for_another_axle() -> None:
-    """The ten of the drives of seeds 6000..6099 that were farthest beyond their sigmas with two wheels.
+    """Four of the drives of seeds 6000..6099 that were farthest beyond their sigmas with two wheels.
 
     Gyros across the axle whose scales differ, on wheels slower than their curves, and a clock that is late
-    where the yaw rate changes: without either in what is expected of the yaw the mean is 7.
+    where the yaw rate changes: without either in what is expected of the yaw the mean is 10.
     """
     found = []
-    for seed in (6017, 6020, 6024, 6048, 6049, 6050, 6065, 6066, 6069, 6083):
+    for seed in (6017, 6024, 6050, 6066):
         drive = drawn(seed).drive
         found.append(nees(drive, run(config(drive, BOTH), tables(drive))))
     print(np.round(found, 1))
@@ -52,12 +52,12 @@ def test_the_difference_of_two_scales_is_found_by_a_wheel_that_turns_slowly() ->
 
 
 def test_a_heading_that_is_off_makes_the_way_shorter() -> None:
-    """One wheel whose scale is not known, four turns one way: the errors lie on a bow. Seeds 6360..6371.
+    """One wheel whose scale is not known, four turns one way: the errors lie on a bow. Seeds 6360..6365.
 
     Without what the bow adds the mean is 14.
     """
     found = []
-    for seed in range(6360, 6372):
+    for seed in range(6360, 6366):
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(_curves(rng, 3.0, 0.45), rng, ERRORS)
         found.append(nees(drive, run(config(drive, ("left",)), tables(drive))))

@@ -14,7 +14,7 @@ SEED = 12
 
 
 @pytest.mark.parametrize("where", ["start", "middle"])
-@pytest.mark.parametrize("rest", [40.0, 300.0])
+@pytest.mark.parametrize("rest", [40.0, 120.0])
 @pytest.mark.parametrize("gyro_noise, idling", [(0.002, 0.0), (0.02, 0.0), (0.002, 0.03)])
 def test_a_rest_costs_nothing(rest: float, where: str, gyro_noise: float, idling: float) -> None:
     drive = drive_with_rest(SEED, 60.0, rest, where, gyro_noise, idling)

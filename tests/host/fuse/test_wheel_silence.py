@@ -34,11 +34,13 @@ def simulated(speed, yaw_rate, seconds, able, seed=1, runs=6000, step=0.02):
 
 
 @pytest.mark.parametrize(
-    ("speed", "yaw_rate", "seconds"), [(1.2, 0.3, 3.0), (1.2, -0.2, 12.0), (0.0, 0.0, 100.0)]
+    ("speed", "yaw_rate", "seconds", "step"),
+    [(1.2, 0.3, 3.0, 0.02), (1.2, -0.2, 12.0, 0.02), (0.0, 0.0, 100.0, 0.05)],
 )
-def test_mean_and_covariance_are_those_of_the_simulated_processes(speed, yaw_rate, seconds):
+def test_mean_and_covariance_are_those_of_the_simulated_processes(speed, yaw_rate, seconds, step):
     able = agility(1.0)
-    found, made = free_motion(speed, yaw_rate, seconds, able), simulated(speed, yaw_rate, seconds, able)
+    found = free_motion(speed, yaw_rate, seconds, able)
+    made = simulated(speed, yaw_rate, seconds, able, step=step)
     mean, covariance = made.mean(axis=0), np.cov(made.T)
     spread = np.sqrt(covariance.diagonal())
     assert np.abs(mean[:2] - [found.way.real, found.way.imag]).max() < 0.06 * spread[:2].max()
@@ -161,10 +163,10 @@ def test_a_way_in_an_unsure_direction_falls_short_by_what_is_added(sigma):
 
 @pytest.mark.parametrize(("seconds", "least", "most"), [(3.0, 1.0, 5.0), (20.0, 10.0, 40.0)])
 def test_after_a_silence_the_sigma_is_what_a_vehicle_can_do(seconds, least, most):
-    """NEES over four kinds of driving on and four seeds each, after the silence and at the end."""
+    """NEES over four kinds of driving on and two seeds each, after the silence and at the end."""
     soon, late = [], []
     for meanwhile in MEANWHILE:
-        for seed in range(SEED, SEED + 4):
+        for seed in range(SEED, SEED + 2):
             drive, heard = silent_drive(seed, seconds, meanwhile)
             track = run(config(drive), tables(drive)).track
             place = int(np.searchsorted(track.t, heard))
@@ -174,7 +176,7 @@ def test_after_a_silence_the_sigma_is_what_a_vehicle_can_do(seconds, least, most
                 error, covariance = pose_error(drive, track, at)
                 found.append(float(error @ np.linalg.solve(covariance, error)))
     print(
-        f"{seconds:g} s, seeds {SEED}..{SEED + 3}: NEES of 3: {np.mean(soon):.2f}, {np.mean(late):.2f} late"
+        f"{seconds:g} s, seeds {SEED}..{SEED + 1}: NEES of 3: {np.mean(soon):.2f}, {np.mean(late):.2f} late"
     )
     for found in (soon, late):
         assert 0.25 * 3.0 < np.mean(found) < 2.0 * 3.0
@@ -194,7 +196,7 @@ def stream(drive):
 @pytest.mark.parametrize("pause", [0.7, 0.9, 2.5, 600.0, 7200.0, 3 * 86400.0])
 def test_a_pause_takes_no_time_and_gives_the_bits_of_the_whole_log_live(pause):
     """The heading is kept where the vehicle stood; the most that a call costs, of three runs at most."""
-    drive, _, end = paused_drive(SEED, pause)
+    drive, _, end = paused_drive(SEED, pause, 24.0)
     begin = time.process_time()
     bulk = run(config(drive), tables(drive)).track
     assert time.process_time() - begin < 5.0
