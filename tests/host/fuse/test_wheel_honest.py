@@ -52,12 +52,12 @@ def test_the_difference_of_two_scales_is_found_by_a_wheel_that_turns_slowly() ->
 
 
 def test_a_heading_that_is_off_makes_the_way_shorter() -> None:
-    """One wheel whose scale is not known, four turns one way: the errors lie on a bow. Seeds 6360..6365.
+    """One wheel whose scale is not known, four turns one way: the errors lie on a bow. Seeds 6366..6371.
 
-    Without what the bow adds the mean is 14.
+    Without what the bow adds the mean is 26.
     """
     found = []
-    for seed in range(6360, 6366):
+    for seed in range(6366, 6372):
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(_curves(rng, 3.0, 0.45), rng, ERRORS)
         found.append(nees(drive, run(config(drive, ("left",)), tables(drive))))
