@@ -27,7 +27,7 @@ MODEL = """
 wheel_radius = 0.31
 track_width = 0.92
 [imu]
-gyro_noise = 0.004
+gyro_noise = 0.0028284271
 accel_noise = 0.05
 [nodes.frame]
 [effects.gyro_bias]
@@ -85,9 +85,9 @@ def simulated(tmp_path_factory):
     path = tmp_path_factory.mktemp("heading")
     model, bench, table = path / "model.toml", path / "bench.mcap", path / "table.mcap"
     model.write_text(MODEL)
-    words = ["simulate", model, "--drive", "rest", "--duration", 7200, "--rate", 50, "--seed", 3, "-o", bench]
+    words = ["simulate", model, "--drive", "rest", "--duration", 7200, "--rate", 25, "--seed", 3, "-o", bench]
     assert main([*map(str, words)]) == 0
-    words = ["--drive", "turntable", "--duration", 600, "--rate", 50, "--seed", 4, "--stop", 20, "-o", table]
+    words = ["--drive", "turntable", "--duration", 600, "--rate", 25, "--seed", 4, "--stop", 20, "-o", table]
     assert main(["simulate", str(model), *map(str, words), "--angles-deg", "0", "90", "180", "90"]) == 0
     return path
 
@@ -123,7 +123,7 @@ def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated,
     print(found["score"], found["sigma_deg"])
     assert found["score"]["against"] == "table.csv"
     assert abs(found["score"]["end_in_sigma"]) < 3.0
-    # 4e-3 rad/s at 50 Hz over 19.5 s leaves 1.3e-4 rad/s of bias, 4.2 degrees in 580 s; the walk adds 0.8.
+    # As much as 4e-3 rad/s at 50 Hz, which over 19.5 s leaves 1.3e-4 rad/s of bias, 4.2 degrees in 580 s; the walk adds 0.8.
     assert found["sigma_deg"] == pytest.approx(math.hypot(4.25, 0.78), rel=0.15)
     # C1 (t - T (1 - e^(-t/T))), t = 580 s: 0.006 rad/s times 153 s is 53 degrees; the mean takes some.
     mean = found["score"]["less the mean of the first standstill"]["end_deg"]
@@ -176,7 +176,7 @@ def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
     for seed in range(20):
         # The rate was made with a scale that is off by 1 sigma of an uncalibrated gyro.
         scale = 0.01 * np.random.default_rng([seed, 1]).normal()
-        rate, heading = drive(seed, scale=scale)
+        rate, heading = drive(seed, turns=5, scale=scale)
         table = Table({"t": np.arange(len(rate)) * DT, "heading": heading})
         found = run("heading", log(tmp_path / f"{seed}", rate, heading=table), capsys=capsys)
         assert found["score"]["against"] == "heading.csv"
@@ -195,7 +195,7 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
     calibration.write_text("\n".join(["[nodes.frame.effects.gyro_warmup]", *lines]) + "\n")
     rest = start.AVERAGED * start.DT
     off = []
-    for seed in range(8):
+    for seed in range(5):
         rate, output, age = start.run("random rates", np.random.default_rng(seed))
         t = np.arange(len(rate)) * start.DT
         # A sample stands for the time about it: half of the one before, half of its own.
@@ -205,7 +205,7 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
         found = run("heading", path, *words, capsys=capsys)
         off.append(found["score"]["heading"]["end_deg"])
         assert abs(off[-1]) < 3.5 * found["sigma_deg"] < 20.0
-    print("degrees off after five minutes, seeds 0..7:", np.round(off, 2))
+    print("degrees off after five minutes, seeds 0..4:", np.round(off, 2))
     assert np.sqrt(np.mean(np.square(off))) < 84.7 / 20.0
 
 
@@ -222,7 +222,7 @@ def test_a_real_gyro_at_rest_that_is_taken_to_move_drifts_as_sigma_says():
                 part = slice(first, first + 100 * seconds)
                 one = Axis(node.t[part], values[part], values[part])
                 for noise, made in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
-                    track = heading_track(one, ((0, 6000),), WarmupModel(0.0), noise, step=5.0)
+                    track = heading_track(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
                     made.append(float(track.heading[-1] / track.sigma[-1]))
     size, alone = (float(np.sqrt(np.mean(np.square(made)))) for made in (off, white))
     print(f"{len(off)} stretches: error over sigma {size:.2f} rms; with white noise alone {alone:.2f}")

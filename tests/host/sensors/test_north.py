@@ -85,7 +85,7 @@ def test_the_white_noise_bound_is_sqrt_2_over_t_times_n_over_horizontal_rate():
 
 
 def test_east_seeking_stops_east_and_never_west():
-    for seed in range(10):
+    for seed in range(5):
         rng = np.random.default_rng(seed)
         # Start pointing west, or nearly: the loop's other zero.
         azimuth = -np.pi / 2 + rng.uniform(-0.05, 0.05)

@@ -116,9 +116,10 @@ def test_shares_inside_the_bounds_are_those_expected_of_white_noise():
     assert np.mean(shares, axis=0) == pytest.approx([0, 0], abs=0.01)
 
 
-def night(seed, duration=6 * 3600.0, noise=0.05):
-    t = np.arange(0.0, duration, 1.0)
-    return t, (start.bias(t) + np.random.default_rng(seed).normal(0, noise, len(t))) * DEG
+def night(seed, duration=6 * 3600.0, noise=0.05, step=3.0):
+    """Means of `step` seconds; noise: deg/s of one second."""
+    t = np.arange(0.0, duration, step)
+    return t, (start.bias(t) + np.random.default_rng(seed).normal(0, noise / step**0.5, len(t))) * DEG
 
 
 def test_a_second_exponential_is_asked_for_where_there_is_one():
@@ -134,7 +135,7 @@ def test_a_second_exponential_is_asked_for_where_there_is_one():
 
 
 def test_the_temperature_is_asked_for_where_it_drives_the_bias():
-    for seed in range(5):
+    for seed in range(3):
         t, output = night(seed)
         temperature = 25 + 5 * np.sin(t / 3000) + 3 * (1 - np.exp(-t / 700))
         driven = output + 0.01 * DEG * (temperature - 25)
@@ -168,12 +169,12 @@ def test_what_is_a_rate_is_told_in_degrees_per_second_too_and_a_time_is_not():
     assert told["time_constant"]["unit"] == "s" and "value_deg_per_s" not in told["time_constant"]
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_no_number_is_given_for_a_bias_that_only_wanders_or_does_nothing(seed):
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 3 * 3600.0, 1.0)
-    still = rng.normal(0, 0.2 * DEG, len(t))
-    walk = rng.normal(0, 0.02 * DEG, len(t)) + np.cumsum(rng.normal(0, 1e-3 * DEG, len(t)))
+    t = np.arange(0.0, 3 * 3600.0, 3.0)
+    still = rng.normal(0, 0.12 * DEG, len(t))
+    walk = rng.normal(0, 0.012 * DEG, len(t)) + np.cumsum(rng.normal(0, 1.7e-3 * DEG, len(t)))
     for output in (still, walk):
         found = characterise_warmup(t, output, "gz").as_json()
         assert found["c1"]["value"] is None, seed
@@ -182,7 +183,7 @@ def test_no_number_is_given_for_a_bias_that_only_wanders_or_does_nothing(seed):
 
 
 def test_a_record_that_ends_before_the_curve_bends_says_how_long_one_is_needed():
-    t, output = night(0, duration=900.0, noise=0.02)
+    t, output = night(0, duration=900.0, noise=0.02, step=1.0)
     found = characterise_warmup(t, output, "gz").as_json()
     assert found["c1"]["value"] is None
     assert "record from power-on for" in found["c1"]["reason"]
@@ -200,7 +201,7 @@ def test_too_short_constant_and_stepped_records_are_refused_in_words():
 def test_gaps_and_an_age_at_the_start_do_not_move_the_parameters():
     t, output = night(4)
     kept = np.ones(len(t), bool)
-    kept[4000:5500] = False
+    kept[(t >= 4000.0) & (t < 5500.0)] = False
     later = t >= 600
     whole = characterise_warmup(t, output, "gz").first.fit
     cut = characterise_warmup(t[kept & later], output[kept & later], "gz", age=600.0).first.fit

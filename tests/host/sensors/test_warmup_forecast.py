@@ -23,12 +23,12 @@ def record(bias, seed, noise=0.1):
 
 @pytest.mark.parametrize("form", warm_ups.FORMS)
 def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
-    """Two seeds of each form; `tests/accuracy/warmup_forms.py` counts many."""
-    for seed in (0, 1):
-        for way, (error, sigma) in warmup_forms.one(form, "", seed).items():
-            if way in ("forecast", "accepted model", "file"):
-                print(f"{form}, seed {seed}, {way}: {error * 3600} of {sigma * 3600} deg/h")
-                assert np.all(np.abs(error) < 3.5 * sigma), (way, seed)
+    """`tests/accuracy/warmup_forms.py` counts many seeds."""
+    seed = 0
+    for way, (error, sigma) in warmup_forms.one(form, "", seed).items():
+        if way in ("forecast", "accepted model", "file"):
+            print(f"{form}, seed {seed}, {way}: {error * 3600} of {sigma * 3600} deg/h")
+            assert np.all(np.abs(error) < 3.5 * sigma), way
 
 
 def test_a_form_that_is_not_the_exponential_widens_what_is_written():

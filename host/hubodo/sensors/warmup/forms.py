@@ -158,7 +158,7 @@ def fit_form(
 
     def likelihood(p: FloatArray) -> float:
         form, spread = _form(name, record, p)
-        told = _posterior(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
+        told = _marginal(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
         return told - _surprise(p[3:], record.span) if number else told
 
     white = math.log(max(float(np.sqrt(np.mean(np.diff(record.y) ** 2) / 2.0)), 1e-3))
@@ -240,16 +240,24 @@ def _posterior(
 
     factor: of the covariance of y.
     """
-    solved = cho_solve(factor, np.column_stack([columns, y]))
-    precision = columns.T @ solved[:, :-1] + np.diag(spread**-2)
+    mean, inner, told = _marginal(columns, spread, factor, y)
+    return mean, cho_solve(inner, np.eye(len(spread))), told
+
+
+def _marginal(
+    columns: FloatArray, spread: FloatArray, factor: Factor, y: FloatArray
+) -> tuple[FloatArray, Factor, float]:
+    """As `_posterior`, with the factor of the inverse of the covariance, which a search has no use for."""
+    solved = cho_solve(factor, np.column_stack([columns, y]), check_finite=False)
+    precision = columns.T @ solved[:, :-1]
+    precision.flat[:: len(spread) + 1] += spread**-2
     drive = columns.T @ solved[:, -1]
-    inner = cho_factor(precision, lower=True)
-    mean = cho_solve(inner, drive)
-    log_det = 2.0 * float(np.log(np.diag(factor[0])).sum() + np.log(np.diag(inner[0])).sum())
+    inner: Factor = cho_factor(precision, lower=True)
+    mean: FloatArray = cho_solve(inner, drive, check_finite=False)
+    log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(inner[0].diagonal()).sum())
     log_det += 2.0 * float(np.log(spread).sum())
     square = float(y @ solved[:, -1] - drive @ mean)
-    told = -0.5 * (square + log_det + len(y) * math.log(2.0 * math.pi))
-    return mean, cho_solve(inner, np.eye(len(spread))), told
+    return mean, inner, -0.5 * (square + log_det + len(y) * math.log(2.0 * math.pi))
 
 
 def _surprise(log_constants: FloatArray, span: float) -> float:
