@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.effects.warmup import WarmupModel
 from papers import barshan
 
-SEEDS = range(3)
+SEEDS = range(2)
 
 
 def runs(scale):
@@ -31,8 +31,8 @@ def test_a_model_that_helps_passes_and_none_or_a_wrong_one_is_told():
 
 
 def test_a_sigma_that_does_not_hold_and_a_paper_that_was_made_too_good_are_told():
-    long = {name: np.full((3, 3), value) for name, value in (("ours", 1.0), ("sigma", 1.0))}
-    long["mean of the rest"] = np.full((3, 3), 100.0)
+    long = {name: np.full((2, 3), value) for name, value in (("ours", 1.0), ("sigma", 1.0))}
+    long["mean of the rest"] = np.full((2, 3), 100.0)
     assert any("sigma does not hold" in line for line in barshan.judged(runs(3.0), long))
     good = runs(1.0)
     for case in good:

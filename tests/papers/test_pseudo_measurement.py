@@ -14,7 +14,7 @@ from papers.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from
 SIGMA = 1e-3
 NOISE = np.diag([1.0, 1.3, 0.8]) ** 2 * SIGMA**2
 NOISE[0, 1] = NOISE[1, 0] = 0.3 * SIGMA**2
-RUNS = 60
+RUNS = 30
 STEP = 1e-6
 
 

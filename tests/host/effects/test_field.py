@@ -1,5 +1,7 @@
 """Effects on request: each formula a second time, one found in a log of foreign make; the list stays."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -123,11 +125,23 @@ def test_a_steered_wheel_of_foreign_make_is_named_on_request(tmp_path):
     assert abs(arm["value"] - hidden.truth["yaw"]) < 3.0 * arm["sigma"]
 
 
-@pytest.mark.parametrize("arm", [0.35, -0.2])
-def test_a_reference_whose_antenna_sits_aside_is_named_on_request(arm, tmp_path):
+@pytest.fixture(scope="module")
+def foreign(tmp_path_factory):
+    """A log of foreign make, of a minute."""
+    path = tmp_path_factory.mktemp("foreign") / "case"
+    recording.write(cases.setup(SEED, duration=60.0), [], path, {})
+    return path
+
+
+@pytest.fixture
+def case(foreign, tmp_path):
+    """The same, to be changed."""
+    return shutil.copytree(foreign, tmp_path / "case")
+
+
+def test_a_reference_whose_antenna_sits_aside_is_named_on_request(case, tmp_path):
     """The foreign log with the speed of another point: v - r arm, its samples rewritten."""
-    case = tmp_path / "case"
-    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+    arm = -0.2
     head, rows = (case / "reference.csv").read_text().split("\n", 1)
     table = np.array([line.split(",") for line in rows.split()], float)
     table[:, 1] -= arm * table[:, 2]
@@ -153,9 +167,8 @@ def supplied(case, shift):
         )
 
 
-def test_a_gyro_that_hangs_on_its_supply_is_named_on_request(tmp_path):
-    case, shift = tmp_path / "case", np.array([0.02, -0.015, 0.025])
-    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+def test_a_gyro_that_hangs_on_its_supply_is_named_on_request(case, tmp_path):
+    shift = np.array([0.02, -0.015, 0.025])
     supplied(case, shift)
     made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
     assert made.names == [("gyro_supply", "left")]
@@ -164,18 +177,14 @@ def test_a_gyro_that_hangs_on_its_supply_is_named_on_request(tmp_path):
         assert abs(found["value"] - value) < 3.0 * found["sigma"], axis
 
 
-def test_of_a_supply_that_falls_and_moves_nothing_nothing_is_said(tmp_path):
-    case = tmp_path / "case"
-    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
+def test_of_a_supply_that_falls_and_moves_nothing_nothing_is_said(case, tmp_path):
     supplied(case, np.zeros(3))
     made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
     assert made.names == []
     assert "gyro_supply" not in " ".join(made.result["warnings"])
 
 
-def test_a_log_without_the_supply_cannot_show_what_hangs_on_it(tmp_path):
-    case = tmp_path / "case"
-    recording.write(cases.setup(SEED, duration=60.0), [], case, {})
-    asked = gap(tmp_path / "asked", case / "model.toml", case, "--candidates", "field")
+def test_a_log_without_the_supply_cannot_show_what_hangs_on_it(foreign, tmp_path):
+    asked = gap(tmp_path / "asked", foreign / "model.toml", foreign, "--candidates", "field")
     said = [line for line in asked.result["warnings"] if "gyro_supply" in line]
     assert len(said) == 2 and all("was not recorded" in line for line in said)

@@ -55,12 +55,12 @@ def of_the_prior(rng):
 
 
 def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says():
-    """NEES of three dimensions at one pose of each of 60 drives, and of four constants.
+    """NEES of three dimensions at one pose of each of 30 drives, and of four constants.
 
-    Seeds 0 to 59; both means within the 99.9 % band.
+    Seeds 0 to 29; both means within the 99.9 % band.
     """
-    poses, constants = [], []
-    for seed in range(60):
+    poses, constants, drives = [], [], 30
+    for seed in range(drives):
         errors, undone = of_the_prior(np.random.default_rng([seed, 45]))
         drive = make(seed, length=100.0, errors=errors, rate_hz=10.0, fix_hz=2.0)
         result = fuse_graph(path_of(drive), fixes_of(drive))
@@ -72,7 +72,7 @@ def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says(
         e = result.solution.constants[:4] - undone
         constants.append(e @ np.linalg.solve(result.solution.constants_covariance[:4, :4], e))
     for nees, dimensions in ((poses, 3), (constants, 4)):
-        low, high = chi2.ppf([0.0005, 0.9995], dimensions * 60) / 60
+        low, high = chi2.ppf([0.0005, 0.9995], dimensions * drives) / drives
         assert low < np.mean(nees) < high, f"{np.mean(nees):.2f} of {dimensions}"
 
 

@@ -248,7 +248,7 @@ def test_quantisation_as_strong_as_the_white_noise_in_single_samples_is_told_fro
 
 
 def test_white_noise_alone_shows_nothing_else_in_most_records():
-    """One false alarm in a thousand for each of four terms: of eight records 0.03 are expected, and two once in 2000."""
+    """One false alarm in a thousand for each of four terms: of eight records two have one once in 2000."""
     wrong = 0
     for seed in range(8):
         samples = 1 << 15

@@ -123,7 +123,8 @@ def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated,
     print(found["score"], found["sigma_deg"])
     assert found["score"]["against"] == "table.csv"
     assert abs(found["score"]["end_in_sigma"]) < 3.0
-    # As much as 4e-3 rad/s at 50 Hz, which over 19.5 s leaves 1.3e-4 rad/s of bias, 4.2 degrees in 580 s; the walk adds 0.8.
+    # As 4e-3 rad/s at 50 Hz: over 19.5 s 1.3e-4 rad/s of bias are left, 4.2 degrees in 580 s; the walk
+    # adds 0.8.
     assert found["sigma_deg"] == pytest.approx(math.hypot(4.25, 0.78), rel=0.15)
     # C1 (t - T (1 - e^(-t/T))), t = 580 s: 0.006 rad/s times 153 s is 53 degrees; the mean takes some.
     mean = found["score"]["less the mean of the first standstill"]["end_deg"]
