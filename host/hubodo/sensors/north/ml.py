@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,9 +165,9 @@ class _Look:
     def log_density(self, azimuth: Array) -> Array:
         """(grid, A): log likelihood of each drift and azimuth, but for a constant."""
         rows = []
-        for term in self.terms:
-            level = self.level_of(term)
-            rss, information = self._straight(term, azimuth, level)
+        v = self.horizontal * np.stack([np.cos(azimuth), np.sin(azimuth)])
+        for term, level in zip(self.terms, self.levels, strict=True):
+            rss, information = self._straight(term, v, level)
             row = self.weight - 0.5 * np.log1p(information * self.width**2 / level)
             if self.level is None:
                 row = row - 0.5 * self.freedom * np.log(rss / self.freedom) - 0.5 * term.logdet
@@ -175,16 +176,21 @@ class _Look:
             rows.append(row)
         return np.array(rows)
 
-    def free(self, term: Sufficient, basis: Array, v: Array) -> tuple[Array, Array, Array]:
+    @cached_property
+    def levels(self) -> tuple[float, ...]:
+        """Of each of the terms, see `level_of`."""
+        return tuple(map(self.level_of, self.terms))
+
+    def free(self, term: Sufficient, level: float, basis: Array, v: Array) -> tuple[Array, Array, Array]:
         """C and S in the directions of `basis` without the known length, their covariance, what angles add.
 
-        v: (2,) rad/s, about which the scale's error acts.
+        level: of the term. v: (2,) rad/s, about which the scale's error acts.
         """
         fold = np.zeros((5, 3))
         fold[:2, :2], fold[2:4, 2] = np.eye(2), v
         gram, score = fold.T @ term.gram @ fold, fold.T @ term.gram[:, 4]
         inverse: Array = np.asarray(np.linalg.inv(basis.T @ gram[:2, :2] @ basis), np.float64)
-        found, level = inverse @ (basis.T @ score[:2]), self.level_of(term)
+        found = inverse @ (basis.T @ score[:2])
         spread = np.asarray(inverse * level, np.float64)
         if not self.width:
             return found, spread, np.zeros((len(found), len(found)))
@@ -203,13 +209,15 @@ class _Look:
         left = float(term.gram[4, 4] - score @ found)
         return max(left, 1e-12 * float(term.gram[4, 4]), 1e-300) / max(1, self.freedom - count)
 
-    def _straight(self, term: Sufficient, azimuth: Array, level: float) -> tuple[Array, Array]:
-        """(A,) sum of squares with the scale's best error and its prior; information of that error."""
+    def _straight(self, term: Sufficient, v: Array, level: float) -> tuple[Array, Array]:
+        """(A,) sum of squares with the scale's best error and its prior; information of that error.
+
+        v: (2, A) rad/s, Earth rate along the axis at table zero and a quarter turn on.
+        """
         gram = term.gram
-        v = self.horizontal * np.stack([np.cos(azimuth), np.sin(azimuth)])
         rss = gram[4, 4] - 2 * gram[:2, 4] @ v + np.einsum("ik,ij,jk->k", v, gram[:2, :2], v)
         if not self.width:
-            return rss, np.zeros(len(azimuth))
+            return rss, np.zeros(v.shape[1])
         pull = gram[2:4, 4] @ v - np.einsum("ik,ij,jk->k", v, gram[2:4, :2], v)
         information = np.einsum("ik,ij,jk->k", v, gram[2:4, 2:4], v)
         return rss - pull**2 / (information + level / self.width**2), information
@@ -221,12 +229,12 @@ def _moments(looks: Sequence[_Look], weight: Array, azimuth: float) -> tuple[Arr
     weight: (looks * grid,). azimuth: rad, the most likely.
     """
     v = looks[0].horizontal * np.array([np.cos(azimuth), np.sin(azimuth)])
-    terms = [(look, term) for look in looks for term in look.terms]
-    total = sum(w * term.gram[:2, :2] for w, (_, term) in zip(weight, terms, strict=True))
+    terms = [(look, *each) for look in looks for each in zip(look.terms, look.levels, strict=True)]
+    total = sum(w * term.gram[:2, :2] for w, (_, term, _) in zip(weight, terms, strict=True))
     values, vectors = np.linalg.eigh(total)
     seen = values > values[-1] * 1e-4
     basis = vectors[:, seen]
-    found = [look.free(term, basis, v) for look, term in terms]
+    found = [look.free(term, level, basis, v) for look, term, level in terms]
     means = np.array([mean for mean, _, _ in found])
     centre = np.average(means, axis=0, weights=weight)
     among = np.einsum("k,ki,kj->ij", weight, means - centre, means - centre)
