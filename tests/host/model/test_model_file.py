@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from hubodo.effects import EFFECTS, Noise
@@ -189,8 +189,14 @@ def models(draw):
     )
 
 
-@settings(max_examples=60)
+def _with(kind):
+    values = {name: kind.scale(name) / 3 for name in kind.parameters()}
+    return Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(Scoped(kind(**values)),))
+
+
+@settings(max_examples=25)
 @given(model=models(), words=st.text(max_size=20))
+@example(model=_with(EFFECTS[0]), words='two\nlines\r# "x" = \\ \x7f\x85\u2028')
 def test_what_is_written_reads_back_equal(tmp_path_factory, model, words):
     path = tmp_path_factory.getbasetemp() / "made.toml"
     comments = {(item.effect.name, item.node): words for item in model.effects}
@@ -200,8 +206,7 @@ def test_what_is_written_reads_back_equal(tmp_path_factory, model, words):
 
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_each_effect_reads_back_equal(tmp_path, kind):
-    values = {name: kind.scale(name) / 3 for name in kind.parameters()}
-    model = Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(Scoped(kind(**values)),))
+    model = _with(kind)
     write_model(model, tmp_path / "m.toml")
     assert read_model(tmp_path / "m.toml") == model
 
