@@ -24,7 +24,7 @@ def drive(tmp_path_factory):
     """A larger wheel, and nodes whose stamps are late by LATE and wander by half a millisecond."""
     folder = tmp_path_factory.mktemp("clocks")
     hidden = make(
-        folder / "case", SEED, ["wheel_radius"], factor=2.0, scope="left", duration=33.0, rate_hz=50.0
+        folder / "case", SEED, ["wheel_radius"], factor=2.0, scope="left", duration=33.0, rate_hz=30.0
     )
     read = read_folder(folder / "case")
     nodes = {}

@@ -19,7 +19,7 @@ def test_a_gyro_bias_is_named_on_a_bench_at_rest_and_what_rest_cannot_show_is_sa
         "strong",
         kind="bench",
         scope="left",
-        duration=60.0,
+        duration=40.0,
         rate_hz=50.0,
     )
     made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
@@ -42,7 +42,7 @@ def body_node(reference, rng):
 
 
 def test_without_a_reference_the_gyros_of_the_log_drive_the_model(tmp_path):
-    make(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=60.0, rate_hz=50.0)
+    make(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=40.0, rate_hz=50.0)
     read = read_folder(tmp_path / "case")
     frame = body_node(read.reference, np.random.default_rng(SEED))
     write_folder(Recording({**read.nodes, "frame": frame}), tmp_path / "log")

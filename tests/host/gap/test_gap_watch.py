@@ -2,6 +2,8 @@
 
 import io
 import json
+import subprocess
+import sys
 import time
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
@@ -15,6 +17,7 @@ from hubodo.gap.watch import GapWatch
 from hubodo.log.any_log import read_log
 from hubodo.recording import Table
 from hubodo.vehicle import load_vehicle
+from hubodo.verbs import watch_gap
 from hubodo.verbs.watch_gap import newest_log, watching_gap
 
 VEHICLE = """[vehicle]
@@ -33,12 +36,12 @@ ARM = "[nodes.left.effects.lever_arm]\nx = 0.12\ny = 0.09\n"
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory):
-    """Folder with arm.mcap, sound.mcap, vehicle.toml: a minute each, one with the IMU 0.15 m off the hub."""
+    """Folder with arm.mcap, sound.mcap, vehicle.toml: 40 s each, one with the IMU 0.15 m off the hub."""
     folder = tmp_path_factory.mktemp("watch")
     (folder / "vehicle.toml").write_text(VEHICLE, "utf-8")
     for name, hidden in (("arm", ARM), ("sound", "")):
         (folder / f"{name}.toml").write_text(VEHICLE + NOISE + hidden, "utf-8")
-        words = ["--duration", "60", "--rate", "104", "--seed", "3", "-o", str(folder / f"{name}.mcap")]
+        words = ["--duration", "40", "--rate", "52", "--seed", "3", "-o", str(folder / f"{name}.mcap")]
         with redirect_stdout(io.StringIO()):
             assert main(["simulate", str(folder / f"{name}.toml"), *words]) == 0
     return folder
@@ -56,27 +59,39 @@ def grown(log, seconds):
 
 def test_a_sensor_off_the_hub_is_said_within_the_minute_and_once(drives):
     watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
-    said = [watch.look(grown(drives / "arm.mcap", seconds)) for seconds in (20.5, 40.0, 55.0)]
+    said = [watch.look(grown(drives / "arm.mcap", seconds)) for seconds in (20.5, 32.0, 38.0)]
     assert said == [[], ["left: the IMU sits 0.15 m off the hub"], []]
 
 
 def test_of_a_sound_vehicle_nothing_is_said(drives):
     watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
-    assert watch.look(grown(drives / "sound.mcap", 50.0)) == []
+    assert watch.look(grown(drives / "sound.mcap", 36.0)) == []
 
 
-@pytest.mark.real_time
-@pytest.mark.parametrize("log_format", ["text", "json"])
-def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, log_format, capsys):
+def first_said(drives, log_format, capsys):
+    """What stands on stderr when the process beside a recording has said something."""
     second, said = SimpleNamespace(t_ns=1_000_000_000), ""
     with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml", log_format) as (say,):
         until = time.monotonic() + 500.0
         while not said and time.monotonic() < until:
-            time.sleep(0.2)
+            time.sleep(0.1)
             say(second)
             said = capsys.readouterr().err
-    told = json.loads(said)["text"] if log_format == "json" else said.removeprefix("hubodo record: ").rstrip()
-    assert told == "left: the IMU sits 0.15 m off the hub"
+    return said
+
+
+@pytest.mark.real_time
+def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, capsys):
+    assert first_said(drives, "text", capsys) == "hubodo record: left: the IMU sits 0.15 m off the hub\n"
+
+
+@pytest.mark.real_time
+def test_programs_get_it_as_json(drives, capsys, monkeypatch):
+    """Of any process that says a line."""
+    start = subprocess.Popen
+    speaker = [sys.executable, "-c", "print('left: askew', flush=True); input()"]
+    monkeypatch.setattr(watch_gap.subprocess, "Popen", lambda command, **options: start(speaker, **options))
+    assert json.loads(first_said(drives, "json", capsys))["text"] == "left: askew"
 
 
 def test_the_log_that_is_being_written_is_found(tmp_path):
