@@ -55,7 +55,7 @@ def ride(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hidden")
     (folder / "model.toml").write_text(MODEL)
     words = ["simulate", str(folder / "model.toml"), "-o", str(folder / "drive.mcap"), "--virtual-node"]
-    assert main([*words, "--duration", str(SECONDS), "--seed", str(SEED)]) == 0
+    assert main([*words, "--duration", str(SECONDS), "--rate", "208", "--seed", str(SEED)]) == 0
     return read_recording(folder / "drive.mcap")
 
 
@@ -76,7 +76,7 @@ def resting(ride, node):
 def test_both_nodes_come_through_whole(ride):
     for node in ("left", "right"):
         t, _, _ = driving(ride, node)
-        assert len(t) == pytest.approx(SECONDS * 416, rel=0.02)
+        assert len(t) == pytest.approx(SECONDS * 208, rel=0.02)
     assert json.loads(ride.metadata["simulated.seed"]) == SEED
 
 
