@@ -13,12 +13,12 @@ from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-# A development seed, the shortest drive that the generator makes, and half the usual rate: a strong effect
-# shows as much in it as in any other log, and it takes a second.
-SEED, SECONDS, RATE_HZ = 11, 33.0, 50.0
+# A development seed, the shortest drive that the generator makes, and a third of the usual rate: a strong
+# effect shows as much in it as in any other log, and it takes half a second.
+SEED, SECONDS, RATE_HZ = 11, 33.0, 30.0
 # In half a minute a walk may go where a warm-up would: it has to turn back first.
 LONGER = {"gyro_rate_random_walk": 60.0}
-LOST_S = 60.0
+LOST_S, LOST_RATE_HZ = 60.0, 50.0
 
 
 class FoundOne(Exception):
@@ -59,7 +59,7 @@ def test_an_effect_is_named_first(name, tmp_path):
 def test_a_wheel_that_is_lost_within_seconds_is_named_by_its_radius(tmp_path):
     """3 % of radius and a coarse reference: its angle, which both wheels' shared noise holds, runs away."""
     (hidden,) = make(
-        tmp_path, 980, ["wheel_radius"], factor=10.0, duration=LOST_S, rate_hz=RATE_HZ, speed_noise=0.005
+        tmp_path, 980, ["wheel_radius"], factor=10.0, duration=LOST_S, rate_hz=LOST_RATE_HZ, speed_noise=0.005
     )
     result = find_gap(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
     assert [(it.effect, it.scope) for it in result.found] == [("wheel_radius", hidden.scope)]

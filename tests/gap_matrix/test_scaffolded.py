@@ -15,8 +15,9 @@ from gap_runs import gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
 
-# The shortest drive that the generator makes, at half the usual rate: as many nats show as much in less time.
-SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 33.0, 50.0
+# The shortest drive that the generator makes, at a third of the usual rate: as many nats show as much in less
+# time.
+SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 33.0, 30.0
 
 
 @pytest.fixture(autouse=True)

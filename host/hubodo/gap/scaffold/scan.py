@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import log
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects.base import Chain
@@ -48,13 +49,17 @@ class Dependence:
 
 @dataclass(frozen=True)
 class _View:
-    """One target of one node: along (N,) and square (N,) make scores and information of a column of it."""
+    """One target of one node: along (N,) and square (N,) make scores and information of a column of it.
+
+    edges: first samples of blocks.
+    """
 
     node: NodeData
     chain: Chain
     target: Target
     along: Array
     square: Array
+    edges: NDArray[np.intp]
 
 
 def scan(point: Point) -> list[Dependence]:
@@ -74,6 +79,7 @@ def _views(point: Point, name: str) -> Iterator[_View]:
     node, chain = residual.node, scene(residual.node, point.state.readings[name])
     weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
     weight = weight * node.used[:, None]
+    edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
     z = winsorised((residual.value - point.of_inputs[name]) * weight)
     for target in (*CHANNELS, *WORLD):
         rows = [row for row, _ in target.rows]
@@ -84,9 +90,9 @@ def _views(point: Point, name: str) -> Iterator[_View]:
         felt = (
             np.stack([np.broadcast_to(eval(by, known), node.t.shape) for _, by in target.rows]) * weight[rows]
         )
-        yield _View(node, chain, target, np.sum(felt * z[rows], axis=0), np.sum(felt**2, axis=0))
+        yield _View(node, chain, target, np.sum(felt * z[rows], axis=0), np.sum(felt**2, axis=0), edges)
     felt = point.state.late_columns[name] * weight
-    yield _View(node, chain, STAMP, np.sum(felt * z, axis=0), np.sum(felt**2, axis=0))
+    yield _View(node, chain, STAMP, np.sum(felt * z, axis=0), np.sum(felt**2, axis=0), edges)
 
 
 def _tried(shape: Shape, views: Sequence[_View], nodes: int) -> Iterator[Dependence]:
@@ -130,11 +136,10 @@ def _sums(columns: Array, view: _View) -> tuple[Array, Array, float]:
     scaled = inner / np.outer(size, size)
     if np.linalg.eigvalsh(scaled)[0] < 1e-6:
         return score, inner, 1.0
-    t = view.node.t
-    edges = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], _BLOCK)))
     fitted = np.linalg.solve(scaled, score / size) / size
     left = (
-        np.add.reduceat(along - columns * (view.square * (fitted @ columns)), edges, axis=1) / size[:, None]
+        np.add.reduceat(along - columns * (view.square * (fitted @ columns)), view.edges, axis=1)
+        / size[:, None]
     )
     spread = np.trace(np.linalg.solve(scaled, left @ left.T)) / len(columns)
     return score, inner, max(1.0, float(spread))
