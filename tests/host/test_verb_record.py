@@ -1,6 +1,7 @@
 """`hubodo record` against fake nodes: what came is in the log, what did not is explained."""
 
 import contextlib
+import gc
 import io
 import itertools
 import json
@@ -99,6 +100,21 @@ def test_two_nodes_become_a_log_with_every_sample_equal_and_times_on_the_hosts_c
     assert len(recording.odometry) == result.odometry["poses"] > 100
     assert recording.metadata["node.left.fingerprint"] == f"{FINGERPRINT:08x}"
     json.dumps(result.as_json(), allow_nan=False)
+
+
+@pytest.mark.parametrize("left_out", [True, False])
+def test_what_a_program_left_out_of_garbage_collection_stays_so_after_a_recording(tmp_path, left_out):
+    computer = VirtualComputer()
+    gc.unfreeze()
+    if left_out:
+        gc.freeze()
+    try:
+        with FakeNode(computer=computer) as node:
+            config = RecordConfig(ports=(node.path,), duration=0.5)
+            record(config, tmp_path / "ride.mcap", computer=computer)
+        assert bool(gc.get_freeze_count()) == left_out
+    finally:
+        gc.freeze()
 
 
 def test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unnamed(tmp_path):

@@ -180,10 +180,15 @@ def stop(links: Mapping[str, Link]) -> None:
 
 @contextmanager
 def _short_collections() -> Iterator[None]:
-    """Keeps what is loaded by now out of garbage collection, which else stops the loop for 10 ms and more."""
+    """Keeps what is loaded by now out of garbage collection, which else stops the loop for 10 ms and more.
+
+    What a program that records had taken out of it itself stays out of it afterwards.
+    """
+    already = gc.get_freeze_count()
     gc.collect()
     gc.freeze()
     try:
         yield
     finally:
-        gc.unfreeze()
+        if not already:
+            gc.unfreeze()

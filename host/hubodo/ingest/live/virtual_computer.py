@@ -61,6 +61,7 @@ class VirtualComputer:
         self._passed = passed
         self._folder = folder
         self._devices: list[Device] = []
+        self._led_to: dict[str, tuple[str, str]] = {}
         self._links: list[VirtualLink] = []
         self._news: deque[Any] = deque()
 
@@ -97,9 +98,9 @@ class VirtualComputer:
     def _step(self, t_ns: int) -> None:
         links = {link.device_path: link for link in self._links if link.device_path}
         for device in self._devices:
-            link = links.get(os.path.realpath(device.path))
+            link = links.get(self._real(device.path))
             device.live_until(t_ns, None if link is None else link.take_count())
-        sent = [(links.get(os.path.realpath(device.path)), device.sent()) for device in self._devices]
+        sent = [(links.get(self._real(device.path)), device.sent()) for device in self._devices]
         self._now_ns = t_ns
         came = [chunk for link, counts in sent if link is not None for chunk in link.read(counts)]
         for chunk in sorted(came, key=lambda chunk: chunk.t_ns):
@@ -107,6 +108,18 @@ class VirtualComputer:
         for link in self._links:
             link.look()
         self._passed(t_ns)
+
+    def _real(self, path: str) -> str:
+        """Where a path leads now; of the way there only what its last link names may have changed."""
+        try:
+            target = os.readlink(path)  # noqa: PTH115  thousands of times in a recording
+        except OSError:
+            target = ""
+        known, real = self._led_to.get(path, (None, ""))
+        if known != target:
+            real = os.path.realpath(path)
+            self._led_to[path] = target, real
+        return real
 
 
 class VirtualLink:
