@@ -14,6 +14,9 @@ from hubowire import messages as m
 from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
 
 PORTS = ["rp2", "esp32"]
+RATE_HZ = 104
+QUEUE_S = 24 * 8 / RATE_HZ
+"""What the node keeps while nobody is heard: 24 frames of 8 samples."""
 LONGEST_US = 80_000
 """A join holds the virtual board's processor for 50 ms."""
 
@@ -49,7 +52,14 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
         micropython_or_skip()
     heard = [Listener(listeners[0])]
     heard += [Listener(address, heard[0].port) for address in listeners[1:]]
-    config = {"link": "udp", "ssid": "net", "host": host, "port": heard[0].port, "mag_rate_hz": 0}
+    config = {
+        "link": "udp",
+        "ssid": "net",
+        "host": host,
+        "port": heard[0].port,
+        "mag_rate_hz": 0,
+        "rate_hz": RATE_HZ,
+    }
     node = VirtualNode(
         unique_motion(seconds),
         Flash(FIRMWARE, config),
@@ -81,7 +91,7 @@ def judge(sent, truth, stats):
 def test_a_network_that_comes_late_gets_the_newest_samples(port):
     (sent,), truth, stats = ride(30, port, Air(away=((0, 12),), join=2.0))
     t = judge(sent, truth, stats)
-    assert 12 - 24 * 8 / 208 < t[0] < 12 + 8 + 2 + 2, "tries follow each other after 1, 2, 4, 8 s"
+    assert 12 - QUEUE_S < t[0] < 12 + 8 + 2 + 2, "tries follow each other after 1, 2, 4, 8 s"
     assert t[-1] > 29.5
 
 
@@ -93,11 +103,10 @@ def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone
     t = judge(sent, truth, stats)
     gaps = np.flatnonzero(np.diff(t) > 0.5)
     assert len(gaps) == 2, "one hole for each loss"
-    queue = 24 * 8 / 208
     for (begin, end), gap in zip(air.away, gaps, strict=True):
         assert t[gap] == pytest.approx(begin, abs=0.2)
         # Pauses double: the last is as long as all before it, and no longer than 30 s.
-        assert end - 2 * queue - 1 < t[gap + 1] < end + min(30, end - begin) + 4
+        assert end - 2 * QUEUE_S - 1 < t[gap + 1] < end + min(30, end - begin) + 4
     assert t[-1] > 71.5
 
 
@@ -120,7 +129,7 @@ def test_a_host_is_found_by_its_name_and_again_after_a_loss_where_it_has_moved(p
     (before, after), truth, stats = ride(30, port, air, host=host, listeners=("127.0.0.1", "127.0.0.2"))
     t = judge(before + after, truth, stats)
     first, second = (truth.t[matched(part, truth)[:, 0].astype(int)] for part in (before, after))
-    assert 4 - 24 * 8 / 208 < first[0] < 6.5 and 9.5 < first[-1] < 10.1
+    assert 4 - QUEUE_S < first[0] < 6.5 and 9.5 < first[-1] < 10.1
     assert 16 - 2 < second[0] < 19 and second[-1] > 29.5
     assert (np.diff(t) > 0.5).sum() == 1
 

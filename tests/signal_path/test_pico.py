@@ -18,7 +18,7 @@ from virtual_runs import pico_or_skip, unique_motion
 
 # Seconds of the wall for one of its own: an idle core would do with 2, but a busy one has to keep up as well.
 PACE = 6
-SECONDS = 2.5
+SECONDS = 1.8
 
 
 @pytest.fixture(autouse=True)
