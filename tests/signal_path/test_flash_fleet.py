@@ -67,6 +67,7 @@ def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other
     assert main(["flash", "--all", "--fleet", str(fleet)]) == 1
     shown, _ = capfd.readouterr()
     assert "left" in shown and "right" in shown and "FAILED" in shown
+    boards[1].stop()  # no other test wants it: it would sample beside them all
 
 
 def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch, capfd):
@@ -84,6 +85,7 @@ def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch,
     assert code == 0, err
     assert found["went_away"] == 1 and found["node"] == 3
     assert len(sent) == found["files"] + 2, "sent twice: the file in which it was pulled, and the settings"
+    board.stop()
 
 
 def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tmp_path, monkeypatch, capfd):
