@@ -45,6 +45,11 @@ _APART, _TURNED = (0.04, 0.2), 3.0
 """The same for the yaw that the wheels' speeds make and the one that the gyros feel; rad of turning it takes.
 Tapes are wrong by a tenth at most. Estimated."""
 
+_SIZES = 0.05
+"""Half of the share by which one wheel may seem to roll farther in a turn than the other: tapes, and gyros
+that nobody calibrated, differ by a few hundredths. Wheels of two axles differ by what they steer.
+Estimated."""
+
 _AT_MOST = 4.0
 """Times that difference, which a window counts for at most: a wheel that slips for seconds is no other axle.
 Estimated."""
@@ -119,13 +124,14 @@ class Agreement:
     yaw of the vehicle and its own, more than the other at every pace of turning. track: m. alone: the side,
     +1 or -1, of the wheel that may still be used after a verdict, 0.0 for neither. exchanged: whether that
     one sits on the other side; steering: whether the
-    other one may steer.
+    other one may steer. sizes: of twice the speed over the track, its squares, and what is off times it.
     """
 
     track: float
     squares: list[float] = field(default_factory=lambda: [0.0] * 4)
     travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
     yaws: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    sizes: list[float] = field(default_factory=lambda: [0.0, 0.0])
     apart: float = 0.0
     turned: float = 0.0
     count: int = 0
@@ -164,8 +170,7 @@ class Agreement:
         squares[1] += (yaw_rate - turned) ** 2
         squares[2] += (yaw_rate + turned) ** 2
         squares[3] += (yaw_rate + declared) ** 2
-        allowed = _APART[0] ** 2 + _APART[1] ** 2 * 0.5 * (first * first + second * second)
-        self.apart += min(off, _AT_MOST**2 * allowed) - allowed
+        self._compare_sizes(yaw_rate - declared, turned, 0.5 * (first * first + second * second))
         if self.count < _ENOUGH:
             return None
         blamed = self._steering() if self.count >= _LONG else None
@@ -174,6 +179,19 @@ class Agreement:
         if blamed is None and self.turned > _TURNED:
             blamed = self._apart()
         return blamed
+
+    def _compare_sizes(self, off: float, turned: float, squared: float) -> None:
+        """Sums up by how much the yaw of the wheels' speeds is off, rad/s, but for wheels of unequal size.
+
+        turned: 1/s times twice the speed over the track; squared: (rad/s)² of the yaw rate.
+        """
+        allowed = _APART[0] ** 2 + _APART[1] ** 2 * squared
+        sizes = self.sizes
+        if off * off < _AT_MOST**2 * (allowed + (_SIZES * turned) ** 2):
+            sizes[0] += turned * turned
+            sizes[1] += turned * off
+        unequal = max(-_SIZES, min(_SIZES, sizes[1] / sizes[0])) if sizes[0] > 0.0 else 0.0
+        self.apart += min((off - unequal * turned) ** 2, _AT_MOST**2 * allowed) - allowed
 
     def _steering(self) -> float | None:
         """Two yaws that differ: the wheel that turns more is the one that steers."""
