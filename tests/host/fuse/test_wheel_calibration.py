@@ -191,20 +191,24 @@ def test_a_calibration_that_does_not_help_is_not_made(monkeypatch: pytest.Monkey
 
 
 def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> None:
-    drive = _drive(72, 120.0, FAST)
-    told = _exact(drive, 72)
-    found = calibrate_wheels(config(drive), tables(drive), told.where(told.t < 0.5 * told.t[-1]))
-    calibration = Calibration()
-    for name in drive.nodes:
-        calibration = calibration.with_node(name, found.effects(name))
-    calibration = calibration.with_vehicle(found.vehicle_effects())
-    vehicle = Vehicle(drive.radius, drive.track, {name: NodeMount(name, "left") for name in drive.nodes})  # type: ignore[arg-type]
-    off = {}
-    for label, known in (("nominal", None), ("calibrated", calibration)):
-        track = run(wheel_config(vehicle, list(drive.nodes), known), tables(drive)).track
-        off[label] = abs(float(np.sum(np.hypot(np.diff(track.x), np.diff(track.y)))) - drive.length)
+    """Rms over four drives: radii that are off by as much to either side leave one right by chance."""
+    off: dict[str, list[float]] = {"nominal": [], "calibrated": []}
+    for seed in range(70, 74):
+        drive = _drive(seed, 120.0, FAST)
+        told = _exact(drive, seed)
+        found = calibrate_wheels(config(drive), tables(drive), told.where(told.t < 0.5 * told.t[-1]))
+        calibration = Calibration()
+        for name in drive.nodes:
+            calibration = calibration.with_node(name, found.effects(name))
+        calibration = calibration.with_vehicle(found.vehicle_effects())
+        mounts = {name: NodeMount(name, "left") for name in drive.nodes}
+        for label, known in (("nominal", None), ("calibrated", calibration)):
+            settings = wheel_config(Vehicle(drive.radius, drive.track, mounts), list(mounts), known)
+            track = run(settings, tables(drive)).track
+            way = float(np.sum(np.hypot(np.diff(track.x), np.diff(track.y))))
+            off[label].append(way - drive.length)
     print(off)
-    assert off["calibrated"] < 0.3 * off["nominal"]
+    assert np.linalg.norm(off["calibrated"]) < 0.3 * np.linalg.norm(off["nominal"])
 
 
 def test_a_straight_drive_names_track_and_scale_as_unseen() -> None:
