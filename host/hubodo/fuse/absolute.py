@@ -33,15 +33,13 @@ class AbsoluteTrack:
 
 def absolute_track(
     recording: Recording, odometry: WheelOdometry, antenna: tuple[float, float] = (0.0, 0.0)
-) -> AbsoluteTrack | None:
-    """The most probable track of odometry, fixes and headings; None for a log that has neither.
+) -> AbsoluteTrack:
+    """The most probable track of odometry with the fixes or headings, or both, of a recording.
 
     antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
     InputError when there are fixes and none is usable.
     """
     gnss, compass = recording.gnss, recording.heading
-    if gnss is None and compass is None:
-        return None
     fixes = headings = None
     if gnss is not None:
         fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))

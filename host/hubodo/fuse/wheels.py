@@ -145,7 +145,7 @@ def wheel_odometry(
     if method == "differential":
         return _differential(recording, vehicle, names, log)
     calibration, told_bias = with_node_biases(calibration, recording, names)
-    made = _filtered(recording, vehicle, names, log, calibration, (lag, for_graph), ranges)
+    made = _filtered(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
     if told_bias:
         made = replace(made, learnt={**made.learnt, "bias_from_node": list(told_bias)})
     warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
@@ -174,8 +174,9 @@ def _filtered(
     names: tuple[str, ...],
     log: str,
     calibration: Calibration | None,
-    looks: tuple[float, bool],
     ranges: Mapping[str, NodeRanges],
+    lag: float,
+    for_graph: bool,
 ) -> WheelOdometry:
     """The wheel filter on nodes of a recording whose samples are calibrated."""
     used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
@@ -188,7 +189,6 @@ def _filtered(
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
         config = replace(config, encoder=bool(speeds))
-        lag, for_graph = looks
         result = run(config, used_nodes, lag, speeds)
         if for_graph and lag == 0.0 and result.filter.core.slips.doubt:
             result = run(config, used_nodes, math.inf, speeds)

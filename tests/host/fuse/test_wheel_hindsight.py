@@ -51,21 +51,21 @@ def test_a_speed_that_was_wrong_may_have_been_so_all_the_while_wherever_it_heade
 
 
 def test_windows_are_marked_and_unmarked_for_one_wheel_and_the_other_stays_as_it_is() -> None:
-    slips = LostWheels()
-    slips.mark(1, range(4, 8), 2)
-    slips.mark(0, range(6, 10), 2)
-    assert [slips.of(number, 2) for number in (3, 5, 7, 9)] == [
+    slips = LostWheels(2)
+    slips.mark(1, range(4, 8))
+    slips.mark(0, range(6, 10))
+    assert [slips.of(number) for number in (3, 5, 7, 9)] == [
         (False, False), (False, True), (True, True), (True, False)
     ]  # fmt: skip
-    slips.mark(1, range(5, 7), 2, lost=False)
-    assert slips.of(5, 2) == (False, False) and 5 not in slips.lost
-    assert slips.of(6, 2) == (True, False)
+    slips.mark(1, range(5, 7), lost=False)
+    assert slips.of(5) == (False, False) and 5 not in slips.lost
+    assert slips.of(6) == (True, False)
     assert (slips.windows(0), slips.windows(1)) == (4, 2)
     assert slips.all_before(8) and not slips.all_before(7) and not slips.all_before(99)
 
 
 def test_a_doubt_grows_evenly_to_what_the_speed_was_wrong_by_and_two_add_up() -> None:
-    slips = LostWheels()
+    slips = LostWheels(2)
     slips.doubt_speed(range(10, 14), 0.8)
     slips.doubt_speed(range(12, 14), 0.2)
     assert slips.doubt == pytest.approx({10: 0.2, 11: 0.2, 12: 0.3, 13: 0.3})

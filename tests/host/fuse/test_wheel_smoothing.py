@@ -7,6 +7,7 @@ import pytest
 
 from hubodo.fuse.wheel.filter import LISTENED
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.lost_wheels import LostWheels
 from hubodo.fuse.wheel.track import collect, run
 from wheel_runs import config, short, tables
 
@@ -31,8 +32,8 @@ def test_a_lag_as_long_as_the_log_is_the_whole_log_and_no_lag_is_the_filter() ->
     plain, whole = run(settings, recorded), run(settings, recorded, lag=np.inf)
     steps = run(settings, recorded, lag=1.0).filter.steps
     assert steps is not None
-    as_it_was = collect(smooth_with_lag(settings, steps, LISTENED, 0, {}))
-    as_whole = collect(smooth_with_lag(settings, steps, LISTENED, len(steps), {}))
+    as_it_was = collect(smooth_with_lag(settings, steps, LISTENED, 0, LostWheels(2)))
+    as_whole = collect(smooth_with_lag(settings, steps, LISTENED, len(steps), LostWheels(2)))
     for name in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
         np.testing.assert_array_equal(getattr(as_it_was, name), getattr(plain.track, name))
         np.testing.assert_allclose(getattr(as_whole, name), getattr(whole.track, name), rtol=1e-6, atol=1e-8)

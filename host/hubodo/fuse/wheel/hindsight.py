@@ -95,7 +95,7 @@ class Hindsight:
         first = max(first, self._past[0].number)
         self._lost[index] = _Lost(min(first, max(oldest, first - BANK[-1])))
         wheel.grip.begin(first)
-        core.slips.mark(index, range(first, now + 1), len(core.wheels))
+        core.slips.mark(index, range(first, now + 1))
         return first
 
     def _follow(
@@ -122,13 +122,14 @@ class Hindsight:
             if not grip.jumped:
                 # How well the speed was carried is of no account: the wheel rolls, whatever was carried.
                 variance = 0.0
-        end = (spell.last or spell.first) + 1
-        core.slips.mark(index, range(end, now + 1), len(core.wheels), lost=False)
+        assert spell.last is not None
+        end = spell.last + 1
+        core.slips.mark(index, range(end, now + 1), lost=False)
         wrong = slip * slip - variance
         if wrong <= 0.0:
             return None
         first = lost.since if slip * slip > _CERTAIN**2 * variance else spell.first
-        core.slips.mark(index, range(first, end), len(core.wheels))
+        core.slips.mark(index, range(first, end))
         core.slips.doubt_speed(range(first, end), wrong)
         if first >= self._past[0].number:
             return first

@@ -9,20 +9,24 @@ from dataclasses import dataclass, field
 class LostWheels:
     """What one look at the windows finds and the next is told: a step back in time, or a smoother.
 
-    lost: by number of the window, of each wheel whether it is; a window without any is not in it. doubt:
+    wheels: how many there are. lost: by number of the window, of each whether it is; a window without any is
+    not in it. doubt:
     (m/s)² by which the variance of the speed grows in a window beside what it does anyway, by its number.
     """
 
+    wheels: int
     lost: dict[int, tuple[bool, ...]] = field(default_factory=dict)
     doubt: dict[int, float] = field(default_factory=dict)
 
-    def mark(self, wheel: int, numbers: range, wheels: int, lost: bool = True) -> None:
-        """That one of so many wheels was lost in these windows, or was not."""
+    def mark(self, wheel: int, numbers: range, lost: bool = True) -> None:
+        """That one wheel was lost in these windows, or was not."""
         for number in numbers:
-            away = list(self.lost.pop(number, (False,) * wheels))
+            away = list(self.of(number))
             away[wheel] = lost
             if any(away):
                 self.lost[number] = tuple(away)
+            else:
+                self.lost.pop(number, None)
 
     def doubt_speed(self, numbers: range, wrong: float) -> None:
         """That the speed was wrong in the end, (m/s)², after it had been carried through these windows.
@@ -40,8 +44,8 @@ class LostWheels:
 
     def all_before(self, number: int) -> bool:
         """Whether nothing but accelerometers told the speed in the window before."""
-        return all(self.lost.get(number - 1, (False,)))
+        return all(self.of(number - 1))
 
-    def of(self, number: int, wheels: int) -> tuple[bool, ...]:
-        """Of each of so many wheels, whether it is lost in a window."""
-        return self.lost.get(number, (False,) * wheels)
+    def of(self, number: int) -> tuple[bool, ...]:
+        """Of each wheel, whether it is lost in a window."""
+        return self.lost.get(number, (False,) * self.wheels)

@@ -59,7 +59,7 @@ class WheelStep(StateVector):
         self.steps = self.windows = 0
         self.keep = False
         self.kept = Kept([], np.empty(0), [], [], np.empty(0))
-        self.slips = told or LostWheels()
+        self.slips = told or LostWheels(len(self.wheels))
         self.silences = Silences()
         self._shortening = Shortening()
         self.prediction = Prediction(begin.columns, WindowNoise(config.noise, config.radius))
@@ -122,10 +122,10 @@ class WheelStep(StateVector):
         if self._searching:
             for index, wheel in enumerate(self.wheels):
                 if wheel.grip.lost:
-                    self.slips.mark(index, range(step.number, step.number + 1), len(self.wheels))
+                    self.slips.mark(index, range(step.number, step.number + 1))
         if self.silences.open:
             self._hindsight.forget()
-            lost = self.slips.of(step.number, len(self.wheels))
+            lost = self.slips.of(step.number)
             self.silences.look(self.p, self._at, pairs, least_still(stills, lost))
         if self._searching:
             self._hindsight.keep(Past(step.number, pairs, stills, list(self.x), self.p.copy()))
@@ -235,7 +235,7 @@ class WheelStep(StateVector):
         do.
         """
         stillness, carries = Stillness.MOVING, False
-        lost = self.slips.of(number, len(self.wheels))
+        lost = self.slips.of(number)
         for wheel, away in zip(self.wheels, lost, strict=True):
             wheel.away = away
         if any(lost):

@@ -27,11 +27,11 @@ from hubodo.gap.scaffold.library import (
     step,
     tone,
 )
-from hubodo.gap.screen.unlisted import refined, scene
+from hubodo.gap.screen.unlisted import block_edges, refined, scene
 from hubodo.gap.state.terms import ALL
 
-# s over which scores are added up before their scatter is taken; Hz below which a tone is the drive itself.
-_BLOCK, _SLOWEST = 4.0, 0.2
+# Hz below which a tone is the drive itself.
+_SLOWEST = 0.2
 # Samples at either end where no step is looked for; sectors of a turn, and widths, rad, of a bump.
 _EDGE, _SECTORS, _WIDTHS = 50, 180, (0.08, 0.16, 0.32)
 _TRIADS = (("gx", "gy", "gz"), ("ax", "ay", "az"))
@@ -79,7 +79,7 @@ def _views(point: Point, name: str) -> Iterator[_View]:
     node, chain = residual.node, scene(residual.node, point.state.readings[name])
     weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
     weight = weight * node.used[:, None]
-    edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
+    edges = block_edges(node.t)
     z = winsorised((residual.value - point.of_inputs[name]) * weight)
     for target in (*CHANNELS, *WORLD):
         rows = [row for row, _ in target.rows]

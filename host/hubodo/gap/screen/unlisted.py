@@ -65,7 +65,7 @@ def unlisted(point: Point) -> list[Structure]:
         weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
         z = winsorised((residual.value - point.of_inputs[name]) * weight)
         present = {effect.name for effect in residual.effects}
-        edges = np.unique(np.searchsorted(node.t, np.arange(node.t[0], node.t[-1], _BLOCK)))
+        edges = block_edges(node.t)
         fixed = [*LIBRARY, *_tones(node, z), *_steps(node, z)]
         for expression in fixed:
             if not node.on_wheel and "theta" in expression:
@@ -74,6 +74,11 @@ def unlisted(point: Point) -> list[Structure]:
             if found is not None and found.term.effect.name not in present:
                 made.append(found)
     return sorted(made, key=lambda it: -it.evidence)
+
+
+def block_edges(t: Array) -> NDArray[np.intp]:
+    """First samples of blocks, of times t, (N,) s."""
+    return np.unique(np.searchsorted(t, np.arange(t[0], t[-1], _BLOCK)))
 
 
 def scene(node: NodeData, reading: Reading) -> Chain:
