@@ -59,11 +59,19 @@ NODES = {
 }
 
 
+_LOOKS = 9
+"""More looks at a board whose clock cannot wait: this computer may have had no time for it at the first."""
+
+
 @pytest.mark.parametrize("case", NODES)
 def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, case):
     settings, check, words = NODES[case]
     with board(flashed, tmp_path, **settings) as node:
         code, found = doctor(capfd, node.port)
+        for _ in range(_LOOKS if "clock" in settings else 0):
+            if wrongs(found)[:1] == [check]:
+                break
+            code, found = doctor(capfd, node.port)
     assert code == 1 and wrongs(found)[0] == check, list(found.values())
     assert re.search(words, found[check][1]), found[check]
     assert found[check][2], "and what to do"
