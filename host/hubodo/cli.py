@@ -10,10 +10,11 @@ import sys
 import time
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
-from hubodo.ingest.stopping import one_line_on_ctrl_c
+from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.parser import EXIT_REFUSED, Parser
 from hubodo.version import __version__
@@ -91,9 +92,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
         result: Result | None = args.run(args)
+        code = EXIT_FAILED if _failed(result) else EXIT_OK
         if result is not None:
-            _show(result, as_json=args.json)
-        return EXIT_FAILED if _failed(result) else EXIT_OK
+            with exit_when_unread(getattr(result, "OUTPUT_DEADLINE", None), code):
+                _show(result, as_json=args.json)
+        return code
     except BrokenPipeError:
         # The reader of our output (head, less) is gone: nobody is left to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -117,7 +120,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _write_what_can_be_written() -> None:
-    """A terminal or a pipe of another alphabet gets `?` for what it lacks, instead of an error."""
+    """A terminal or a pipe of another alphabet gets `?` for what it lacks, instead of an error.
+
+    A standard stream that was closed is opened on nothing, so that no log gets its descriptor.
+    """
+    if os.name == "posix":
+        while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+            pass
+        os.close(descriptor)
+    sys.stdout = sys.stdout or Path(os.devnull).open("w")  # noqa: SIM115 open as long as the process
+    sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

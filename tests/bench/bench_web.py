@@ -47,9 +47,9 @@ class TimedPage(LivePage):
 
     spent = 0.0
 
-    def look(self, recorder, now_ns):
+    def poll(self, recorder, now_ns):
         begin = time.thread_time()
-        super().look(recorder, now_ns)
+        super().poll(recorder, now_ns)
         self.spent += time.thread_time() - begin
 
 

@@ -1,8 +1,10 @@
 """Odometry and a GNSS receiver while recording: where on the map, beside an odometry that is not held up."""
 
+import itertools
 import json
 import pickle
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import WGS84, geodetic
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.virtual_computer import VirtualComputer
@@ -158,7 +161,7 @@ def test_a_straight_way_has_the_heading_of_its_fixes():
 
 def test_the_thread_gives_the_bits_of_the_object_and_ends_with_its_input():
     localizer, found, got = Localizer(0), [], []
-    thread = LocalizerThread(0, got.append)
+    thread = LocalizerThread(0, got.append, bulkheads=Bulkheads(time.time_ns))
     for number, item in enumerate(steps(20.0)):
         thread.put(item, number)
         made = localizer.fix(item) if isinstance(item, FixSample) else localizer.odometry(item)
@@ -169,12 +172,12 @@ def test_the_thread_gives_the_bits_of_the_object_and_ends_with_its_input():
     for answer, (number, made) in zip(got, found, strict=True):
         assert answer.arrived_ns == number
         assert pickle.dumps(answer.located) == pickle.dumps(made)
-    assert not any(thread.name == "localizer" for thread in threading.enumerate())
+    assert not any(thread.name == "map" for thread in threading.enumerate())
 
 
 def test_a_thread_that_is_stopped_leaves_what_it_was_given():
     got = []
-    thread = LocalizerThread(0, got.append)
+    thread = LocalizerThread(0, got.append, bulkheads=Bulkheads(time.time_ns))
     for item in steps(40.0):
         thread.put(item, 0)
     thread.stop()
@@ -182,13 +185,26 @@ def test_a_thread_that_is_stopped_leaves_what_it_was_given():
     assert len(got) < 300
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_thread_that_fails_says_so_once_and_lets_its_input_go(monkeypatch):
-    monkeypatch.setattr(Localizer, "fix", lambda self, fix: 1 / 0)
-    got = []
-    thread = LocalizerThread(0, got.append)
-    for item in steps(20.0):
+def test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_frame(monkeypatch):
+    fix, left = Localizer.fix, [len(steps(20.0)) // 3]
+
+    def fails_once(self, sample):
+        left[0] -= 1
+        if left[0] == 0:
+            raise ValueError("indeterminate system")
+        fix(self, sample)
+
+    monkeypatch.setattr(Localizer, "fix", fails_once)
+    minutes = itertools.count(step=60_000_000_000)  # so that no pause lasts until the next item
+    got, bulkheads = [], Bulkheads(lambda: next(minutes))
+    thread = LocalizerThread(0, got.append, bulkheads=bulkheads)
+    for item in steps(60.0):
         thread.put(item, 0)
     assert thread.close()
-    assert len(got) == 1
-    assert "ends here, all else goes on" in got[0].warnings[0]
+    assert bulkheads.counts() == {"map": 1}
+    assert "indeterminate system" in bulkheads.reports()[0].text
+    located = [answer.located for answer in got if answer.located is not None]
+    assert len({item.origin_deg for item in located}) == 1
+    assert located[-1].t_ns[0] > 59e9
+    ahead = [item.position[0, 0] - item.t_ns[0] * 1e-9 for item in located]
+    assert np.ptp(ahead) < 1.0, "at 1 m/s it goes on where it was, 1 s of pause included"

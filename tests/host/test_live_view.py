@@ -88,7 +88,7 @@ def snapshot(seconds, nodes=(), size=10_000_000, free=40_000_000_000, file="ride
     )
     links = tuple(LinkNow(node.link, "/dev/ttyACM0", 1, 1, 7, 7, 0, None) for node in nodes)
     odometry = OdometryNow(1.0, 2.0, 9.0, 1.2, 0.1, 0.05, 12.3, 100)
-    return Snapshot((100 + seconds) * S, 100 * S, log, links, nodes, (), odometry, (3.0, 4.0), None)
+    return Snapshot((100 + seconds) * S, 100 * S, log, links, nodes, (), odometry, (3.0, 4.0), None, {})
 
 
 def drawn(seen, width, colours=False):

@@ -25,7 +25,11 @@ def test_nodes_leave_nothing_in_memory_but_the_places_of_their_chunks(tmp_path):
         tracemalloc.start()
         try:
             result = record(
-                config, tmp_path / "a.mcap", computer=computer, console=Console(file=nowhere), watch=[look]
+                config,
+                tmp_path / "a.mcap",
+                computer=computer,
+                console=Console(file=nowhere),
+                watch={"test": look},
             )
         finally:
             tracemalloc.stop()

@@ -30,6 +30,24 @@ def one_line_on_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
+def exit_when_unread(seconds: float | None, code: int) -> Iterator[None]:
+    """End the process with `code` when the block takes longer than `seconds`; None: however long it takes.
+
+    For the last words of a recording: the log is closed, and a reader that hangs must not keep the ports.
+    """
+    if seconds is None:
+        yield
+        return
+    timer = threading.Timer(seconds, os._exit, (code,))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+@contextmanager
 def stop_on_signals(
     stopping: threading.Event, again: threading.Event | None = None
 ) -> Iterator[threading.Event]:

@@ -145,7 +145,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    gap_watched = watching_gap(args.watch_gap, output, vehicle_path, config.log_format)
+    gap_watched = watching_gap(args.watch_gap, output, vehicle_path)
     with watched(args, output, vehicle) as audience, gap_watched as watch:
         return record(
             config,

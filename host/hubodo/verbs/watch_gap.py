@@ -13,13 +13,13 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hubodo.errors import HubodoError, InputError
-from hubodo.ingest.live.view import json_line
+from hubodo.recording import Event
 
 if TYPE_CHECKING:
     from hubodo.ingest.live.snapshot import Snapshot, Watch
@@ -31,15 +31,13 @@ _NICE = 10
 
 
 @contextmanager
-def watching_gap(
-    wanted: bool, output: Path, vehicle: Path | None, log_format: str = "text"
-) -> Iterator[Sequence[Watch]]:
-    """Gives what `record` is to call each second, which says what was found meanwhile on stderr.
+def watching_gap(wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
+    """Yield what `record` is to call each second, which returns what was found meanwhile as events.
 
     output: of the recording, a log or a folder. Raises InputError without a vehicle.
     """
     if not wanted:
-        yield ()
+        yield {}
         return
     if vehicle is None:
         raise InputError("--watch-gap wants the geometry; give --vehicle TOML")
@@ -54,18 +52,14 @@ def watching_gap(
         for line in source:
             lines.put(line.rstrip("\n"))
 
-    def say(snapshot: Snapshot) -> None:
-        with suppress(queue.Empty, OSError):
+    def findings(snapshot: Snapshot) -> Iterator[Event]:
+        with suppress(queue.Empty):
             while True:
-                line = lines.get_nowait()
-                if log_format == "json":
-                    print(json_line(snapshot.t_ns, "warning", "gap_seen", line, {}), file=sys.stderr)
-                else:
-                    print(f"hubodo record: {line}", file=sys.stderr)
+                yield Event(snapshot.t_ns, "gap_seen", "", lines.get_nowait())
 
     threading.Thread(target=listen, args=(iter(child.stdout),), daemon=True).start()
     try:
-        yield (say,)
+        yield {"gap": findings}
     finally:
         child.kill()
         child.wait()

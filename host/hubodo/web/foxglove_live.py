@@ -6,33 +6,32 @@ The package foxglove-sdk speaks the protocol, with threads of its own and a boun
 from __future__ import annotations
 
 import struct
-import threading
-from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from hubodo.errors import InputError
+from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Snapshot
-from hubodo.ingest.sink import Sink
+from hubodo.ingest.live.tee_sink import Listener
 from hubodo.log.container import Compression, MessageIndexes
 from hubodo.log.logfile import Log, LogMessage
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.web.address import Address
-from hubodo.web.watch import heard_by
 
 if TYPE_CHECKING:
     import foxglove
 
 _HEAD = struct.Struct("<BQHIqq")
 _BACKLOG = 8192
-"""Writes that wait for the thread: some seconds of four nodes; beyond them the oldest go."""
+"""Writes that wait for the thread: some seconds of four nodes; beyond them the oldest are dropped."""
 
-_PERIOD_S = 0.02
+_Written = tuple[str, tuple[Any, ...], dict[str, Any], Any]
 
 
 class FoxgloveClients:
@@ -119,53 +118,55 @@ class FoxgloveClients:
 
 
 class FoxgloveLive:
-    """An `Audience` that hands a recording on from a thread of its own; a context manager."""
+    """An `Audience` that passes a recording on from a thread of its own; a context manager."""
 
     def __init__(self, address: Address) -> None:
         """Raises InputError where it cannot be served."""
         self.clients = FoxgloveClients(address)
         self.greetings: list[str] = []
-        """Lines for the user of the recorder, told once."""
+        """Lines for the user of the recorder, shown once."""
         self._log = McapLog(self.clients, clock=None)
-        self._waiting: deque[tuple[str, tuple[Any, ...], dict[str, Any], Any]] = deque(maxlen=_BACKLOG)
+        self._thread: OutputThread[_Written | None] | None = None
         self._channels: dict[int, int] = {}  # of the log -> here
         self._known: set[tuple[Any, ...]] = set()
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
+        self._wanted = False
 
     def __enter__(self) -> Self:
-        self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stopping.set()
-        self._thread.join()
-        self._log.close()
+        if self._thread is None or self._thread.close():
+            self._log.close()
 
-    def sink(self, log: McapLog, series: LogSeries) -> Sink:
+    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
         """See `Audience`."""
-        return heard_by(log, self.hear)
+        self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_BACKLOG)
+        return {"foxglove": self.hear}
 
-    def look(self, recorder: Recorder, now_ns: int) -> None:
+    def poll(self, recorder: Recorder, now_ns: int) -> None:
         """See `Audience`."""
         recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
         self.greetings = []
+        if self._thread is not None:
+            self._thread.put(None)
 
     def show(self, snapshot: Snapshot) -> None:
         """See `Audience`."""
 
     def hear(self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any) -> None:
-        """See `hubodo.web.watch.Hear`."""
-        self._waiting.append((name, args, named, given))
+        """See `hubodo.ingest.live.tee_sink.Listener`."""
+        if self._thread is not None:
+            self._thread.put((name, args, named, given))
 
-    def _run(self) -> None:
-        while not self._stopping.wait(_PERIOD_S):
-            wanted = self.clients.wanted
-            while self._waiting:
-                self._write(*self._waiting.popleft(), wanted)
+    def _handle(self, written: _Written | None) -> None:
+        """Pass on what was written; None, which comes fifty times a second, sends it."""
+        if written is None:
             self._log.flush()
+            self._wanted = self.clients.wanted
+        else:
+            self._write(*written, self._wanted)
 
     def _write(
         self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any, wanted: bool

@@ -38,7 +38,7 @@ def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Fr
             *(_sigma(p[0, 0] + p[1, 1], 3), _sigma(p[2, 2], 4)),
             round(odometer.distance, 2),
         ]
-    located = recorder.located
+    located = recorder.map.located
     if located is not None:
         p = located.pose_covariance[0]
         x, y = located.position[0].tolist()

@@ -42,12 +42,13 @@ def watching(
         if foxglove is not None:
             live = stack.enter_context(FoxgloveLive(foxglove))
             greetings.append(f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}")
-            live.greetings = greetings
         if site is None:
+            if live is not None:
+                live.greetings = greetings
             yield live
             return
         hub = Hub(_about(vehicle))
-        page = LivePage(hub.put, *([] if live is None else [live.hear]))
+        page = LivePage(hub.put, live)
         app = make_app(site, Library(folder, models), hub, Actions(page))
         port = stack.enter_context(serving(app, site))
         greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import Snapshot
-from hubodo.ingest.sink import Sink
+from hubodo.ingest.live.snapshot import Audience, Snapshot
+from hubodo.ingest.live.tee_sink import Listener
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.web.frames import Frame, east_north, event_frame, motion_frame, slow_frame
-from hubodo.web.watch import Ear, Hear, heard_by
+from hubodo.web.watch import Ear
 
 S = 1_000_000_000
 _PERIOD_NS = S // 10
@@ -27,15 +28,15 @@ Wish = Callable[[Recorder], None]
 class LivePage:
     """An `Audience`; all but `wish`, `file` and `newest` is for the thread of the recording."""
 
-    def __init__(self, put: Callable[[Frame], None], *listeners: Hear) -> None:
-        """put: gets each frame. listeners: who else hears what goes into the log."""
+    def __init__(self, put: Callable[[Frame], None], other: Audience | None = None) -> None:
+        """put: gets each frame. other: who else watches the recording."""
         self.newest: Snapshot | None = None
         self.greetings: list[str] = []
         """Lines for the user of the recorder, told once."""
         self._put = put
         self._log: McapLog | None = None
         self._series: LogSeries | None = None
-        self._listeners = listeners
+        self._other = other
         self._ear = Ear(_MOST_EVENTS)
         self._wishes: queue.Queue[Wish] = queue.Queue(_MOST_WISHES)
         self._begin_ns: int | None = None
@@ -69,17 +70,20 @@ class LivePage:
             self._log.flush()
             self._series.halt()
 
-    def sink(self, log: McapLog, series: LogSeries) -> Sink:
+    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
         """See `Audience`."""
         self._log, self._series = log, series
-        return heard_by(log, self._ear.hear, *self._listeners)
+        others = {} if self._other is None else self._other.attach(log, series, bulkheads)
+        return {"page": self._ear.hear, **others}
 
     def show(self, snapshot: Snapshot) -> None:
         """See `Audience`."""
         self.newest = self._slow = snapshot
 
-    def look(self, recorder: Recorder, now_ns: int) -> None:
+    def poll(self, recorder: Recorder, now_ns: int) -> None:
         """See `Audience`."""
+        if self._other is not None:
+            self._other.poll(recorder, now_ns)
         recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
         self.greetings = []
         while not self._wishes.empty():
@@ -110,7 +114,7 @@ class LivePage:
         self, recorder: Recorder, latitude_deg: float, longitude_deg: float, sigma: float | None
     ) -> Frame:
         """A fix on the map, or around the first fix; a new origin takes the old fixes away."""
-        located = recorder.located
+        located = recorder.map.located
         origin = located.origin_deg if located is not None else self._origin or (latitude_deg, longitude_deg)
         fresh: Frame = {} if origin == self._origin else {"origin": list(origin)}
         self._origin = origin

@@ -1,44 +1,13 @@
-"""What goes into the log, heard by others as well: what the page shows and the recorder does not keep."""
+"""What the page shows of the records that go into the log, and the recorder does not keep."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
-
-Hear = Callable[[str, tuple[Any, ...], dict[str, Any], Any], None]
-"""hear(method of the sink, its arguments, its keywords, what it gave back)."""
-
-_METHODS = (
-    *("imu", "temperature", "battery", "magnetic_field", "bias_filter", "odometry", "transform", "fix"),
-    *("raw", "asked", "event", "add_metadata", "add_channel", "write"),
-)
-
-
-def heard_by(sink: Sink, *listeners: Hear) -> Sink:
-    """A sink that does what `sink` does, and tells the listeners of it; arrays are theirs to keep."""
-    return cast(Sink, _Heard(sink, listeners))
-
-
-class _Heard:
-    def __init__(self, sink: Sink, listeners: tuple[Hear, ...]) -> None:
-        for name in _METHODS:
-            setattr(self, name, _both(name, getattr(sink, name), listeners))
-
-
-def _both(name: str, write: Callable[..., Any], listeners: tuple[Hear, ...]) -> Callable[..., Any]:
-    def method(*args: Any, **named: Any) -> Any:
-        given = write(*args, **named)
-        for hear in listeners:
-            hear(name, args, named, given)
-        return given
-
-    return method
 
 
 class Ear:
@@ -52,7 +21,7 @@ class Ear:
         self._spin: dict[str, tuple[float, int]] = {}
 
     def hear(self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any) -> None:
-        """See `Hear`."""
+        """See `hubodo.ingest.live.tee_sink.Listener`."""
         if name == "imu":
             node, gyro = args[0], np.asarray(args[3])
             total, count = self._spin.get(node, (0.0, 0))

@@ -24,7 +24,7 @@ def told(tmp_path_factory):
     out = tmp_path_factory.mktemp("metrics") / "ride.mcap"
     with FakeNode(damage=2e-4, seed=3, computer=computer) as node:
         config = RecordConfig(ports=(f"left={node.path}",), duration=3.3)
-        result = record(config, out, computer=computer, watch=[seen.append])
+        result = record(config, out, computer=computer, watch={"test": seen.append})
     return seen, result
 
 

@@ -1,7 +1,10 @@
 """NMEA sentences to fixes: the receiver's time and sigmas, empty fields, damaged lines, rollovers."""
 
 import calendar
+import functools
 import math
+import operator
+import random
 import time
 
 import pynmea2
@@ -192,3 +195,48 @@ def test_where_it_does_not_they_are_put_on_the_hosts_clock_and_an_event_says_so(
     published = [p for p, _ in sink.fixes]
     assert published[-1] == NOW + S + off + int(0.2 * S)
     assert published == sorted(published)
+
+
+HOSTILE = (
+    "nan",
+    "-inf",
+    "inf",
+    "1e200",
+    "-1e200",
+    "9" * 40,
+    "",
+    "-",
+    "0x1f",
+    "1_0",
+    "۴۲",
+    "N",
+    "1.2.3",
+    " 7 ",
+)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sentences_with_hostile_fields_and_valid_checksums_are_counted_and_nothing_is_raised(seed):
+    rng = random.Random(seed)
+    decoder, found = NmeaDecoder(), []
+    for number in range(3000):
+        at = f"{number % 24:02d}{number % 60:02d}{number % 60:02d}.00"
+        for text in epoch(at=at).decode().split():
+            fields = text[1 : text.index("*")].split(",")
+            for _ in range(rng.choice((0, 0, 1, 2))):
+                fields[rng.randrange(len(fields))] = rng.choice(HOSTILE)
+            body = ",".join(fields).encode("utf-8")
+            check = functools.reduce(operator.xor, body)
+            found += decoder.feed(b"$%s*%02X\r\n" % (body, check), NOW)
+    found += decoder.finish()
+    assert decoder.counts.unread > 100, f"seed {seed}"
+    assert len(found) > 1000, f"seed {seed}"
+    for fix in found:
+        assert -90 <= fix.latitude_deg <= 90 and -180 <= fix.longitude_deg <= 180, f"seed {seed}"
+        assert abs(fix.altitude) < 1e6 or math.isnan(fix.altitude), f"seed {seed}"
+        assert fix.sigma is None or all(0 < sigma <= 1e5 for sigma in fix.sigma), f"seed {seed}"
+
+
+def test_sigmas_of_zero_are_not_known_sigmas():
+    zeros = line("GNGST,123519.00,0.0,0.0,0.0,0.0,0.0,0.0,0.0")
+    assert fixes(epoch(gst=False) + zeros)[0].sigma is None

@@ -233,7 +233,7 @@ def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_
         FakeNode(node_id=2, rows=rows, computer=computer) as right,
     ):
         config, shown = RecordConfig(ports=(left.path, right.path), duration=12.0), io.StringIO()
-        told = {"watch": [seen.append], "console": Console(file=shown, width=500)}
+        told = {"watch": {"test": seen.append}, "console": Console(file=shown, width=500)}
         result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **told)
     assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
     assert "nothing is recorded" in health(seen[-1])[1]
@@ -324,7 +324,7 @@ class Silent:
 
     def tick(self, now_ns): ...
 
-    def add(self, watch): ...
+    def add(self, part, watch): ...
 
 
 def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):

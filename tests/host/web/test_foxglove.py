@@ -3,6 +3,7 @@
 import json
 import struct
 import sys
+import time
 from contextlib import ExitStack
 
 import numpy as np
@@ -12,6 +13,8 @@ from websockets.sync.client import connect
 
 import wanted
 from hubodo.errors import InputError
+from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.ingest.live.tee_sink import tee_sink
 from hubodo.log.logfile import open_log
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
@@ -102,19 +105,22 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
     from hubodo.web.foxglove_live import FoxgloveLive
 
     with FoxgloveLive(HERE) as live, McapLog(tmp_path / "x.mcap") as log, ExitStack() as stack:
-        sink = live.sink(log, None)
+        bulkheads = Bulkheads(time.time_ns)
+        sink = tee_sink(log, live.attach(log, None, bulkheads), bulkheads)
         nmea = sink.add_channel("/gnss/nmea", "", "", b"", "nmea")
         write(sink, 0)
-        until(lambda: live.clients._channels and not live._waiting)
+        until(lambda: live.clients._channels and not live._thread.waiting)
         client = stack.enter_context(Client(live.clients.port))
         while client.topics() != TOPICS:
             client.hear()
         until(lambda: live.clients.wanted)
+        live._thread.put(None)
         turn = 0
         while {topic for topic, _, _ in client.messages} != TOPICS:
             turn += 1
             write(sink, turn)
             sink.write(nmea, 10**18, 10**18, b"$GP")
+            live._thread.put(None)  # as `poll` does fifty times a second
             client.hear()
         imu = next(message for topic, _, message in client.messages if topic == "/left/imu")
         assert imu.angular_velocity.x % 1.0 == 0.5

@@ -13,6 +13,8 @@ _LINE = re.compile(rb"\$[^\r\n$]{5,120}\*[0-9A-Fa-f]{2}")
 _MAX_LINE = 256
 _WEEKS = timedelta(weeks=1024)  # the ten bits of the GPS week
 _STATUS = {1: 0, 2: 1, 3: 0, 4: 2, 5: 2}  # GGA quality to NavSatStatus; all else is no fix
+_MAX_SIGMA, _MAX_HEIGHT = 1e5, 1e5
+"""m; what is beyond is a damaged sentence, though its checksum is valid."""
 _HALF_DAY = timedelta(hours=12)
 
 
@@ -94,7 +96,7 @@ class NmeaDecoder:
         except pynmea2.ChecksumError:
             self.counts.checksum_errors += 1
             return
-        except pynmea2.ParseError:
+        except Exception:  # noqa: BLE001 pynmea2 raises whatever a field with a valid checksum leads to
             self.counts.unread += 1
             return
         self.counts.sentences += 1
@@ -114,8 +116,8 @@ class NmeaDecoder:
         if kind == "RMC":
             self._take_date(sentence, at, t_ns)
         elif kind == "GST":
-            east, north, up = (_number(sentence, name) for name in _GST_FIELDS)
-            if east is not None and north is not None and up is not None:
+            east, north, up = (_number(sentence, name, 0.0, _MAX_SIGMA) for name in _GST_FIELDS)
+            if east and north and up:  # some receivers write zeros for what they do not know
                 epoch.sigma = (east, north, up)
         else:
             self._take_position(sentence, epoch)
@@ -123,17 +125,19 @@ class NmeaDecoder:
             yield from self._close()
 
     def _take_position(self, sentence: pynmea2.NMEASentence, epoch: _Epoch) -> None:
-        epoch.quality = int(_number(sentence, "gps_qual") or 0)
-        epoch.satellites = int(_number(sentence, "num_sats") or 0)
+        epoch.quality = int(_number(sentence, "gps_qual", 0.0, 9.0) or 0)
+        epoch.satellites = int(_number(sentence, "num_sats", 0.0, 999.0) or 0)
         if not getattr(sentence, "lat", "") or not getattr(sentence, "lon", ""):
             return
-        height = _number(sentence, "altitude")
-        separation = _number(sentence, "geo_sep") or 0.0
+        height = _number(sentence, "altitude", -_MAX_HEIGHT, _MAX_HEIGHT)
+        separation = _number(sentence, "geo_sep", -_MAX_HEIGHT, _MAX_HEIGHT) or 0.0
         altitude = float("nan") if height is None else height + separation
-        try:
-            epoch.position = (sentence.latitude, sentence.longitude, altitude)
-        except ValueError:
+        latitude = _number(sentence, "latitude", -90.0, 90.0)
+        longitude = _number(sentence, "longitude", -180.0, 180.0)
+        if latitude is None or longitude is None:
             self.counts.unread += 1
+            return
+        epoch.position = (latitude, longitude, altitude)
 
     def _take_date(self, sentence: pynmea2.NMEASentence, at: time, t_ns: int) -> None:
         found = _field(sentence, "datestamp")
@@ -183,15 +187,17 @@ _GST_FIELDS = ("std_dev_longitude", "std_dev_latitude", "std_dev_altitude")
 
 
 def _field(sentence: pynmea2.NMEASentence, name: str) -> object:
+    """Return a field as pynmea2 reads it, None where it cannot."""
     try:
         return getattr(sentence, name)
-    except (AttributeError, ValueError, TypeError):
+    except Exception:  # noqa: BLE001 as above: ValueError, decimal.InvalidOperation, IndexError, ...
         return None
 
 
-def _number(sentence: pynmea2.NMEASentence, name: str) -> float | None:
-    value = _field(sentence, name)
+def _number(sentence: pynmea2.NMEASentence, name: str, least: float, most: float) -> float | None:
+    """Return a number of a sentence, None where it is missing, not a number, or out of bounds."""
     try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+        value = float(_field(sentence, name))  # type: ignore[arg-type]
+    except (TypeError, ValueError, OverflowError):
         return None
+    return value if least <= value <= most else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +13,7 @@ from rich.console import Console
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError
 from hubodo.ingest.link.ports import Lister, list_devices, parse_port, trusted
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.loop import Loop
@@ -21,7 +22,9 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, LogNow, Watch, Watched
 from hubodo.ingest.live.status import RecordResult, make_result
+from hubodo.ingest.live.tee_sink import tee_sink
 from hubodo.ingest.live.view import make_view
+from hubodo.ingest.live.view_thread import ViewThread
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
@@ -42,7 +45,7 @@ def record(
     stop: threading.Event | None = None,
     computer: Computer | None = None,
     console: Console | None = None,
-    watch: Sequence[Watch] = (),
+    watch: Mapping[str, Watch] | None = None,
     audience: Audience | None = None,
 ) -> RecordResult:
     """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
@@ -62,13 +65,15 @@ def record(
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
         log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}, vehicle))
+        bulkheads = Bulkheads(now_ns)
         localizer = None
         if vehicle is not None and gnss:
-            localizer = LocalizerThread(zero, computer.put, vehicle.antenna)
+            localizer = LocalizerThread(zero, computer.put, vehicle.antenna, bulkheads=bulkheads)
             stack.callback(localizer.stop)
+        listeners = {} if audience is None else audience.attach(log, series, bulkheads)
         recorder = Recorder(
             names,
-            log if audience is None else audience.sink(log, series),
+            tee_sink(log, listeners, bulkheads),
             lambda label, data, to: links[label].send(data, to),
             now_ns,
             gnss=gnss,
@@ -78,9 +83,11 @@ def record(
             odometry_rate_hz=config.odometry_rate_hz,
             clock_period=config.clock_request_period,
             localizer=localizer,
+            bulkheads=bulkheads,
         )
-        view = stack.enter_context(make_view(config, now_ns, console))
-        watched = _watched(config, recorder, log, series, [*watch, view.show], audience, now_ns, stack)
+        view = stack.enter_context(ViewThread(make_view(config, now_ns, console), bulkheads))
+        watch = {**(watch or {}), "terminal": view.show}
+        watched = _watched(config, recorder, log, series, watch, audience, now_ns, stack)
         again = threading.Event()
         stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
         loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
@@ -126,17 +133,16 @@ def _watched(
     recorder: Recorder,
     log: McapLog,
     series: LogSeries,
-    watch: Sequence[Watch],
+    watch: dict[str, Watch],
     audience: Audience | None,
     now_ns: Callable[[], int],
     stack: ExitStack,
 ) -> Watched:
     """Who gets the snapshots: those who asked, and with `metrics` a server of them."""
-    watch = list(watch)
     if config.metrics is not None:
         from hubodo.ingest.live.metrics_server import MetricsServer
 
-        watch.append(stack.enter_context(MetricsServer(config.metrics, now_ns)).show)
+        watch["metrics"] = stack.enter_context(MetricsServer(config.metrics, now_ns)).show
     return Watched(recorder, lambda: _log_now(log, series), watch, audience)
 
 

@@ -94,11 +94,18 @@ class Localizer:
     def __init__(self, t_zero_ns: int, antenna: Antenna | None = None) -> None:
         """t_zero_ns: host time of t = 0 of the poses. antenna: m forward and left of the body origin."""
         self._t_zero_ns = t_zero_ns
+        self._antenna = antenna
         self._graph = LiveGraph(GraphConfig(antenna=antenna or (0.0, 0.0)))
         self._map: LocalFrame | None = None
         self._said: set[str] = set()
         self._heard = 0
         self._pose: Pose | None = None
+
+    def successor(self) -> Localizer:
+        """Return a localizer without a past, in the same map frame."""
+        successor = Localizer(self._t_zero_ns, self._antenna)
+        successor._map, successor._said = self._map, set(self._said)
+        return successor
 
     def fix(self, fix: FixSample) -> None:
         """A GNSS fix; those older than the newest pose of the graph are too late and left out."""

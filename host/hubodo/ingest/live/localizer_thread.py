@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import queue
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from hubodo.fuse.wheel.records import Pose
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.localizer import Antenna, FixSample, Localizer, Located
+from hubodo.ingest.live.output_thread import OutputThread
 
+PART = "map"
+_CAPACITY = 50_000
+"""Poses and fixes that wait: more than an hour of them."""
 _PATIENCE_S = 20.0
 """s; a minute of fixes that waited is through by then, even on a small computer."""
 
@@ -24,56 +27,60 @@ class Answer:
 
 
 class LocalizerThread:
-    """Give it poses and fixes in their order; `answer` is called with what becomes of them, on its thread."""
+    """Takes poses and fixes in their order and calls `answer` with what becomes of them, on its thread.
+
+    A graph that fails or hangs is replaced by a new one in the same map frame.
+    """
 
     def __init__(
-        self, t_zero_ns: int, answer: Callable[[Answer], None], antenna: Antenna | None = None
+        self,
+        t_zero_ns: int,
+        answer: Callable[[Answer], None],
+        antenna: Antenna | None = None,
+        *,
+        bulkheads: Bulkheads,
     ) -> None:
-        """As for `Localizer`."""
+        """t_zero_ns, antenna: as for `Localizer`."""
         self._localizer = Localizer(t_zero_ns, antenna)
-        self._items: queue.SimpleQueue[tuple[Pose | FixSample, int] | None] = queue.SimpleQueue()
+        self._is_new = True
         self._answer = answer
-        self._stopped = False
-        self._thread = threading.Thread(target=self._run, daemon=True, name="localizer")
-        self._thread.start()
+        self._thread: OutputThread[tuple[Pose | FixSample, int]] = OutputThread(
+            PART, self._start, bulkheads, capacity=_CAPACITY, replaceable=True
+        )
+
+    @property
+    def waiting(self) -> int:
+        """Poses and fixes that wait."""
+        return self._thread.waiting
 
     def put(self, item: Pose | FixSample, arrived_ns: int) -> None:
-        """The next pose or fix, and when it was known; let go once the thread has ended."""
-        if not self._stopped:
-            self._items.put((item, arrived_ns))
+        """Hand over the next pose or fix and the time at which it was known."""
+        self._thread.put((item, arrived_ns))
 
     def close(self, patience_s: float = _PATIENCE_S) -> bool:
-        """Waits for the answers to all that was put; False when they did not come in time."""
-        self._items.put(None)
-        self._thread.join(patience_s)
-        done = not self._thread.is_alive()
-        self.stop()
-        return done
+        """Wait up to `patience_s` seconds for the answers to all that was put; return whether they came."""
+        return self._thread.close(patience_s, patience_s)
 
     def stop(self) -> None:
-        """Ends it after the item at hand, whatever else was put."""
-        self._stopped = True
-        self._items.put(None)
+        """End after the item at hand; what else was put is dropped."""
+        self._thread.stop()
 
-    def _run(self) -> None:
-        through = False
-        try:
-            self._work()
-            through = True
-        finally:
-            self._stopped = True
-            if not through:
-                text = "the graph failed; map → odom ends here, all else goes on"
-                self._answer(Answer(None, (text,), 0))
+    def _start(self) -> Callable[[tuple[Pose | FixSample, int]], None]:
+        """Return the handler of the thread: of a graph of its own, which no abandoned thread touches."""
+        if not self._is_new:
+            self._localizer = self._localizer.successor()
+        self._is_new = False
+        localizer = self._localizer
 
-    def _work(self) -> None:
-        while (given := self._items.get()) is not None and not self._stopped:
-            item, arrived_ns = given
+        def handle(item: tuple[Pose | FixSample, int]) -> None:
+            given, arrived_ns = item
             located = None
-            if isinstance(item, FixSample):
-                self._localizer.fix(item)
+            if isinstance(given, FixSample):
+                localizer.fix(given)
             else:
-                located = self._localizer.odometry(item)
-            warnings = tuple(self._localizer.warnings())
-            if located is not None or warnings:
+                located = localizer.odometry(given)
+            warnings = tuple(localizer.warnings())
+            if localizer is self._localizer and (located is not None or warnings):
                 self._answer(Answer(located, warnings, arrived_ns))
+
+        return handle

@@ -8,9 +8,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.ingest.link.link import LinkNews
+from hubodo.ingest.live.bulkheads import PartHung
 from hubodo.ingest.live.computer import Computer, Link
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.notify import Notifier
@@ -79,14 +81,14 @@ class Loop:
 
         duration: s, None until `stopping`. judged: whether the recorder's verdict ends it.
         """
-        self.watched.add(self.notifier.show)
+        self.watched.add("service manager", self.notifier.show)
         for link in self.links.values():
             link.start()
         start_ns = self.computer.now_ns()
         self.notifier.ready()
-        with _short_collections():
+        with _short_collections(), self.recorder.bulkheads.watching_for_hangs():
             verdict = self._turn_until_the_end(duration, judged)
-        took = self._end(start_ns)
+            took = self._end(start_ns)
         self.log.close()
         self.say()
         return verdict, took
@@ -101,17 +103,24 @@ class Loop:
                 item = self.computer.news(wait)
                 if item is None:
                     break
-                backlog.take(item)
+                self._guarded(backlog.take, item)
                 wait = 0.0
             backlog.now_ns = now = self.computer.now_ns()
             if now < next_tick:
                 continue
             next_tick = now + _TICK_NS
-            self._tick(now)
+            self._guarded(self._tick, now)
             verdict = self.recorder.verdict() if judged else None
             if verdict is not None or (end_ns is not None and now >= end_ns):
                 return verdict
         return None
+
+    def _guarded(self, action: Callable[[Any], None], argument: object) -> None:
+        """Call `action`; an interruption that met a part just as it returned ends this call alone."""
+        try:
+            action(argument)
+        except PartHung as error:
+            self.recorder.bulkheads.record("recorder", error, pausing=False)
 
     def _tick(self, now_ns: int) -> None:
         self.notifier.alive()

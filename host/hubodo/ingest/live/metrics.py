@@ -57,6 +57,7 @@ class _Told(Collector):
         yield from self._recorder()
         yield from self._links()
         yield from self._nodes()
+        yield from self._faults()
         if now.odometry is not None:
             yield _counter("hubodo_odometry_distance_meters", "Way of the vehicle.", now.odometry.distance)
             yield _gauge("hubodo_odometry_speed_meters_per_second", "Its speed.", now.odometry.speed)
@@ -78,6 +79,14 @@ class _Told(Collector):
             yield _gauge("hubodo_disk_free_bytes", "Room where the log is.", log.disk_free)
         if now.memory is not None:
             yield _gauge("hubodo_memory_bytes", "Resident memory of the process.", now.memory)
+
+    def _faults(self) -> Iterator[Metric]:
+        faults = CounterMetricFamily(
+            "hubodo_faults", "Exceptions and hangs of a part, which cost that part alone.", labels=["part"]
+        )
+        for part, count in self._now.faults.items():
+            faults.add_metric([part], count)
+        yield faults
 
     def _links(self) -> Iterator[Metric]:
         up = GaugeMetricFamily("hubodo_link_up", "1 while the link is open.", labels=["link"])

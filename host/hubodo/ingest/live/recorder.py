@@ -1,4 +1,7 @@
-"""All links and nodes of a recording, without I/O: news in, log records and questions to nodes out."""
+"""All links and nodes of a recording, without I/O: news in, log records and questions to nodes out.
+
+Each link, node, receiver and the odometry is a part of its own behind a bulkhead.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,14 @@ from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
 from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkNews, LinkUp
-from hubodo.ingest.link.session import LinkSession
+from hubodo.ingest.link.session import DAMAGED, LinkSession
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.latency import Latency
-from hubodo.ingest.live.localizer import FixSample, Located
+from hubodo.ingest.live.live_map import LiveMap
+from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
@@ -38,7 +44,7 @@ class Recorder:
     links that carry NMEA. send(link, bytes, to) writes to a link. Every node name occurs once. vehicle
     switches odometry on; calibration is applied to what goes into it; t_zero_ns: host time of t = 0;
     odometry_rate_hz: poses a second at most. localizer: gets odometry and fixes; what it answers is to come
-    back through `handle`.
+    back through `handle`. bulkheads: keep account of faults; None: of this recorder alone.
     """
 
     def __init__(
@@ -55,7 +61,9 @@ class Recorder:
         odometry_rate_hz: float | None = None,
         clock_period: float = 1.0,
         localizer: LocalizerThread | None = None,
+        bulkheads: Bulkheads | None = None,
     ) -> None:
+        self.bulkheads = bulkheads or Bulkheads(now_ns)
         self.links = {label: LinkSession(label, sink) for label in links}
         self._order = ArrivalOrder()
         self.gnss = {label: GnssSession(label, sink, self._order) for label in gnss}
@@ -65,14 +73,9 @@ class Recorder:
         if vehicle is not None:
             self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
         self.latency = Latency()
-        self.located: Located | None = None
-        self.located_poses = 0
-        self.located_latency = Latency()
-        self.locating = localizer is not None
-        """Whether odometry and fixes go to a localizer."""
-        self._localizer = localizer
         self.notices: list[Event] = []
         """What the user should hear of, for whoever shows the recording to take away."""
+        self.map = LiveMap(localizer, sink, now_ns, self.notices)
         self._calibration = calibration or Calibration()
         self._fitting: dict[tuple[str, str], bool] = {}
         self._told: set[str] = set()
@@ -85,19 +88,29 @@ class Recorder:
         self._senders: dict[tuple[str, int, int], str] = {}
         self._boards: dict[tuple[str, int], Senders] = {}
         self._ask_who: dict[str, int] = {}
-        self._origin: Event | None = None
         self._unread = 0
 
     def handle(self, news: LinkNews | Answer) -> None:
         """One thing that a link reported, or the localizer answered."""
         if isinstance(news, Answer):
-            self._located(news)
-            return
-        if news.link in self.gnss:
+            self.bulkheads.run("map", self.map.handle, news)
+        elif news.link in self.gnss:
             if isinstance(news, Chunk):
-                self._locate(self.gnss[news.link].chunk(news.data, news.t_ns), news.t_ns)
-            return
+                self.bulkheads.run(f"receiver {news.link}", self._fixes, news, cause=news.data)
+        elif not isinstance(news, Chunk):
+            self.bulkheads.run(f"link {news.link}", self._link_changed, self.links[news.link], news)
+        elif not self.bulkheads.run(f"link {news.link}", self._split, news, cause=news.data):
+            self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
+
+    def _fixes(self, news: Chunk) -> None:
+        self._locate(self.gnss[news.link].chunk(news.data, news.t_ns), news.t_ns)
+
+    def _split(self, news: Chunk) -> None:
         link = self.links[news.link]
+        for frame in link.chunk(news):
+            self._frame(link, frame, news)
+
+    def _link_changed(self, link: LinkSession, news: LinkUp | LinkLost | Intruders) -> None:
         match news:
             case LinkUp():
                 if link.missed:
@@ -112,22 +125,25 @@ class Recorder:
             case Intruders():
                 named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
                 text = f"{news.link}: datagrams refused: {named}"
-                refused = Event(news.t_ns, "refused", news.link, text, {"link": news.link, **news.refused})
-                self.notices.append(refused)
-                self._sink.event(refused)
-            case Chunk():
-                for frame in link.chunk(news):
-                    self._frame(link, frame, news)
+                self.report(Event(news.t_ns, "refused", news.link, text, {"link": news.link, **news.refused}))
 
     def tick(self, now_ns: int) -> None:
         """Call every 0.1 s or so."""
         for link in self.links.values():
-            self.notices += link.tick(now_ns)
+            self.bulkheads.run(f"link {link.label}", self._tick_link, link, now_ns)
         for node in list(self.nodes.values()):
-            self._fuse(node.tick(now_ns), now_ns)
-            self.notices += node.notices
-            node.notices.clear()
-        self._warn(now_ns)
+            self.bulkheads.run(_part(node), self._tick_node, node, now_ns)
+        self.bulkheads.run("odometry", self._warn, now_ns)
+        for event in self.bulkheads.reports():
+            self.report(event)
+
+    def _tick_link(self, link: LinkSession, now_ns: int) -> None:
+        self.notices += link.tick(now_ns)
+
+    def _tick_node(self, node: NodeSession, now_ns: int) -> None:
+        self._fuse(node.tick(now_ns), now_ns)
+        self.notices += node.notices
+        node.notices.clear()
 
     def request(self, node: str, message: Message, words: str) -> bool:
         """Asks a node for a user; see `NodeSession.request`. Whether there is such a node."""
@@ -143,40 +159,55 @@ class Recorder:
     def keep(self, news: LinkNews | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""
         if isinstance(news, Chunk) and news.link in self.links:
-            self._unread += self.links[news.link].keep(news)
+            if not self.bulkheads.run(f"link {news.link}", self._keep, news, cause=news.data):
+                self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
         elif not isinstance(news, Answer):
             self.handle(news)
+
+    def _keep(self, news: Chunk) -> None:
+        self._unread += self.links[news.link].keep(news)
 
     def tell_again(self) -> None:
         """Another log has begun: it is told what the one before knew and no message will say again."""
         now_ns = self._now_ns()
         for node in self.nodes.values():
-            node.tell_again(now_ns)
-        if self._origin is not None:
-            self._sink.event(self._origin, now_ns)
+            self.bulkheads.run(_part(node), node.tell_again, now_ns)
+        self.map.repeat_origin(now_ns)
+
+    def report(self, event: Event) -> None:
+        """An event for the user and the log."""
+        self.notices.append(event)
+        self._sink.event(event)
 
     def warn(self, source: str, text: str) -> None:
         """One line for the user and the log."""
-        self._tell(self._now_ns(), "warning", source, text)
-        self._sink.event(self.notices[-1])
+        self.report(Event(self._now_ns(), "warning", source, text))
 
     def close(self) -> None:
         """The end of the recording: writes what waited."""
-        now_ns = self._now_ns()
+        now_ns, run = self._now_ns(), self.bulkheads.run
         for node in self.nodes.values():
-            self._fuse(node.close(now_ns), now_ns)
+            run(_part(node), self._close_node, node, now_ns)
         for gnss in self.gnss.values():
-            self._locate(gnss.close(), now_ns)
-        if self.odometer is not None:
-            self._publish(self.odometer.finish(), now_ns)
-        self._warn(now_ns, end=True)
+            run(f"receiver {gnss.label}", lambda gnss=gnss: self._locate(gnss.close(), now_ns))
+        run("odometry", self._close_odometry, now_ns)
         if self._unread:
             self.warn(
                 "recorder",
                 f"{self._unread} frames are in the log raw, not decoded: hubodo import decodes them",
             )
         for link in self.links.values():
-            link.close(now_ns)
+            run(f"link {link.label}", link.close, now_ns)
+        for event in self.bulkheads.reports(final=True):
+            self.report(event)
+
+    def _close_node(self, node: NodeSession, now_ns: int) -> None:
+        self._fuse(node.close(now_ns), now_ns)
+
+    def _close_odometry(self, now_ns: int) -> None:
+        if self.odometer is not None:
+            self._publish(self.odometer.finish(), now_ns)
+        self._warn(now_ns, end=True)
 
     def verdict(self) -> WireMismatch | InputError | CalibrationError | None:
         """Why it makes no sense to go on, None while it does.
@@ -209,14 +240,26 @@ class Recorder:
         if routed is None:
             if news.t_ns >= self._ask_who.get(news.sender, 0):
                 self._ask_who[news.sender] = news.t_ns + _ASK_WHO_NS
-                self._send(link.label, Questions(frame.node).wire(GetHello())[1], news.sender)
+                self._transmit(link.label, Questions(frame.node).wire(GetHello())[1], news.sender)
             return
         key = (link.label, frame.node, routed[0])
         self._senders[key] = news.sender
         node = self._node(link, key)
+        part = _part(node)
         for kept, t_ns, counts in routed[1]:
-            self._fuse(node.frame(kept, t_ns, counts), news.t_ns)
+            cause = bytes((kept.type_id, kept.node)) + kept.payload
+            self.bulkheads.run(part, self._read, node, kept, t_ns, counts, news.t_ns, cause=cause)
         self._pass_on(link, node, news.t_ns)
+
+    def _read(self, node: NodeSession, frame: Frame, t_ns: int, link: LinkCounts, arrived_ns: int) -> None:
+        self._fuse(node.frame(frame, t_ns, link), arrived_ns)
+
+    def _transmit(self, label: str, data: bytes, to: str) -> bool:
+        sent: list[bool] = []
+        self.bulkheads.run(
+            f"sending on {label}", lambda: sent.append(self._send(label, data, to)), pausing=True
+        )
+        return any(sent)
 
     def _pass_on(self, link: LinkSession, receiver: NodeSession, t_ns: int) -> None:
         """What a receiver says of the nodes behind it, to these."""
@@ -231,7 +274,7 @@ class Recorder:
         if node is None:
 
             def send(question: bytes) -> bool:
-                return self._send(link.label, question, self._senders.get(key, ""))
+                return self._transmit(link.label, question, self._senders.get(key, ""))
 
             node = self.nodes[key] = NodeSession(
                 self._name(link.label, key[1]),
@@ -261,23 +304,23 @@ class Recorder:
 
     def _fuse(self, published: Iterable[Published], arrived_ns: int) -> None:
         for item in published:
-            if self.odometer is None or not self._fits(item, arrived_ns):
-                continue
-            block = item.block
-            self._publish(
-                self.odometer.handle(
-                    Block(
-                        item.node,
-                        item.t_ns,
-                        block.gyro,
-                        block.accel,
-                        block.temperature,
-                        item.power_on_ns,
-                        item.supply,
-                    )
-                ),
-                arrived_ns,
-            )
+            if self.odometer is not None:
+                self.bulkheads.run("odometry", self._estimate, self.odometer, item, arrived_ns)
+
+    def _estimate(self, odometer: Odometer, item: Published, arrived_ns: int) -> None:
+        if not self._fits(item, arrived_ns):
+            return
+        block = item.block
+        rows = Block(
+            item.node,
+            item.t_ns,
+            block.gyro,
+            block.accel,
+            block.temperature,
+            item.power_on_ns,
+            item.supply,
+        )
+        self._publish(odometer.handle(rows), arrived_ns)
 
     def _publish(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
         for motion in motions:
@@ -287,31 +330,8 @@ class Recorder:
             self._locate(self.odometer.fresh(), arrived_ns)
 
     def _locate(self, items: Iterable[Pose | FixSample], arrived_ns: int) -> None:
-        """Hands poses and fixes on, in the order in which a log gives them again."""
-        if self._localizer is not None and self.odometer is not None:
-            for item in items:
-                self._localizer.put(item, arrived_ns)
-
-    def _located(self, answer: Answer) -> None:
-        now_ns = self._now_ns()
-        for line in answer.warnings:
-            self._tell(now_ns, "warning", "map", f"map: {line}")
-            self._sink.event(Event(now_ns, "warning", "map", line))
-        located = answer.located
-        if located is None:
-            return
-        if self.located is None:
-            latitude, longitude = located.origin_deg
-            text = (
-                f"map: origin at latitude {latitude:.7f}, longitude {longitude:.7f} degrees; x east, y north"
-            )
-            data = {"latitude_deg": latitude, "longitude_deg": longitude}
-            self._origin = Event(int(located.t_ns[0]), "started", "map", text, data)
-            self._sink.event(self._origin)
-        self.located = located
-        self.located_poses += 1
-        located.write(self._sink, now_ns)
-        self.located_latency.add(self._now_ns() - answer.arrived_ns)
+        if self.odometer is not None:
+            self.map.put(items, arrived_ns)
 
     def _warn(self, now_ns: int, *, end: bool = False) -> None:
         """What the odometer has to say, to the user and into the log."""
@@ -347,3 +367,8 @@ class Recorder:
                 self._sink.event(Event(now_ns, "mismatch", item.node, str(error), data))
             self._fitting[item.node, serial] = known
         return known
+
+
+def _part(node: NodeSession) -> str:
+    """Return the name of a node's part behind its bulkhead."""
+    return f"node {node.name}"

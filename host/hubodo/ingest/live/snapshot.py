@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.ingest.link.session import LinkSession
+from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.tee_sink import Listener
 from hubodo.ingest.node.session import NodeSession
-from hubodo.ingest.sink import Sink
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
+from hubodo.recording import Event
 
 S = 1_000_000_000
 
@@ -116,6 +118,7 @@ class Snapshot:
     """A recording. t_ns: host time of it; started_ns: of the start; memory: bytes in use by the process.
 
     map: where the odometry puts the vehicle on the map, (x east, y north) m, with a graph and once known.
+    faults: exceptions and hangs of each part that has had any, since the start.
     """
 
     t_ns: int
@@ -127,6 +130,7 @@ class Snapshot:
     odometry: OdometryNow | None
     map: tuple[float, float] | None
     memory: int | None
+    faults: Mapping[str, int]
 
     @property
     def seconds(self) -> float:
@@ -134,17 +138,18 @@ class Snapshot:
         return (self.t_ns - self.started_ns) / S
 
 
-Watch = Callable[[Snapshot], None]
+Watch = Callable[[Snapshot], Iterable[Event] | None]
+"""Called with each snapshot in the recorder's own thread; must return at once. Events go into the log."""
 
 
 class Audience(Protocol):
     """Who watches closely. Called in the recorder's own thread, so it must not wait for anybody."""
 
-    def sink(self, log: McapLog, series: LogSeries) -> Sink:
-        """Where the recorder writes: the log, or what hands everything on to it. series: behind the log."""
+    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+        """Called once, before the start; return what listens to all that is written, by its part's name."""
         ...
 
-    def look(self, recorder: Recorder, now_ns: int) -> None:
+    def poll(self, recorder: Recorder, now_ns: int) -> None:
         """Called some fifty times a second."""
         ...
 
@@ -154,40 +159,50 @@ class Audience(Protocol):
 
 
 class Watched:
-    """A recorder looked at once a second, for those who want to know."""
+    """Shows a recorder once a second to those who want to know, each as a part of its own."""
 
     def __init__(
         self,
         recorder: Recorder,
         log: Callable[[], LogNow],
-        watch: Sequence[Watch],
+        watch: Mapping[str, Watch],
         audience: Audience | None = None,
     ) -> None:
-        """watch: called with each snapshot in the recorder's own thread; must return at once."""
+        """watch: by the name of the part."""
         self._recorder, self._log, self._audience = recorder, log, audience
-        self._watch = list(watch) if audience is None else [*watch, audience.show]
+        self._watch = dict(watch)
+        if audience is not None:
+            self._watch["page"] = audience.show
         self._started_ns = self._next_ns = 0
 
-    def add(self, watch: Watch) -> None:
+    def add(self, part: str, watch: Watch) -> None:
         """Another one who wants to know."""
-        self._watch.append(watch)
+        self._watch[part] = watch
 
     def tick(self, now_ns: int) -> None:
         """Call often; the first call is the start."""
+        run = self._recorder.bulkheads.run
         if self._audience is not None:
-            self._audience.look(self._recorder, now_ns)
+            run("page", self._audience.poll, self._recorder, now_ns, pausing=True)
         if now_ns < self._next_ns or not self._watch:
             return
         self._started_ns = self._started_ns or now_ns
         self._next_ns = now_ns + S
+        run("status", self._show, now_ns)
+
+    def _show(self, now_ns: int) -> None:
         snapshot = take_snapshot(self._recorder, self._log(), self._started_ns, now_ns)
-        for watch in self._watch:
-            watch(snapshot)
+        for part, watch in self._watch.items():
+            self._recorder.bulkheads.run(part, self._pass_on, watch, snapshot, pausing=True)
+
+    def _pass_on(self, watch: Watch, snapshot: Snapshot) -> None:
+        for event in watch(snapshot) or ():
+            self._recorder.report(event)
 
 
 def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int) -> Snapshot:
     """How it is now; to be called by the thread that feeds the recorder."""
-    located = recorder.located
+    located = recorder.map.located
     return Snapshot(
         now_ns,
         started_ns,
@@ -207,6 +222,7 @@ def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int)
         _odometry(recorder),
         None if located is None else (float(located.position[0, 0]), float(located.position[0, 1])),
         memory_in_use(),
+        recorder.bulkheads.counts(),
     )
 
 

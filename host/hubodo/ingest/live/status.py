@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -20,8 +20,12 @@ class RecordResult:
     """What a recording holds. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable.
 
     file: the newest of `files`, the logs in their order, those that were removed to make room included.
-    messages_lost: that no log has, for want of room or because a log was deleted; removed: logs.
+    messages_lost: that no log has, for want of room or because a log was deleted; removed: logs. faults: by
+    the part of the recorder that raised or hung.
     """
+
+    OUTPUT_DEADLINE: ClassVar[float] = 5.0
+    """Seconds after which the process ends although nobody reads the result."""
 
     file: str
     files: tuple[str, ...]
@@ -36,6 +40,7 @@ class RecordResult:
     gnss: dict[str, dict[str, Any]]
     odometry: dict[str, Any] | None
     map: dict[str, Any] | None
+    faults: dict[str, int]
 
     @property
     def failed(self) -> bool:
@@ -57,6 +62,7 @@ class RecordResult:
             "gnss": self.gnss,
             "odometry": self.odometry,
             "map": self.map,
+            "faults": self.faults,
         }
 
     def render(self, console: Console) -> None:
@@ -100,6 +106,8 @@ class RecordResult:
                 f"{gnss['unread']} sentences not understood",
                 highlight=False,
             )
+        for part, count in self.faults.items():
+            console.print(f"{part}: {count} faults, see the events of the log", highlight=False)
         if self.odometry is not None:
             console.print(_odometry_words(self.odometry), highlight=False)
         if self.map is not None:
@@ -189,6 +197,7 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
         gnss=gnss,
         odometry=_odometry(recorder),
         map=_map(recorder),
+        faults=recorder.bulkheads.counts(),
     )
 
 
@@ -210,9 +219,10 @@ def _odometry(recorder: Recorder) -> dict[str, Any] | None:
 
 
 def _map(recorder: Recorder) -> dict[str, Any] | None:
-    if not recorder.locating:
+    if not recorder.map.is_active:
         return None
-    located, found = recorder.located, {"poses": recorder.located_poses, **recorder.located_latency.as_json()}
+    located = recorder.map.located
+    found: dict[str, Any] = {"poses": recorder.map.poses, **recorder.map.latency.as_json()}
     if located is not None:
         latitude, longitude = located.origin_deg
         x, y = located.position[0].tolist()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
 from types import TracebackType
@@ -14,13 +13,17 @@ from rich.console import Console
 from rich.live import Live
 
 from hubodo.ingest.live.live_table import draw, link_state, node_state, odometry_words, size_words
+from hubodo.ingest.live.patient_stream import standard_error
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.recording import Event
 
 S = 1_000_000_000
 _LINE_NS = 10 * S
-_TROUBLE = ("damage", "disconnected", "foreign", "full", "mismatch", "silent", "warning")
+_TROUBLE = (
+    *("damage", "disconnected", "fault", "foreign", "full", "gap_seen"),
+    *("mismatch", "silent", "warning"),
+)
 """Kinds of events that are warnings; others are for information."""
 
 
@@ -43,44 +46,13 @@ class View(Protocol):
 
 
 def make_view(config: RecordConfig, now_ns: Callable[[], int], console: Console | None = None) -> View:
-    """A live table on a terminal, lines elsewhere; now_ns: host time; console: None, stderr."""
-    return UnseenView(_made(config, now_ns, console or Console(stderr=True)))
-
-
-def _made(config: RecordConfig, now_ns: Callable[[], int], console: Console) -> View:
+    """Return a live table on a terminal, lines elsewhere; now_ns: host time; console: None, stderr."""
+    console = console or Console(file=standard_error())
     if config.log_format == "json":
         return JsonView(console.file, now_ns, quiet=config.quiet)
     if config.quiet or not console.is_terminal or console.is_dumb_terminal:
         return LineView(console, now_ns(), quiet=config.quiet)
     return TableView(console)
-
-
-class UnseenView:
-    """Another view whose terminal or pipe may go: nobody sees it any more then, and a recording goes on."""
-
-    def __init__(self, view: View) -> None:
-        self._view = view
-
-    def __enter__(self) -> Self:
-        with suppress(OSError):
-            self._view.__enter__()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        with suppress(OSError):
-            self._view.__exit__(kind, error, trace)
-
-    def say(self, notice: Event | str) -> None:
-        """See `View`."""
-        with suppress(OSError):
-            self._view.say(notice)
-
-    def show(self, snapshot: Snapshot) -> None:
-        """See `View`."""
-        with suppress(OSError):
-            self._view.show(snapshot)
 
 
 class _Plain:
@@ -100,7 +72,14 @@ class TableView:
     def __init__(self, console: Console) -> None:
         self._console = console
         # Drawn in `show`: a thread of its own would hold up the recording as long, at any time.
-        self._live = Live(console=console, auto_refresh=False, transient=True)
+        # Nor may others print through it, who would wait for its lock.
+        self._live = Live(
+            console=console,
+            auto_refresh=False,
+            transient=True,
+            redirect_stdout=False,
+            redirect_stderr=False,
+        )
 
     def __enter__(self) -> Self:
         self._live.start()

@@ -328,6 +328,14 @@ class NodeSession:
         if self._held and self._late(now_ns):
             yield from self._release()
 
+    def _stamp_without_samples(self, item: MagSample | FilterSeen | HealthSeen) -> None:
+        """Let a report set the clock of a node that has sent no sample and answered no question.
+
+        The node's own time alone, which starts near zero, would stamp the report in 1970 or before.
+        """
+        if self.clock.source == "none":
+            self.clock.arrival(item.device_ns // 1000, item.received_ns)
+
     def _hold(self, item: Timed) -> Iterator[Published]:
         if self._clock_known or self._late(item.received_ns):
             yield from self._release()
@@ -343,6 +351,8 @@ class NodeSession:
             yield from self._publish(item)
 
     def _publish(self, item: Timed) -> Iterator[Published]:
+        if not isinstance(item, ImuBlock):
+            self._stamp_without_samples(item)
         if isinstance(item, MagSample):
             t_ns = self._mag_times.apply(np.array([item.device_ns], np.int64))
             self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
