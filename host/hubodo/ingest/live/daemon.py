@@ -66,10 +66,7 @@ def record(
         stack.push(_nothing_left(series))
         log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}, vehicle))
         bulkheads = Bulkheads(now_ns)
-        localizer = None
-        if vehicle is not None and gnss:
-            localizer = LocalizerThread(zero, computer.put, vehicle.antenna, bulkheads=bulkheads)
-            stack.callback(localizer.stop)
+        localizer = _localizer(vehicle, zero, computer, bulkheads, stack) if gnss else None
         listeners = {} if audience is None else audience.attach(log, series, bulkheads)
         recorder = Recorder(
             names,
@@ -95,6 +92,17 @@ def record(
         if verdict is not None:
             raise verdict
     return make_result(recorder, series, duration=duration, messages=log.message_count - series.in_no_log)
+
+
+def _localizer(
+    vehicle: Vehicle | None, zero_ns: int, computer: Computer, bulkheads: Bulkheads, stack: ExitStack
+) -> LocalizerThread | None:
+    """What puts odometry and fixes on the map; None without a vehicle, whose odometry there is."""
+    if vehicle is None:
+        return None
+    localizer = LocalizerThread(zero_ns, computer.put, vehicle.antenna, bulkheads=bulkheads)
+    stack.callback(localizer.stop)
+    return localizer
 
 
 def _log(
