@@ -25,6 +25,7 @@ from hubodo.ingest.live.status import RecordResult, make_result
 from hubodo.ingest.live.tee_sink import tee_sink
 from hubodo.ingest.live.view import make_view
 from hubodo.ingest.live.view_thread import ViewThread
+from hubodo.ingest.node.naming import unique_name
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
@@ -184,9 +185,7 @@ def _links(
         if (port.kind, port.where) in seen:
             raise InputError(f"port {text!r}: named twice; name each port once")
         seen.add((port.kind, port.where))
-        label = "gnss" if is_gnss else port.label
-        if label in links or (label == "gnss" and not is_gnss):
-            label = next(f"{label}_{n}" for n in range(2, 300) if f"{label}_{n}" not in links)
+        label = "gnss" if is_gnss else unique_name(port.label, {*links, "gnss"})
         links[label] = computer.link(port, label, baud, lister)
         if not is_gnss:
             names[label] = port.name
