@@ -10,12 +10,13 @@ from typing import Protocol
 from hubodo.errors import LinkError
 from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.ports import Finder, Lister, PortName, list_devices
+from hubodo.ingest.link.retry import Backoff, ValidityCheck
 from hubodo.ingest.link.transport import open_transport
+from hubodo.ingest.link.writer import LinkWriter
 from hubowire.budget import UART_BAUD
 
 READ_S = 0.1
-_TELL_NS = 10_000_000_000
-_BACKOFF_S = (0.05, 0.05, 0.1, 0.1, 0.2, 0.5, 1.0)
+_REPORT_NS = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +31,15 @@ class LinkUp:
 
 @dataclass(frozen=True, slots=True)
 class LinkLost:
-    """The link has gone, or cannot be opened at the start (said once); `text` says how."""
+    """The link has gone, or cannot be opened (reported once); `text` says how.
+
+    unexpected: by an exception that no driver should raise, rather than because the device is gone.
+    """
 
     link: str
     t_ns: int
     text: str
+    unexpected: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +75,7 @@ class PortLink:
 
     A thread, because opening a device that is being enumerated, or connecting a socket, can block for
     seconds, which must not hold up the other links; the time of arrival is taken right behind the read.
+    Whatever a driver raises ends the attempt, never the thread: the link is tried again.
     """
 
     def __init__(
@@ -88,8 +94,11 @@ class PortLink:
         self._now_ns = now_ns
         self._baud = baud
         self._finder = Finder(port, lister)
+        self._swap = threading.Lock()  # held while the transport is replaced, never while it works
         self._transport: Transport | None = None
-        self._open = threading.Lock()  # held while the transport is written to or replaced
+        self._writer: LinkWriter | None = None
+        self._check = ValidityCheck(0)
+        self._report_ns = 0
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"link {label}", daemon=True)
 
@@ -98,23 +107,22 @@ class PortLink:
 
         Raises LinkError with the reason, in one line.
         """
-        self._adopt(open_transport(self.port, self._finder, self._baud))
+        try:
+            self._open()
+        except LinkError:
+            raise
+        except Exception as error:
+            raise LinkError(f"{self.port.text}: cannot be opened: {_in_words(error)}") from error
 
     def start(self) -> None:
         """Starts reading; a link that is not open yet is waited for."""
         self._thread.start()
 
     def send(self, data: bytes, to: str = "") -> bool:
-        """Writes at once; False when the link is down or takes nothing within 0.1 s."""
-        with self._open:
-            transport = self._transport
-            if transport is None:
-                return False
-            try:
-                transport.write(data, to)
-            except LinkDown:
-                return False  # the reader meets the same end and reports it
-            return True
+        """Writes at once; False when the link is down or takes nothing in time."""
+        with self._swap:
+            writer = self._writer
+        return writer is not None and writer.write(data, to)
 
     def end(self) -> None:
         """Tells the thread to end, without waiting for it."""
@@ -125,54 +133,81 @@ class PortLink:
         self.end()
         if self._thread.is_alive():
             self._thread.join(patience_s)
-        self._close()
+        if self._thread.is_alive():  # a read that hangs may end when its port is closed, which may hang too
+            threading.Thread(target=self._close, name=f"close {self.label}", daemon=True).start()
+        else:
+            self._close()
 
-    def _adopt(self, transport: Transport) -> None:
-        with self._open:
-            self._transport = transport
+    def _open(self) -> None:
+        transport = open_transport(self.port, self._finder, self._baud)
+        with self._swap:
+            self._transport, self._writer = transport, LinkWriter(transport, self.label)
+        self._check = ValidityCheck(self._now_ns())
         self._news.put(LinkUp(self.label, self._now_ns(), transport.where, transport.datagrams))
 
     def _close(self) -> None:
-        with self._open:
+        with self._swap:
             transport, self._transport = self._transport, None
-            if transport is not None:
-                transport.close()
+            writer, self._writer = self._writer, None
+        if writer is not None:
+            writer.end()
+        if transport is None:
+            return
+        self._report_refused(transport)
+        try:
+            transport.close()
+        except Exception as error:  # noqa: BLE001 the link is tried again all the same
+            self._lost(f"cannot be closed: {_in_words(error)}", unexpected=True)
 
     def _run(self) -> None:
-        failures = told_ns = 0
+        backoff = Backoff()
         while not self._stopping.is_set():
-            transport = self._transport
-            if transport is None:
-                try:
-                    self._adopt(open_transport(self.port, self._finder, self._baud))
-                    failures = 0
-                except LinkError as error:
-                    if failures == 0:
-                        self._news.put(LinkLost(self.label, self._now_ns(), str(error)))
-                    self._stopping.wait(_BACKOFF_S[min(failures, len(_BACKOFF_S) - 1)])
-                    failures += 1
-                continue
-            try:
-                data, sender = transport.read(READ_S)
-            except LinkDown as down:
-                # Closed before it is looked for: while the old descriptor lives, the kernel gives the
-                # device that comes back another name.
-                self._close()
-                self._news.put(LinkLost(self.label, self._now_ns(), str(down)))
-                failures = 1
-                self._stopping.wait(_BACKOFF_S[0])
-                continue
-            if self._now_ns() >= told_ns and self._tell_refused(transport):
-                told_ns = self._now_ns() + _TELL_NS
+            self._stopping.wait(self._attempt(backoff))
+        self._close()
+
+    def _attempt(self, backoff: Backoff) -> float:
+        """Open the link unless it is open and read until it is lost; return the pause before the next, s."""
+        try:
+            if self._transport is None:
+                self._check = ValidityCheck(self._now_ns())
+                self._open()
+            self._read_until_stopped()
+            return 0.0
+        except LinkError as error:
+            if backoff.is_first:
+                self._lost(str(error))
+            return backoff.not_opened()
+        except LinkDown as down:
+            # Closed before it is looked for: while the old descriptor lives, the kernel gives the device
+            # that comes back another name.
+            self._close()
+            self._lost(str(down))
+        except Exception as error:  # noqa: BLE001 a driver may raise anything
+            self._close()
+            self._lost(f"unexpected error: {_in_words(error)}", unexpected=True)
+        return backoff.lost(was_valid=self._check.is_valid(self._now_ns()))
+
+    def _read_until_stopped(self) -> None:
+        transport, writer = self._transport, self._writer
+        while not self._stopping.is_set() and transport is not None and writer is not None:
+            if writer.error is not None:
+                raise writer.error
+            data, sender = transport.read(READ_S)
+            if transport.refused and self._now_ns() >= self._report_ns:
+                self._report_refused(transport)
             if data:
                 self._news.put(Chunk(self.label, self._now_ns(), data, sender))
-        if self._transport is not None:
-            self._tell_refused(self._transport)
+                self._check.feed(data)
 
-    def _tell_refused(self, transport: Transport) -> bool:
-        """Whether there was something to tell."""
-        if not transport.refused:
-            return False
-        self._news.put(Intruders(self.label, self._now_ns(), dict(transport.refused)))
-        transport.refused.clear()
-        return True
+    def _lost(self, text: str, *, unexpected: bool = False) -> None:
+        self._news.put(LinkLost(self.label, self._now_ns(), text, unexpected))
+
+    def _report_refused(self, transport: Transport) -> None:
+        if transport.refused:
+            self._report_ns = self._now_ns() + _REPORT_NS
+            self._news.put(Intruders(self.label, self._now_ns(), dict(transport.refused)))
+            transport.refused.clear()
+
+
+def _in_words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 from collections.abc import Callable, Iterable
@@ -133,6 +134,7 @@ class Finder:
         self._port = port
         self._lister = lister
         self._number = port.where if port.kind == "serial number" else None
+        self._trouble = ""
 
     def device(self) -> str:
         """The path to open now.
@@ -157,26 +159,38 @@ class Finder:
 
     def _is_there(self, path: str) -> bool:
         if _WINDOWS.fullmatch(path):  # no file there
-            return any(info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._lister())
+            return any(
+                info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._devices()
+            )
         return Path(path).exists()
 
     def _by_number(self, number: str) -> str | None:
-        for info in self._lister():
+        for info in self._devices():
             if info.serial_number and info.serial_number.lower() == number.lower():
                 return info.device
         if _BY_ID.is_dir():
-            for link in sorted(_BY_ID.iterdir()):
-                if f"_{number}-".lower() in link.name.lower():
-                    return str(link)
+            with contextlib.suppress(OSError):  # the folder goes with its last device
+                for link in sorted(_BY_ID.iterdir()):
+                    if f"_{number}-".lower() in link.name.lower():
+                        return str(link)
         return None
 
     def _number_of(self, path: str) -> str | None:
         real = os.path.realpath(path)
-        for info in self._lister():
+        for info in self._devices():
             if os.path.realpath(info.device) == real:
                 return info.serial_number
         return None
 
+    def _devices(self) -> list[PortInfo]:
+        """Return the serial ports of this machine; none where the system cannot list them just now."""
+        self._trouble = ""
+        try:
+            return list(self._lister())
+        except Exception as error:  # noqa: BLE001 pyserial lets through what /sys and the registry raise
+            self._trouble = f"the serial ports cannot be listed: {type(error).__name__}: {error}"
+            return []
+
     def _seen(self) -> str:
-        seen = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._lister()]
-        return ", ".join(seen) or "no serial port at all"
+        seen = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._devices()]
+        return ", ".join(seen) or self._trouble or "no serial port at all"

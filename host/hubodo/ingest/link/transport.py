@@ -31,9 +31,9 @@ class TcpTransport:
         self.where = f"socket://{host}:{port}"
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_S)
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             raise LinkError(
-                f"{self.where}: {error.strerror or error}; check host and port, and that it listens"
+                f"{self.where}: {_reason(error)}; check host and port, and that it listens"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -67,13 +67,14 @@ class UdpTransport:
         self.where = f"udp://{host}:{port}"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             self._socket.bind((host, port))
-        except OSError as error:
+        except (OSError, UnicodeError) as error:
             self._socket.close()
             raise LinkError(
-                f"{self.where}: {error.strerror or error}; give a free port and an address of this machine, "
+                f"{self.where}: {_reason(error)}; give a free port and an address of this machine, "
                 "0.0.0.0 for all"
             ) from error
 
@@ -83,13 +84,15 @@ class UdpTransport:
                 return b"", ""
             try:
                 data, sender = self._socket.recvfrom(_READ_BYTES)
-            except ConnectionRefusedError:
-                return b"", ""  # an earlier answer met a closed port: news about a sender, not about us
+            except (ConnectionRefusedError, BlockingIOError):
+                # An earlier answer met a closed port, or a checksum was wrong: news about a sender, not us.
+                return b"", ""
             return data, f"{sender[0]} {sender[1]}"
 
     def write(self, data: bytes, to: str) -> None:
+        """Send one datagram; that it cannot reach an address says nothing about the port."""
         host, _, port = to.rpartition(" ")
-        with contextlib.suppress(TimeoutError, ConnectionRefusedError), down(self.where):
+        with contextlib.suppress(OSError):
             self._socket.sendto(data, (host, int(port)))
 
     def close(self) -> None:
@@ -121,6 +124,10 @@ class SealedTransport:
 
     def close(self) -> None:
         self._plain.close()
+
+
+def _reason(error: OSError | UnicodeError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:

@@ -1,0 +1,75 @@
+"""When a link is tried again: pauses that grow until a connection has carried something valid."""
+
+from __future__ import annotations
+
+import re
+from functools import reduce
+from operator import xor
+
+from hubowire import FrameDecoder
+
+_FIRST_S = 0.05
+_ABSENT_S = 1.0
+"""Longest pause for a device that is not there: what is plugged in again is opened within a second."""
+_USELESS_S = 8.0
+"""Longest pause after connections without a valid frame."""
+_PROVEN_AFTER_NS = 10_000_000_000
+_SEARCHED_BYTES = 65536
+_NMEA = re.compile(rb"\$([^\r\n$*]{5,120})\*([0-9A-Fa-f]{2})")
+
+
+class ValidityCheck:
+    """Tells whether a connection has carried a valid frame or NMEA sentence yet, in its first 64 kB."""
+
+    def __init__(self, opened_ns: int) -> None:
+        self._opened_ns = opened_ns
+        self._valid = False
+        self._searched = 0
+        self._frames = FrameDecoder()
+        self._text = b""
+
+    def feed(self, data: bytes) -> None:
+        """Bytes as they came; costs nothing after the first valid frame."""
+        if self._valid or self._searched >= _SEARCHED_BYTES:
+            return
+        self._searched += len(data)
+        self._text = (self._text + data)[-2 * _SEARCHED_BYTES :]
+        self._valid = bool(self._frames.feed(data)) or any(
+            reduce(xor, sentence[1]) == int(sentence[2], 16) for sentence in _NMEA.finditer(self._text)
+        )
+        self._text = b"" if self._valid else self._text[-128:]
+
+    def is_valid(self, now_ns: int) -> bool:
+        """Return True after a valid frame or sentence, or when the connection has lasted for 10 s."""
+        return self._valid or now_ns - self._opened_ns >= _PROVEN_AFTER_NS
+
+
+class Backoff:
+    """The pauses before the next attempt, s, doubling from 0.05 s.
+
+    A bridge that accepts and closes, or a port that opens and fails, is tried every eight seconds in the end.
+    """
+
+    def __init__(self) -> None:
+        self._absent = 0
+        self._useless = 0
+
+    @property
+    def is_first(self) -> bool:
+        """True before the first attempt to open that failed since the last connection."""
+        return not self._absent
+
+    def not_opened(self) -> float:
+        """Return the pause after an attempt to open that failed."""
+        self._absent += 1
+        return _pause(self._absent, _ABSENT_S)
+
+    def lost(self, *, was_valid: bool) -> float:
+        """Return the pause after a connection; was_valid: whether it carried something valid."""
+        self._absent = 1
+        self._useless = 0 if was_valid else self._useless + 1
+        return _pause(self._useless, _USELESS_S)
+
+
+def _pause(failures: int, longest: float) -> float:
+    return min(_FIRST_S * 2.0 ** min(failures, 16), longest)
