@@ -89,23 +89,25 @@ class Kept:
 class Line:
     """A recorder of one link or more, and the time that passes on it."""
 
-    def __init__(self, *labels: str) -> None:
-        self.sink, self.now = Kept(), T0
+    def __init__(self, *labels: str, datagrams: bool = False) -> None:
+        self.sink, self.now, self.datagrams = Kept(), T0, datagrams
         names = dict.fromkeys(labels or ("usb0",))
         self.recorder = Recorder(names, self.sink, lambda *_: True, lambda: self.now)
         for label in names:
             self.plug(label)
 
     def plug(self, label: str = "usb0") -> None:
-        self.recorder.handle(LinkUp(label, self.now, f"/dev/{label}", False))
+        self.recorder.handle(LinkUp(label, self.now, f"/dev/{label}", self.datagrams))
 
     def unplug(self, label: str = "usb0") -> None:
         self.recorder.handle(LinkLost(label, self.now, "unplugged"))
 
-    def says(self, data: bytes, label: str = "usb0", seconds: float = BATCH * PERIOD_NS / S) -> None:
+    def says(
+        self, data: bytes, label: str = "usb0", seconds: float = BATCH * PERIOD_NS / S, sender: str = ""
+    ) -> None:
         """Bytes that came, and the time until the next."""
         if data:
-            self.recorder.handle(Chunk(label, self.now, data, ""))
+            self.recorder.handle(Chunk(label, self.now, data, sender))
         self.now += round(seconds * S)
         self.recorder.tick(self.now)
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Iterator
 
 from hubodo.ingest.link.foreign import describe, recognised
-from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
+from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkUp
+from hubodo.ingest.link.throttle import EventThrottle
 from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, Route, SenderTable
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
-from hubowire import Damage, Frame, FrameDecoder
+from hubowire import Damage, FrameDecoder
 
 S = 1_000_000_000
 DAMAGED = "/damaged"
@@ -20,8 +23,7 @@ _SILENT_NS = 5 * S
 _DAMAGE_EVERY_NS = 10 * S
 _SAMPLE_BYTES = 512
 _DAMAGED_BYTES_S = 200_000
-_MAX_SENDERS = 64
-_MOST_PLACES = 16
+_OWN_TOPICS = 15  # of the first senders of a datagram port; the others share one until they are identified
 _CAUSES = ("crc", "cobs", "short", "oversize")
 
 
@@ -43,12 +45,18 @@ class LinkSession:
         self.unlogged = 0
         """Bytes of damaged frames that were too many to log."""
         self.downs = 0
+        self.faults = 0
+        """Unexpected exceptions of the port's driver."""
+        self.refused = 0
+        """Datagrams that no key proved."""
         self.foreign: str | None = None
         self.missed = False
         self.damage = dict.fromkeys(_CAUSES, 0)
         self._sink = sink
-        self._decoders: dict[str, FrameDecoder] = {}
-        self._senders: dict[str, int] = {}
+        self.senders = SenderTable(datagrams=False)
+        self._decoders: OrderedDict[str, FrameDecoder] = OrderedDict()
+        self._topics: dict[str, int] = {}
+        self._board_topics: dict[tuple[int, int], int] = {}
         self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
         self._strange = bytearray()
         self._strange_count = 0
@@ -59,57 +67,79 @@ class LinkSession:
         self._reported = 0
         self._next_report = 0
         self._silence_said = False
+        self._losses = EventThrottle()
+        self._unreported_losses = False
+        self._connected: Event | None = None  # of a connection after those, until it carries a frame
+        self._notices: list[Event] = []
+        self._refusals = EventThrottle()
+        self._refusals_reported = 0
 
     @property
     def counts(self) -> LinkCounts:
         """What gaps are explained by."""
         return LinkCounts(sum(self.damage.values()), self.downs)
 
-    def up(self, news: LinkUp) -> None:
-        """The link is open."""
-        self.where, self.datagrams = news.where, news.datagrams
+    def up(self, news: LinkUp) -> bool:
+        """The link is open; return whether that is an event.
+
+        Of connections that are lost before a valid frame came, one after the other, not each is.
+        """
+        if self.datagrams != news.datagrams:
+            self.datagrams = news.datagrams
+            self.senders = SenderTable(datagrams=news.datagrams)
+        self.where = news.where
         self._heard_ns, self._silence_said, self._met = news.t_ns, False, False
         text = f"{self.label}: connected at {news.where}"
-        self._sink.event(
-            Event(news.t_ns, "connected", self.label, text, {"link": self.label, "where": news.where})
-        )
+        event = Event(news.t_ns, "connected", self.label, text, {"link": self.label, "where": news.where})
+        if self._unreported_losses:
+            self._connected = event
+            return False
+        self._sink.event(event)
+        return True
 
-    def lost(self, news: LinkLost) -> None:
-        """The link has gone."""
+    def lost(self, news: LinkLost) -> bool:
+        """The link has gone; return whether that was reported in the log."""
         was_open, self.where, self.missed = self.where is not None, None, True
         self._strange_since = None  # nothing comes: nobody strange speaks
-        if was_open:
-            self.downs += 1
+        self.downs += was_open
+        self.faults += news.unexpected
         for sender in list(self._decoders):
             self._end(sender, news.t_ns)
+        if self._met:
+            self._losses.reset()
+        self._met, self._connected = False, None
+        before = self._losses.admit(news.t_ns)
+        self._unreported_losses = before is None
+        if before is None:
+            return False
         text = f"{self.label}: {'disconnected' if was_open else 'not there yet'}: {news.text}"
-        self._sink.event(Event(news.t_ns, "disconnected", self.label, text, {"link": self.label}))
+        text += f"; {before} more attempts failed since the last report" if before else ""
+        data = {"link": self.label, "attempts": before + 1, "faults": self.faults}
+        self._sink.event(Event(news.t_ns, "disconnected", self.label, text, data))
+        return True
 
-    def chunk(self, chunk: Chunk) -> Iterator[Frame]:
-        """Logs each piece between delimiters, then yields it if it is a frame."""
+    def chunk(self, chunk: Chunk) -> Iterator[Route]:
+        """Log each piece between delimiters and yield where it goes if it is a frame."""
         self._heard_ns = chunk.t_ns
         self.bytes += len(chunk.data)
         decoder, met = self._decoder(chunk.sender), False
-        place = self._place(chunk.sender)
         for stuffed in decoder.split(chunk.data):
             frame = decoder.decode(stuffed)
             fresh = chunk.sender in self._fresh
             self._fresh.discard(chunk.sender)
             if frame is None:
-                self._keep_damaged(place, chunk.t_ns, stuffed + b"\0")
+                self._keep_damaged(self._place(chunk.sender), chunk.t_ns, stuffed + b"\0")
                 if fresh:
                     self.cut += 1
                     decoder.damage = Damage()
-            else:
-                self._sink.raw(place, chunk.t_ns, stuffed + b"\0")
-                self.frames += 1
-                met = self._met = True
-                self._strange.clear()
-                self._strange_count = 0
-                self._strange_since = self.foreign = None
-            self._count(decoder)
-            if frame is not None:
-                yield frame
+                self._count(decoder)
+                continue
+            route = self.senders.route((frame, chunk.t_ns, self.counts), chunk.sender)
+            self._sink.raw(self._place(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
+            self.frames += 1
+            met = True
+            self._valid()
+            yield route
         self._count(decoder)
         if met:
             return  # what came behind the last frame is the beginning of the next
@@ -118,6 +148,26 @@ class LinkSession:
         self._strange_count += len(chunk.data)
         if len(self._strange) < _SAMPLE_BYTES:
             self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
+
+    def _valid(self) -> None:
+        """A valid frame has come."""
+        self._met = True
+        self._strange.clear()
+        self._strange_count = 0
+        self._strange_since = self.foreign = None
+        if self._connected is not None:
+            self._sink.event(self._connected)
+            self._notices.append(self._connected)
+            self._connected = None
+
+    def intruders(self, news: Intruders) -> Event:
+        """Count and report datagrams that no key proved."""
+        self.refused += sum(news.refused.values())
+        named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
+        text = f"{self.label}: datagrams refused: {named}"
+        event = Event(news.t_ns, "refused", self.label, text, {"link": self.label, **news.refused})
+        self._sink.event(event)
+        return event
 
     def keep(self, chunk: Chunk) -> int:
         """Logs the pieces without looking into them; how many there were."""
@@ -144,9 +194,29 @@ class LinkSession:
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.event(event)
             yield event
+        yield from self._notices
+        self._notices.clear()
+        yield from self._refused_nodes(now_ns)
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
             self._report(now_ns)
+
+    def _refused_nodes(self, now_ns: int) -> Iterator[Event]:
+        """Report frames of nodes beyond the limit, and senders that were dropped unidentified."""
+        senders = self.senders
+        total = senders.refused + senders.evicted
+        if total == self._refusals_reported or self._refusals.admit(now_ns) is None:
+            return
+        self._refusals_reported = total
+        text = (
+            f"{self.label}: in all {senders.refused} frames of nodes beyond the first {MAX_NODES} refused, "
+            f"{senders.evicted} senders dropped that did not identify themselves; give nodes keys "
+            f"(hubodo flash --key-file), or them another port"
+        )
+        data = {"link": self.label, "frames_refused": senders.refused, "senders_evicted": senders.evicted}
+        event = Event(now_ns, "refused", self.label, text, data)
+        self._sink.event(event)
+        yield event
 
     def _sounds_strange(self, now_ns: int) -> bool:
         """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
@@ -170,21 +240,33 @@ class LinkSession:
             self._end(sender, now_ns)
         self._report(now_ns)
 
-    def _place(self, sender: str) -> str:
-        """Where in the log the pieces of a sender go: those of the second one beside those of the first."""
+    def _place(self, sender: str, route: Route | None = None) -> str:
+        """Return where in the log the pieces of a sender go: those of the second beside those of the first.
+
+        Where more have come than have places of their own, a board has one from its Hello on.
+        """
         if not self.datagrams:
             return self.label
-        number = self._senders.setdefault(sender, min(len(self._senders) + 1, _MOST_PLACES))
+        number = self._topics.get(sender)
+        if number is None and len(self._topics) < _OWN_TOPICS:
+            number = self._topics[sender] = len(self._topics) + 1
+        if number is None and route is not None and route.board is not None:
+            first = _OWN_TOPICS + 2
+            board = route.node_id, route.board
+            number = self._board_topics.setdefault(board, first + len(self._board_topics))
+        number = number or _OWN_TOPICS + 1
         return self.label if number == 1 else f"{self.label}/{number}"
 
     def _decoder(self, sender: str) -> FrameDecoder:
         decoder = self._decoders.get(sender)
         if decoder is None:
-            if len(self._decoders) >= _MAX_SENDERS:
-                self._decoders.pop(next(iter(self._decoders)))
+            if len(self._decoders) >= MAX_SENDERS:
+                self._decoders.popitem(last=False)
             decoder = self._decoders[sender] = FrameDecoder()
             if not self.datagrams:
                 self._fresh.add(sender)
+        elif self.datagrams:
+            self._decoders.move_to_end(sender)
         return decoder
 
     def _count(self, decoder: FrameDecoder) -> None:

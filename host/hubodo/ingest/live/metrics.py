@@ -94,13 +94,21 @@ class _Told(Collector):
         crc = CounterMetricFamily("hubodo_crc_errors", "Frames with a wrong checksum.", labels=["link"])
         damaged = CounterMetricFamily("hubodo_frames_damaged", "Damaged, of any cause.", labels=["link"])
         again = CounterMetricFamily("hubodo_reconnects", "Times a link was lost.", labels=["link"])
+        faults = CounterMetricFamily(
+            "hubodo_link_faults", "Driver errors no link should have.", labels=["link"]
+        )
+        refused = CounterMetricFamily("hubodo_refused", "Datagrams and frames not let in.", labels=["link"])
+        evicted = CounterMetricFamily("hubodo_senders_evicted", "Never identified.", labels=["link"])
         for link in self._now.links:
             up.add_metric([link.label], float(link.where is not None))
             received.add_metric([link.label], link.bytes)
             crc.add_metric([link.label], link.crc_errors)
             damaged.add_metric([link.label], link.frames_damaged)
             again.add_metric([link.label], link.disconnections)
-        yield from (up, received, crc, damaged, again)
+            faults.add_metric([link.label], link.faults)
+            refused.add_metric([link.label], link.refused)
+            evicted.add_metric([link.label], link.senders_evicted)
+        yield from (up, received, crc, damaged, again, faults, refused, evicted)
 
     def _nodes(self) -> Iterator[Metric]:
         by = ["link", "node"]

@@ -24,17 +24,15 @@ from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
-from hubodo.ingest.node.questions import Questions
-from hubodo.ingest.node.senders import Senders
+from hubodo.ingest.node.questions import identification_request
+from hubodo.ingest.node.senders import Route
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
 from hubowire import Frame, Message, node_name
-from hubowire.messages import GetHello
 
 Send = Callable[[str, bytes, str], bool]
-_ASK_WHO_NS = 500_000_000
 
 
 class Recorder:
@@ -85,9 +83,6 @@ class Recorder:
         self._send = send
         self._now_ns = now_ns
         self._clock_period = clock_period
-        self._senders: dict[tuple[str, int, int], str] = {}
-        self._boards: dict[tuple[str, int], Senders] = {}
-        self._ask_who: dict[str, int] = {}
         self._unread = 0
 
     def handle(self, news: LinkNews | Answer) -> None:
@@ -107,25 +102,22 @@ class Recorder:
 
     def _split(self, news: Chunk) -> None:
         link = self.links[news.link]
-        for frame in link.chunk(news):
-            self._frame(link, frame, news)
+        for route in link.chunk(news):
+            self._frame(link, route, news)
 
     def _link_changed(self, link: LinkSession, news: LinkUp | LinkLost | Intruders) -> None:
         match news:
             case LinkUp():
-                if link.missed:
+                if link.up(news) and link.missed:
                     self._tell(news.t_ns, "connected", news.link, f"{news.link}: connected at {news.where}")
-                link.up(news)
                 for node in self._on(news.link):
                     node.mute()
             case LinkLost():
-                text = f"{news.link}: {news.text} (waiting for it)"
-                self._tell(news.t_ns, "disconnected", news.link, text)
-                link.lost(news)
+                if link.lost(news):
+                    text = f"{news.link}: {news.text} (waiting for it)"
+                    self._tell(news.t_ns, "disconnected", news.link, text)
             case Intruders():
-                named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
-                text = f"{news.link}: datagrams refused: {named}"
-                self.report(Event(news.t_ns, "refused", news.link, text, {"link": news.link, **news.refused}))
+                self.notices.append(link.intruders(news))
 
     def tick(self, now_ns: int) -> None:
         """Call every 0.1 s or so."""
@@ -232,23 +224,17 @@ class Recorder:
     def _on(self, label: str) -> list[NodeSession]:
         return [node for (link, _, _), node in self.nodes.items() if link == label]
 
-    def _frame(self, link: LinkSession, frame: Frame, news: Chunk) -> None:
-        """A frame goes to its node; one of which it is not known whose it is waits for a Hello."""
-        held = (frame, news.t_ns, link.counts)
-        senders = self._boards.setdefault((link.label, frame.node), Senders())
-        routed = senders.route(held, news.sender) if link.datagrams else (0, [held])
-        if routed is None:
-            if news.t_ns >= self._ask_who.get(news.sender, 0):
-                self._ask_who[news.sender] = news.t_ns + _ASK_WHO_NS
-                self._transmit(link.label, Questions(frame.node).wire(GetHello())[1], news.sender)
+    def _frame(self, link: LinkSession, route: Route, news: Chunk) -> None:
+        """Hand a frame to its node, behind those that waited for it."""
+        if route.ask:
+            self._transmit(link.label, identification_request(route.node_id), news.sender)
+        if route.board is None:
             return
-        key = (link.label, frame.node, routed[0])
-        self._senders[key] = news.sender
-        node = self._node(link, key)
+        node = self._node(link, (link.label, route.node_id, route.board))
         part = _part(node)
-        for kept, t_ns, counts in routed[1]:
-            cause = bytes((kept.type_id, kept.node)) + kept.payload
-            self.bulkheads.run(part, self._read, node, kept, t_ns, counts, news.t_ns, cause=cause)
+        for frame, t_ns, counts in route.frames:
+            cause = bytes((frame.type_id, frame.node)) + frame.payload
+            self.bulkheads.run(part, self._read, node, frame, t_ns, counts, news.t_ns, cause=cause)
         self._pass_on(link, node, news.t_ns)
 
     def _read(self, node: NodeSession, frame: Frame, t_ns: int, link: LinkCounts, arrived_ns: int) -> None:
@@ -274,7 +260,7 @@ class Recorder:
         if node is None:
 
             def send(question: bytes) -> bool:
-                return self._transmit(link.label, question, self._senders.get(key, ""))
+                return self._transmit(link.label, question, link.senders.address(*key[1:]))
 
             node = self.nodes[key] = NodeSession(
                 self._name(link.label, key[1]),

@@ -26,7 +26,11 @@ S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class LinkNow:
-    """A link. where: the device of today, None while it is down; counts are since the start."""
+    """A link. where: the device of today, None while it is down; counts are since the start.
+
+    faults: unexpected exceptions of the port's driver. refused: datagrams that no key proved, and frames of
+    nodes beyond the limit. senders_evicted: that never identified themselves.
+    """
 
     label: str
     where: str | None
@@ -36,6 +40,9 @@ class LinkNow:
     frames_damaged: int
     disconnections: int
     foreign: str | None
+    faults: int = 0
+    refused: int = 0
+    senders_evicted: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +251,9 @@ def _link(link: LinkSession) -> LinkNow:
         sum(link.damage.values()),
         link.downs,
         link.foreign,
+        link.faults,
+        link.refused + link.senders.refused,
+        link.senders.evicted,
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from hubowire import ANY_NODE, Frame, Message, encode, encode_frame
-from hubowire.messages import Reason
+from hubowire.messages import GetHello, Reason
 
 _REASONS = {
     Reason.UNKNOWN_MESSAGE: "its firmware does not know the request; flash it with `hubodo flash`",
@@ -44,3 +46,9 @@ class Questions:
             if _CTRL_C not in data:
                 break
         return self._seq, b"\0" + data
+
+
+@lru_cache(maxsize=256)
+def identification_request(node_id: int) -> bytes:
+    """Return what asks a sender with this node id for its Hello; the same each time, as a flood may ask."""
+    return Questions(node_id).wire(GetHello())[1]

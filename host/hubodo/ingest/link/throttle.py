@@ -1,0 +1,33 @@
+"""How often something that recurs is reported: at once, then at growing intervals."""
+
+from __future__ import annotations
+
+_FIRST_NS = 10_000_000_000
+_LONGEST_NS = 3_600_000_000_000
+
+
+class EventThrottle:
+    """Admits the first event at once and later ones at intervals that double from 10 s to an hour.
+
+    After an interval without any event it starts again as if new.
+    """
+
+    def __init__(self) -> None:
+        self._withheld = 0
+        self._interval_ns = 0
+        self._next_ns = 0
+
+    def admit(self, t_ns: int) -> int | None:
+        """Return how many events were withheld since the last admitted one, None to withhold this one too."""
+        if t_ns < self._next_ns:
+            self._withheld += 1
+            return None
+        was_quiet = t_ns >= self._next_ns + self._interval_ns
+        self._interval_ns = _FIRST_NS if was_quiet else min(2 * self._interval_ns, _LONGEST_NS)
+        self._next_ns = t_ns + self._interval_ns
+        withheld, self._withheld = self._withheld, 0
+        return withheld
+
+    def reset(self) -> None:
+        """Admit the next event."""
+        self._interval_ns = self._next_ns = 0
