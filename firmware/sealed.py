@@ -1,8 +1,9 @@
 """UDP of which every datagram is proven by a key: who has none can neither send samples nor give orders.
 
-A session begins with a knock of the node, 0xFE key-id nonce, which the host answers with 0xFD key-id nonce
-host-nonce tag; its key is made of both nonces, so that nothing of an earlier session counts. Then both send
-0xFF key-id counter frames tag. protocol/README.md has the bytes. Each tag takes memory from the heap.
+A session begins with an opening of the node, 0xFE 0x21 nonce tag, which the host answers with 0xFD 0x22
+nonce challenge tag; the node proves its key with 0xFE 0x23 nonce challenge tag. The key of the session is
+made of nonce and challenge, so that nothing of an earlier session counts. Then both send 0xFF session-id
+counter frames tag, the host first. protocol/README.md has the bytes. Each tag takes memory from the heap.
 """
 
 import os
@@ -14,14 +15,18 @@ from link import _write
 from micropython import const
 from wifi import UdpLink
 
-_KNOCK = const(0xFE)
-_WELCOME = const(0xFD)
+_FROM_NODE = const(0xFE)
+_FROM_HOST = const(0xFD)
 _DATA = const(0xFF)
+_OPENING = const(0x21)
+_ANSWER = const(0x22)
+_PROOF = const(0x23)
 _ID = const(4)
 _NONCE = const(8)
 _TAG = const(8)
 _HEAD = const(9)
-_WELCOME_SIZE = const(29)
+_NONCES_END = const(26)
+_ANSWER_SIZE = const(34)
 _MOST = const(272)
 _BLOCK = const(64)
 _WINDOW = const(16)
@@ -52,80 +57,17 @@ class Hmac:
         return outer.digest()
 
 
-class SealedUdpLink(UdpLink):
-    """Frames wait until the host has answered a knock; what comes without a true tag counts as damaged."""
+class Session:
+    """One key made of nonce and challenge; datagrams of both directions are numbered, the host's from 1."""
 
-    def __init__(self, settings):
-        try:
-            key = bytes.fromhex(settings["key"])
-        except ValueError:
-            # Nobody has this one: better silent than without a key where one was meant.
-            key = _random() * 4
-        self._hmac = Hmac(key)
-        self._id = sha256(b"hubodo key" + key).digest()[:_ID]
-        self._session: Any = None
-        self._nonce: Any = None
-        self._out = bytearray(_MOST)
-        self._out_view = memoryview(self._out)
-        self._count = self._newest = self._seen = 0
-        self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
-        super().__init__(settings)
-        self._raw = bytearray(_MOST)
-        self._raw_view = memoryview(self._raw)
+    def __init__(self, key):
+        self.hmac = Hmac(key)
+        self.id = self.hmac.digest(b"id")[:_ID]
+        self.count = self._newest = self._seen = 0
 
-    def turn(self):
-        super().turn()
-        if self._socket is not None and ticks_diff(ticks_ms(), self._heard_ms) >= _SILENT_MS:
-            self._knock()
-
-    def _knock(self):
-        if self._nonce is None:
-            self._nonce = _random()
-        out = self._out
-        out[0] = _KNOCK
-        out[1 : 1 + _ID] = self._id
-        out[1 + _ID : 1 + _ID + _NONCE] = self._nonce
-        try:
-            _write(self._socket, out, 0, 1 + _ID + _NONCE)
-        except OSError:
-            # As with frames: again in a second.
-            pass
-
-    def _take(self, raw, at, size):
-        if self._session is None:
-            return 0
-        out = self._out
-        out[0] = _DATA
-        out[1 : 1 + _ID] = self._id
-        struct.pack_into("<I", out, 1 + _ID, self._count)
-        end = _HEAD + size
-        self._out_view[_HEAD:end] = memoryview(raw)[at : at + size]
-        out[end : end + _TAG] = self._session.digest(b"n", self._out_view[1 + _ID : end])[:_TAG]
-        if not super()._take(out, 0, end + _TAG):
-            return 0
-        self._count += 1
-        if self._count >= _LAST:
-            self._session = None
-            self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
-        return size
-
-    def _received(self, size):
-        """Which part of the datagram in `_raw` are frames: (from, to)."""
-        raw = self._raw
-        if size >= _HEAD + _TAG and bytes(self._raw_view[1 : 1 + _ID]) == self._id:
-            if raw[0] == _DATA and self._session is not None:
-                if self._proven(size):
-                    self._heard_ms = ticks_ms()
-                    return _HEAD, size - _TAG
-            elif raw[0] == _WELCOME and size == _WELCOME_SIZE and self._nonce is not None:
-                if self._welcomed():
-                    return 0, 0
-        self.reader.damaged += 1
-        return 0, 0
-
-    def _proven(self, size):
-        view, end = self._raw_view, size - _TAG
-        tag = self._session.digest(b"h", view[1 + _ID : end])
+    def proves(self, view, end):
+        """Whether the host has sealed view[:end], of which the tag follows, and for the first time."""
+        tag = self.hmac.digest(b"h", view[1 + _ID : end])
         return _same(tag, view, end) and self._fresh(struct.unpack_from("<I", view, 1 + _ID)[0])
 
     def _fresh(self, count):
@@ -141,18 +83,100 @@ class SealedUdpLink(UdpLink):
         self._seen |= bit
         return True
 
-    def _welcomed(self):
+
+class SealedUdpLink(UdpLink):
+    """Frames wait until the host has used a session; what comes without a true tag counts as damaged."""
+
+    def __init__(self, settings):
+        try:
+            key = bytes.fromhex(settings["key"])
+        except ValueError:
+            # Nobody has this one: better silent than without a key where one was meant.
+            key = _random() * 4
+        self._hmac = Hmac(key)
+        self._session: Any = None
+        self._next: Any = None
+        """Proven to the host, which has not used it yet; until then the session before stands."""
+        self._opening: Any = None
+        self._out = bytearray(_MOST)
+        self._out_view = memoryview(self._out)
+        self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
+        super().__init__(settings)
+        self._raw = bytearray(_MOST)
+        self._raw_view = memoryview(self._raw)
+
+    def turn(self):
+        super().turn()
+        if self._socket is not None and ticks_diff(ticks_ms(), self._heard_ms) >= _SILENT_MS:
+            if self._opening is None:
+                nonce = _random()
+                tag = self._hmac.digest(b"opening", nonce)[:_TAG]
+                self._opening = bytes((_FROM_NODE, _OPENING)) + nonce + tag
+            self._say(self._opening)
+
+    def _say(self, packet):
+        try:
+            _write(self._socket, packet, 0, len(packet))
+        except OSError:
+            # As with frames: again in a second.
+            pass
+
+    def _take(self, raw, at, size):
+        session = self._session
+        if session is None:
+            return 0
+        out = self._out
+        out[0] = _DATA
+        out[1 : 1 + _ID] = session.id
+        struct.pack_into("<I", out, 1 + _ID, session.count)
+        end = _HEAD + size
+        self._out_view[_HEAD:end] = memoryview(raw)[at : at + size]
+        out[end : end + _TAG] = session.hmac.digest(b"n", self._out_view[1 + _ID : end])[:_TAG]
+        if not super()._take(out, 0, end + _TAG):
+            return 0
+        session.count += 1
+        if session.count >= _LAST:
+            self._session = None
+            self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
+        return size
+
+    def _received(self, size):
+        """Which part of the datagram in `_raw` are frames: (from, to)."""
+        kind = self._raw[0]
+        if kind == _DATA and size >= _HEAD + _TAG:
+            session = self._of()
+            if session is not None and session.proves(self._raw_view, size - _TAG):
+                self._heard_ms = ticks_ms()
+                if session is self._next:
+                    self._session = session
+                    self._next = self._opening = None
+                return _HEAD, size - _TAG
+        elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._answered():
+            return 0, 0
+        self.reader.damaged += 1
+        return 0, 0
+
+    def _of(self):
+        """The session that the datagram in `_raw` names, or None."""
+        ident = bytes(self._raw_view[1 : 1 + _ID])
+        if self._next is not None and ident == self._next.id:
+            return self._next
+        if self._session is not None and ident == self._session.id:
+            return self._session
+        return None
+
+    def _answered(self):
+        """Proves the key to a host that has proven it; whether it has."""
         view = self._raw_view
-        nonces = bytes(view[1 + _ID : 1 + _ID + 2 * _NONCE])
-        if nonces[:_NONCE] != self._nonce:
+        if view[1] != _ANSWER or self._opening is None:
             return False
-        if not _same(self._hmac.digest(b"welcome", nonces), view, 1 + _ID + 2 * _NONCE):
+        nonces = bytes(view[2:_NONCES_END])
+        if nonces[:_NONCE] != self._opening[2 : 2 + _NONCE]:
             return False
-        self._session = Hmac(self._hmac.digest(b"session", nonces))
-        # The host begins to count at 1.
-        self._count = self._newest = self._seen = 0
-        self._nonce = None
-        self._heard_ms = ticks_ms()
+        if not _same(self._hmac.digest(b"answer", nonces), view, _NONCES_END):
+            return False
+        self._next = Session(self._hmac.digest(b"session", nonces))
+        self._say(bytes((_FROM_NODE, _PROOF)) + nonces + self._next.hmac.digest(b"proof")[:_TAG])
         return True
 
 

@@ -16,7 +16,7 @@ PROGRAM = """
 import gc
 from hashlib import sha256
 from time import ticks_diff, ticks_us
-_BLOCK = 64
+_BLOCK, _ID = 64, 4
 {hmac}
 prove = Hmac(bytes(range(32)))
 view = memoryview(bytearray(272))
@@ -27,6 +27,13 @@ for size in (34, 118, 214, 250):
         prove.digest(b"n", view[5 : 9 + size])
     took = ticks_diff(ticks_us(), begun) // 20
     print(size, "bytes:", took, "us,", (gc.mem_alloc() - heap) // 20, "bytes of heap")
+gc.collect()
+heap, begun = gc.mem_alloc(), ticks_us()
+for _ in range(20):
+    prove.digest(b"answer", bytes(24))
+    Session(prove.digest(b"session", bytes(24))).hmac.digest(b"proof")
+took = ticks_diff(ticks_us(), begun) // 20
+print("a handshake:", took, "us,", (gc.mem_alloc() - heap) // 20, "bytes of heap")
 print("end")
 """
 

@@ -134,7 +134,7 @@ FAULTS = (
     Fault(
         "datagrams forged, changed, sent again", "refused", "event: refused, by cause",
         (SEALED + "test_a_datagram_of_which_a_bit_is_changed_is_refused",
-         SEALED + "test_nothing_of_an_earlier_session_counts_neither_knocks_nor_frames",
+         SEALED + "test_nothing_of_an_earlier_session_counts_neither_openings_nor_proofs_nor_frames",
          SEALED + "test_who_has_no_key_is_refused_by_cause"),
     ),
     Fault(

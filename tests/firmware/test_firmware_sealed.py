@@ -1,6 +1,5 @@
 """In real MicroPython: HMAC-SHA256 of the node, and its half of a session, against CPython's."""
 
-import hashlib
 import hmac
 import json
 import struct
@@ -9,8 +8,11 @@ import pytest
 import real_micropython
 from test_firmware_link_memory import FAKES
 
+import hubowire
+from fakes.sealed_node import SealedNode
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.sealed import Sealer
+from hubowire import messages as m
 
 # RFC 4231, section 4: (key, data, HMAC-SHA-256); keys of up to 64 bytes.
 RFC_4231 = [
@@ -80,37 +82,72 @@ def test_the_hmac_is_that_of_rfc_4231(tmp_path):
     assert all(hmac.digest(k, d, "sha256").hex() == e for k, d, e in RFC_4231), "the table is typed well"
 
 
+SERIAL = "e661410300000001"
+
+
 @pytest.fixture
 def host(tmp_path):
     ring = KeyRing(tmp_path / "keys.toml", create=True)
-    ring.keys["e661410300000001"] = KEY
-    return Sealer(ring, draw=lambda count: b"\x5a" * count)
+    ring.keys[SERIAL] = KEY
+    return Sealer(ring, draw=lambda count: b"\x5a" * count, clock=lambda: 10**12)
 
 
-def test_a_node_sends_nothing_but_a_knock_before_it_is_answered_and_obeys_nobody_else(tmp_path, host):
-    """Orders come sealed, plain, changed, sent again and of another session: the first alone is one."""
-    ident = hashlib.sha256(b"hubodo key" + KEY).digest()[:4]
-    knock = b"\xfe" + ident + bytes(range(8))
-    welcome = host.open(knock, "node 1").answer
-    session = host._peers[0].offered[-1]
-    import hubowire
-    from hubowire import messages as m
-
-    ping = b"\0" + hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, 1, 77, b""))
-    order = session.seal(ident, ping)
-    changed = bytearray(session.seal(ident, ping))
-    changed[-1] ^= 1
-    false_welcome = welcome[:-1] + bytes([welcome[-1] ^ 1])
-    coming = [ping, false_welcome, welcome, order, ping, bytes(changed), order, welcome]
+def datagrams_of_a_node(tmp_path, coming):
+    """Runs a node that gets these datagrams; what it sent, and what became of its frames."""
     text = SESSION.format(key=KEY.hex(), coming=repr([data.hex() for data in coming]))
     found, _ = real_micropython.run(tmp_path, FAKES, text, WRITE)
+    return [bytes.fromhex(data) for data in found["sent"]], found
+
+
+def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_else(tmp_path, host):
+    """Orders come sealed, plain, changed, sent again and of another session: the first alone is one.
+
+    What the host says depends on the node's proof, not on its frames: a first run gives the proof.
+    """
+    twin = SealedNode(KEY)
+    twin.nonce = bytes(range(8))
+    opening = twin.opening()
+    answer = host.open(opening, "node 1").answer
+    (tmp_path / "first").mkdir()
+    sent, found = datagrams_of_a_node(tmp_path / "first", [answer])
+    handshake = [opening, twin.proof(answer)]
+    assert sent == handshake and found["waits"] == 1
+    acknowledgement = host.open(sent[1], "node 1").answer
+    host.open(_first_frame(twin, acknowledgement), "node 1")
+    ping = b"\0" + hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, 1, 77, b""))
+    order, _ = host.seal(ping, SERIAL)
+    changed, _ = host.seal(ping, SERIAL)
+    changed = changed[:-1] + bytes([changed[-1] ^ 1])
+    false_answer = answer[:-1] + bytes([answer[-1] ^ 1])
+    coming = [ping, false_answer, answer, acknowledgement, order, ping, changed, order, answer]
+    sent, found = datagrams_of_a_node(tmp_path, coming)
     assert found["waits"] == 1, "the frame waits for the session"
     assert found["frames"] == [[m.Ping.type_id, 77]]
     assert found["damaged"] == 6, "every other datagram is counted"
-    sent = [bytes.fromhex(data) for data in found["sent"]]
-    assert sent[0] == knock and len(sent) == 3
-    assert [struct.unpack_from("<I", data, 5)[0] for data in sent[1:]] == [0, 1]
-    opened = [host.open(data, "node 1") for data in sent[1:]]
-    types = [f.type_id for o in opened for f in hubowire.FrameDecoder().feed(o.frames)]
-    assert types == [2, 6] and not host.refused
-    print(json.dumps({"bytes more than the frame": len(sent[1]) - len(opened[0].frames)}))
+    assert sent[:2] == handshake and len(sent) == 4
+    assert [struct.unpack_from("<I", data, 5)[0] for data in sent[2:]] == [0, 1]
+    plain = [data[9:-8] for data in sent[2:]]
+    types = [f.type_id for frames in plain for f in hubowire.FrameDecoder().feed(frames)]
+    assert types == [2, 6]
+    assert host.open(sent[3], "node 1").frames == plain[1] and not host.refused
+    print(json.dumps({"bytes more than the frame": len(sent[2]) - len(plain[0])}))
+
+
+def _first_frame(twin, acknowledgement):
+    """With which a node takes a session into use."""
+    assert twin.open(acknowledgement) == b""
+    return twin.seal(b"")
+
+
+def test_a_session_stands_until_the_host_uses_the_next_and_a_proof_repeated_makes_another(tmp_path, host):
+    """The first acknowledgement is lost: the node opens again with the same nonce, and gets in."""
+    twin = SealedNode(KEY)
+    twin.nonce = bytes(range(8))
+    first = host.open(twin.opening(), "node 1").answer
+    host.open(twin.proof(first), "node 1")
+    second = host.open(twin.opening(), "node 1").answer
+    acknowledgement = host.open(twin.proof(second), "node 1").answer
+    sent, found = datagrams_of_a_node(tmp_path, [first, second, acknowledgement])
+    assert found["damaged"] == 0 and len(sent) == 5
+    opened = [host.open(data, "node 1") for data in sent[3:]]
+    assert all(data.serial == SERIAL for data in opened) and not host.refused
