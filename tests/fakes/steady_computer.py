@@ -14,6 +14,7 @@ import numpy as np
 
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.link.ports import Lister, PortName
+from hubodo.ingest.live.host_clock import ClockState
 from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame
 from hubowire.messages import Filter, GetHello, Health, Hello, ImuBatch, Message, TimeReply, TimeRequest
 
@@ -135,6 +136,12 @@ class SteadyComputer:
 
     def now_ns(self) -> int:
         return self._now_ns
+
+    def wall_ns(self) -> int:
+        return self._now_ns
+
+    def clock_state(self) -> ClockState:
+        return ClockState.UNKNOWN
 
     def put(self, item: Any) -> None:
         self._news.append(item)

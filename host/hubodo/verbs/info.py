@@ -77,6 +77,7 @@ class Info:
         say(f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}")
         if s.start_ns:
             say(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
+        _clock(s, say)
         console.print(_streams(s))
         if s.roles:
             say("read as: " + ", ".join(f"{name} = {topic}" for name, topic in s.roles.items()))
@@ -98,6 +99,15 @@ class Info:
 
 def _plain(console: Console) -> Any:
     return lambda text: console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _clock(s: Summary, say: Any) -> None:
+    """The wall clock of the computer that recorded, where its times are not those of UTC."""
+    state, correction = s.metadata.get("clock.state", ""), s.metadata.get("clock.utc_minus_log_s", "")
+    if state in ("unset", "unsynchronised"):
+        say(f"the computer's clock was {state}: dates and times of day in this log may be wrong")
+    if correction and float(correction):
+        say(f"the computer's clock was set while recording: UTC is t {float(correction):+.3f} s")
 
 
 def _streams(s: Summary) -> Table:

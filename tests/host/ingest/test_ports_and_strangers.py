@@ -10,6 +10,8 @@ from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.link.ports import Finder, parse_port
 from hubodo.ingest.link.session import LinkSession
 
+S = 1_000_000_000
+
 
 @dataclass
 class Device:
@@ -98,3 +100,13 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
     line = event.text
     assert "4000 bytes, no frame; is the baud rate right" in line
     assert "921600" in line and "115200" in line and "/dev/ttyUSB0" in line
+
+
+def test_a_frame_that_a_standstill_of_the_computer_cut_in_two_does_not_make_its_node_a_stranger():
+    session = LinkSession("left", Discards())
+    session.up(LinkUp("left", 0, "/dev/left", False))
+    list(session.chunk(Chunk("left", S, b"\x05half", "")))
+    assert list(session.tick(2 * S)) == []
+    session.resumed(600 * S)
+    assert list(session.tick(600 * S)) == []
+    assert list(session.tick(604 * S)) != [], "bytes that are no frame for 3 s after it do"

@@ -10,15 +10,19 @@ S = 1_000_000_000
 
 @pytest.fixture
 def passing(monkeypatch):
-    """Sets how far both clocks of the host have come, s."""
+    """Sets how far the clocks of the host have come, s; asleep: of which it was suspended."""
     wall, monotonic = 1_700_000_000 * S, 5_000 * S
     now = {"wall": wall, "monotonic": monotonic}
     monkeypatch.setattr(computer.time, "time_ns", lambda: now["wall"])
     monkeypatch.setattr(computer.time, "monotonic_ns", lambda: now["monotonic"])
+    monkeypatch.setattr(computer.time, "CLOCK_BOOTTIME", 7, raising=False)
+    monkeypatch.setattr(computer.time, "clock_gettime_ns", lambda clock: now["boot"])
+    now["boot"] = monotonic
 
-    def go(seconds, step=0.0):
+    def go(seconds, step=0.0, asleep=0.0):
         now["wall"] = wall + int((seconds + step) * S)
-        now["monotonic"] = monotonic + int(seconds * S)
+        now["monotonic"] = monotonic + int((seconds - asleep) * S)
+        now["boot"] = monotonic + int(seconds * S)
 
     return go
 
@@ -28,6 +32,13 @@ def test_a_step_of_the_wall_clock_is_not_seen(passing):
     start = clock()
     passing(3.0, step=60.0)
     assert clock() - start == 3 * S
+
+
+def test_time_goes_on_while_the_computer_is_suspended(passing):
+    clock = computer.steady_clock()
+    start = clock()
+    passing(603.0, asleep=600.0)
+    assert clock() - start == 603 * S
 
 
 def test_a_slowed_clock_is_slow_from_its_start_on(passing):

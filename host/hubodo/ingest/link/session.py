@@ -218,6 +218,13 @@ class LinkSession:
         self._sink.event(event)
         yield event
 
+    def resumed(self, now_ns: int) -> None:
+        """Begin the waiting for bytes and for a frame again: the computer stood still until now."""
+        if self._heard_ns is not None:
+            self._heard_ns = now_ns
+        if self._strange_since is not None:
+            self._strange_since = now_ns
+
     def _sounds_strange(self, now_ns: int) -> bool:
         """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
         if self._strange_since is None or self._heard_ns is None:

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from hubodo.ingest.link.link import PortLink
 from hubodo.ingest.link.ports import Lister, PortName
+from hubodo.ingest.live.host_clock import ClockState, clock_state
 
 S = 1_000_000_000
 
@@ -44,6 +45,14 @@ class Computer(Protocol):
         """Host time, ns since 1970; it never steps."""
         ...
 
+    def wall_ns(self) -> int:
+        """The wall clock, ns since 1970; it steps when somebody sets it."""
+        ...
+
+    def clock_state(self) -> ClockState:
+        """What is known of the wall clock."""
+        ...
+
     def link(self, port: PortName, label: str, baud: int, lister: Lister) -> Link:
         """A port that is neither open nor started yet."""
         ...
@@ -62,8 +71,13 @@ class ThisComputer:
 
     def __init__(self, scale: float = 1.0) -> None:
         self.now_ns = steady_clock(scale)
+        self.wall_ns = time.time_ns
         self._news: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.put = self._news.put
+
+    def clock_state(self) -> ClockState:
+        """See `Computer`."""
+        return clock_state(self.wall_ns())
 
     def link(self, port: PortName, label: str, baud: int, lister: Lister) -> PortLink:
         """See `Computer`."""
@@ -78,11 +92,18 @@ class ThisComputer:
 
 
 def steady_clock(scale: float = 1.0) -> Callable[[], int]:
-    """Host time in ns since 1970 that never steps: the wall clock now, and monotonic from here on.
+    """Host time in ns since 1970 that never steps: the wall clock now, and elapsed time from here on.
 
-    With a scale, it passes that many times slower than the wall clock.
+    Elapsed time counts while the computer is suspended, where the system has such a clock (Linux): nodes go
+    on meanwhile. With a scale, it passes that many times slower than the wall clock.
     """
-    wall, begin = time.time_ns(), time.monotonic_ns()
+    elapsed_ns = _time_since_boot_ns()
+    wall, begin = time.time_ns(), elapsed_ns()
     if scale == 1.0:
-        return lambda: wall + time.monotonic_ns() - begin
-    return lambda: wall + int((time.monotonic_ns() - begin) / scale)
+        return lambda: wall + elapsed_ns() - begin
+    return lambda: wall + int((elapsed_ns() - begin) / scale)
+
+
+def _time_since_boot_ns() -> Callable[[], int]:
+    boot_clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic_ns if boot_clock is None else lambda: time.clock_gettime_ns(boot_clock)

@@ -14,6 +14,7 @@ from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.ingest.link.link import LinkNews
 from hubodo.ingest.live.bulkheads import PartHung
 from hubodo.ingest.live.computer import Computer, Link
+from hubodo.ingest.live.host_clock import HostClock
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.recorder import Recorder
@@ -96,7 +97,7 @@ class Loop:
     def _turn_until_the_end(self, duration: float | None, judged: bool) -> Verdict:
         end_ns = None if duration is None else self.computer.now_ns() + int(duration * S)
         next_tick = 0
-        backlog = _Backlog(self.recorder)
+        backlog, host_clock = _Backlog(self.recorder), HostClock(self.computer)
         while not self.stopping.is_set():
             wait = _TICK_NS / S
             for _ in range(_BATCH):
@@ -109,6 +110,8 @@ class Loop:
             if now < next_tick:
                 continue
             next_tick = now + _TICK_NS
+            for event in host_clock.tick(now):
+                self.recorder.host_clock(event, host_clock.record)
             self._guarded(self._tick, now)
             verdict = self.recorder.verdict() if judged else None
             if verdict is not None or (end_ns is not None and now >= end_ns):

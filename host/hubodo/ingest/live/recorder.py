@@ -148,6 +148,20 @@ class Recorder:
         """An event of the user's own."""
         self._sink.event(Event(self._now_ns(), "mark", "user", text))
 
+    def host_clock(self, event: Event, record: Mapping[str, str]) -> None:
+        """Note what has happened to the computer's clocks; record: the metadata `clock` from then on."""
+        self.notices.append(event)
+        self._sink.event(event)
+        if record:
+            self._sink.add_metadata("clock", record)
+        begin_ns = event.data.get("begin_ns")
+        if begin_ns is None:
+            return
+        for link in self.links.values():
+            link.resumed(event.t_ns)
+        for node in self.nodes.values():
+            node.resumed(begin_ns, event.t_ns)
+
     def keep(self, news: LinkNews | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""
         if isinstance(news, Chunk) and news.link in self.links:

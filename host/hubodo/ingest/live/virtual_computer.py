@@ -17,6 +17,7 @@ from hubodo.ingest.link.down import LinkDown, Transport
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.link.ports import Finder, Lister, PortName
 from hubodo.ingest.link.transport import open_transport
+from hubodo.ingest.live.host_clock import ClockState
 
 S = 1_000_000_000
 _STEP_NS = S // 100
@@ -72,6 +73,14 @@ class VirtualComputer:
     def now_ns(self) -> int:
         """See `Computer`."""
         return self._now_ns
+
+    def wall_ns(self) -> int:
+        """See `Computer`."""
+        return self.now_ns()
+
+    def clock_state(self) -> ClockState:
+        """See `Computer`."""
+        return ClockState.UNKNOWN
 
     def name_of(self, where: str) -> str:
         """What a device is called in the log."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from hubodo.ingest.node.clock import TickUnwrapper
 from hubodo.ingest.node.gaps import LinkCounts
+from hubodo.ingest.node.wire_batch import WireBatch
 from hubowire.messages import Health, Hello
 
 
@@ -52,6 +53,19 @@ class Boot:
     streams: dict[int, StreamPlace] = field(default_factory=dict)
     tail: BatchTail | None = None
     health: Health | None = None
+
+
+def first_sample_ns(boot: Boot, batch: WireBatch, t_ns: int, frames_lost: int) -> int:
+    """Return the device time of a batch's first sample, in ns on the unbroken scale.
+
+    The frames lost before the batch bound that time from below.
+    """
+    tail = boot.tail
+    if tail is None:
+        return boot.ticks.unwrap(batch.t_us, t_ns) * 1000
+    period_ns = min(batch.period_ns or tail.period_ns, tail.period_ns)
+    counted_ns = tail.next_device_ns + frames_lost * batch.samples * period_ns
+    return boot.ticks.unwrap(batch.t_us, t_ns, counted_ns // 1000) * 1000
 
 
 def samples_lost(tail: BatchTail, index: int, first_ns: int, period_ns: int, overrun: bool) -> int | None:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 PERIOD_US = 1 << 30
+_CLOCK_JUMP_US = 3_000_000
+_OUT_OF_ORDER_US = 60_000_000  # a frame that waited for its link is younger than that
 
 _DRIFT_PRIOR = 100e-6  # 1 sigma: a crystal with temperature; RC oscillators are pulled in by a reset
 _DRIFT_WALK = 1e-7  # 1 sigma of the drift's random walk, 1/sqrt(s): a crystal that warms up
@@ -24,23 +26,26 @@ _MISSES_TO_RESET = 4
 class TickUnwrapper:
     """Node ticks modulo 2^30 us to microseconds that go on counting.
 
-    The host's time since the last tick tells how many whole periods have passed in silence, so a pause
-    of any length is resolved as long as the two clocks agree to half a period (537 s).
+    Ticks leave open how many whole periods of 1073.7 s have passed in silence. The host's time since the
+    newest tick decides, where both clocks agree. They do not agree when the host was suspended or its clock
+    was stepped; then node time goes forward by less than one period beyond what the node's counters show.
     """
 
     def __init__(self) -> None:
         self._last: int | None = None
         self._last_host_ns = 0
 
-    def unwrap(self, t_us: int, host_ns: int) -> int:
-        """Ticks `t_us` received at `host_ns` on the unbroken scale; the first call returns `t_us`."""
+    def unwrap(self, t_us: int, host_ns: int, counted_us: int | None = None) -> int:
+        """Return the ticks `t_us`, received at `host_ns`, on the unbroken scale; the first as they are.
+
+        counted_us: unbroken ticks that the node's counters show to have been reached, where they show any.
+        """
         if self._last is None:
-            self._last, self._last_host_ns = t_us, host_ns
-            return t_us
-        value = self._expected(host_ns) + self.ahead(t_us, host_ns)
-        if value > self._last:
-            self._last, self._last_host_ns = value, host_ns
-        return value
+            return self._accept(t_us, host_ns)
+        if self.agrees(t_us, host_ns):
+            return self._accept(self._expected(host_ns) + self.ahead(t_us, host_ns), host_ns)
+        earliest = (self._last if counted_us is None else max(counted_us, self._last)) - _OUT_OF_ORDER_US
+        return self._accept(earliest + (t_us - earliest) % PERIOD_US, host_ns)
 
     def ahead(self, t_us: int, host_ns: int) -> int:
         """How far ticks are ahead of an ideal clock's, us, within half a period; 0 before the first."""
@@ -48,6 +53,16 @@ class TickUnwrapper:
             return 0
         half = PERIOD_US // 2
         return (t_us - self._expected(host_ns) + half) % PERIOD_US - half
+
+    def agrees(self, t_us: int, host_ns: int) -> bool:
+        """Return True where the ticks are where the host's clock expects them: within 3 s and 0.1 %."""
+        silence_us = abs(host_ns - self._last_host_ns) // 1000
+        return abs(self.ahead(t_us, host_ns)) <= _CLOCK_JUMP_US + silence_us // 1000
+
+    def _accept(self, value: int, host_ns: int) -> int:
+        if self._last is None or value > self._last:
+            self._last, self._last_host_ns = value, host_ns
+        return value
 
     def _expected(self, host_ns: int) -> int:
         assert self._last is not None

@@ -10,7 +10,14 @@ from typing import assert_never
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import filter_seen
-from hubodo.ingest.node.boot import BatchTail, Boot, NodeCounts, StreamPlace, samples_lost
+from hubodo.ingest.node.boot import (
+    BatchTail,
+    Boot,
+    NodeCounts,
+    StreamPlace,
+    first_sample_ns,
+    samples_lost,
+)
 from hubodo.ingest.node.gaps import GapLedger, GapsSeen, LinkCounts, WireGap
 from hubodo.ingest.node.health import worsened
 from hubodo.ingest.node.samples import (
@@ -54,7 +61,6 @@ from hubowire.messages import (
 _HELLO_HEAD = struct.Struct("<I3B")  # fixed for every version of the table
 _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
-_CLOCK_JUMP_US = 3_000_000
 _GONE_NS = 15_000_000_000  # three of the periods in which a node says Hello by itself
 # Plain integers: an enumeration's members take as long to combine as the rest of a frame.
 _OVERRUN_FLAGS = int(BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN)
@@ -110,6 +116,10 @@ class NodeDecoder:
     def radio(self, frames_lost: int) -> Iterator[Output]:
         """A receiver's counter of this node's frames that did not come whole."""
         yield from self._gaps.radio(frames_lost)
+
+    def resumed(self, begin_ns: int, end_ns: int) -> None:
+        """The computer stood still between these host times."""
+        self._gaps.resumed(begin_ns, end_ns)
 
     def tick(self, now_ns: int) -> Iterator[Output]:
         """Settles what waited for a report that did not come."""
@@ -260,9 +270,7 @@ class NodeDecoder:
 
     def _jumped(self, boot: Boot, batch: WireBatch, t_ns: int) -> bool:
         """Whether the node's clock is not where the host's says it must be."""
-        if boot.tail is None:
-            return False
-        return abs(boot.ticks.ahead(batch.t_us, t_ns)) > _CLOCK_JUMP_US + (t_ns - boot.tail.t_ns) // 50_000
+        return boot.tail is not None and not boot.ticks.agrees(batch.t_us, t_ns)
 
     def _batch(
         self,
@@ -277,8 +285,8 @@ class NodeDecoder:
         if not count:
             return
         period = batch.period_ns or round(1e12 / max(boot.hello.rate_mhz, 1))
-        first_ns = boot.ticks.unwrap(batch.t_us, t_ns) * 1000
         tail = boot.tail
+        first_ns = first_sample_ns(boot, batch, t_ns, frames_lost)
         if tail is not None and stream is not None:
             overrun = bool(batch.flags & _OVERRUN_FLAGS)
             missing = samples_lost(tail, batch.first, first_ns, period, overrun)

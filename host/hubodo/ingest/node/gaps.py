@@ -18,6 +18,7 @@ DAMAGE = "damaged bytes"
 DROPPED = "node dropped frames"
 ON_THE_WAY = "lost on the way"
 ON_THE_AIR = "lost on the air"
+STANDSTILL = "the computer stood still"
 
 _HEALTHS_TO_WAIT = 2
 _WAIT_NS = 6_000_000_000
@@ -106,6 +107,7 @@ class GapLedger:
         self._waiting: deque[_Waiting] = deque()
         self._dropped: int | None = None
         self._on_air: int | None = None
+        self._standstill = (0, 0)  # host times of the newest one
 
     def add(
         self,
@@ -156,6 +158,10 @@ class GapLedger:
             for waiting in list(self._waiting):
                 yield from self._settle(waiting, ON_THE_AIR)
 
+    def resumed(self, begin_ns: int, end_ns: int) -> None:
+        """The computer stood still between these host times: it is the cause of gaps that wait for one."""
+        self._standstill = begin_ns, end_ns
+
     def restarted(self) -> None:
         """The node's counters have started anew."""
         self._dropped = 0
@@ -183,7 +189,10 @@ class GapLedger:
 
     def _settle(self, waiting: _Waiting, cause: str) -> Iterator[Event]:
         self._waiting.remove(waiting)
-        return (_event(self._node, gap, cause) for gap in waiting.gaps)
+        begin_ns, end_ns = self._standstill
+        for gap in waiting.gaps:
+            stood_still = gap.start_ns < end_ns and gap.end_ns > begin_ns
+            yield _event(self._node, gap, STANDSTILL if stood_still else cause)
 
 
 def _event(node: str, gap: WireGap, cause: str) -> Event:

@@ -124,7 +124,8 @@ def _take_run(boot: Boot, batches: Batches, at: int, end: int, downs: int) -> Im
     before_ns = boot.tail.next_device_ns - int(batches.count[before] * batches.period_ns[before])
     shift_ns = before_ns - int(batches.began_ns[before])
     count, period, t_ns = int(batches.count[last]), int(batches.period_ns[last]), int(batches.t_ns[last])
-    boot.ticks.unwrap(int(batches.t_us[last]), t_ns)
+    last_us = (int(batches.began_ns[last]) + shift_ns) // 1000
+    boot.ticks.unwrap(int(batches.t_us[last]), t_ns, last_us)
     link = LinkCounts(int(batches.damaged[last]), downs)
     boot.streams[ImuBatch.type_id] = StreamPlace(int(batches.seq[last]), t_ns, link)
     next_index = int(batches.index[last] + count) & 0xFFFF

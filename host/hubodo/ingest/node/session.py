@@ -178,6 +178,12 @@ class NodeSession:
     def _tell(self, kind: str, text: str) -> None:
         self._sink.event(Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name}))
 
+    def resumed(self, begin_ns: int, end_ns: int) -> None:
+        """The computer stood still between these host times: the offset of its clock may be another."""
+        self.decoder.resumed(begin_ns, end_ns)
+        self._exchanges.forget()
+        self._exchanges.burst()
+
     def mute(self) -> None:
         """Asks nothing more until the node has spoken: the link is new.
 

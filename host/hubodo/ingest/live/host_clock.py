@@ -1,0 +1,120 @@
+"""The recording computer's clocks: a wall clock that is unset or stepped, and stretches of standstill."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+from hubodo.recording import Event
+
+S = 1_000_000_000
+EARLIEST_PLAUSIBLE_NS = 1_704_067_200 * S  # 2024-01-01; this software is younger
+STEP_NS = S // 10  # NTP corrects less than that little by little
+STANDSTILL_NS = 5 * S  # the longest turn of the loop on a busy computer is shorter
+_PERIOD_NS = S // 2
+_READ_TOGETHER_NS = S // 100  # between the two readings of a pair, else the process was interrupted
+_TIMESYNC = Path("/run/systemd/timesync")
+
+
+class ClockState(StrEnum):
+    """What is known of the wall clock."""
+
+    SYNCHRONISED = "synchronised"
+    UNSYNCHRONISED = "unsynchronised"
+    UNSET = "unset"
+    UNKNOWN = "unknown"
+
+
+def clock_state(wall_ns: int, timesync: Path = _TIMESYNC) -> ClockState:
+    """Return what the time itself and systemd-timesyncd say of a wall clock; timesync: its folder."""
+    if wall_ns < EARLIEST_PLAUSIBLE_NS:
+        return ClockState.UNSET
+    if not timesync.is_dir():
+        return ClockState.UNKNOWN
+    return ClockState.SYNCHRONISED if (timesync / "synchronized").exists() else ClockState.UNSYNCHRONISED
+
+
+class Clocks(Protocol):
+    """The part of a computer that is watched."""
+
+    def now_ns(self) -> int: ...
+
+    def wall_ns(self) -> int: ...
+
+    def clock_state(self) -> ClockState: ...
+
+
+class HostClock:
+    """Notices what happens to a computer's clocks; the time axis of the log itself never steps.
+
+    The wall clock is compared with that axis: their difference changes only when somebody sets the clock. A
+    turn of the loop that lasts more than 5 s means that the process did not run.
+    """
+
+    def __init__(self, computer: Clocks) -> None:
+        self._computer = computer
+        self._state = ClockState.UNKNOWN
+        self._last_ns = computer.now_ns()
+        self._next_ns = 0
+        self._began_ns = self._offset_ns = self._read_offset() or 0
+
+    @property
+    def record(self) -> Mapping[str, str]:
+        """The metadata record `clock`; empty while nothing is known against the clock, nor for it."""
+        correction_ns = self._offset_ns - self._began_ns
+        if self._state == ClockState.UNKNOWN and not correction_ns:
+            return {}
+        return {"state": self._state.value, "utc_minus_log_s": f"{correction_ns / S:.3f}"}
+
+    def tick(self, now_ns: int) -> Iterator[Event]:
+        """Yield what has happened since the last call; to be called in each turn of the loop."""
+        last_ns, self._last_ns = self._last_ns, now_ns
+        if now_ns - last_ns > STANDSTILL_NS:
+            yield self._standstill(last_ns, now_ns)
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + _PERIOD_NS
+        offset_ns = self._read_offset()
+        if offset_ns is not None and abs(offset_ns - self._offset_ns) > STEP_NS:
+            step_ns, self._offset_ns = offset_ns - self._offset_ns, offset_ns
+            yield self._step(now_ns, step_ns)
+        if self._state not in (ClockState.SYNCHRONISED, self._computer.clock_state()):
+            self._state = self._computer.clock_state()
+            yield self._state_event(now_ns)
+
+    def _read_offset(self) -> int | None:
+        """Return the wall clock minus the log's axis; None where the process was interrupted meanwhile."""
+        before_ns = self._computer.now_ns()
+        wall_ns = self._computer.wall_ns()
+        after_ns = self._computer.now_ns()
+        return wall_ns - before_ns if after_ns - before_ns < _READ_TOGETHER_NS else None
+
+    def _standstill(self, begin_ns: int, end_ns: int) -> Event:
+        seconds = (end_ns - begin_ns) / S
+        text = (
+            f"the recorder did not run for {seconds:.1f} s: the computer was suspended, or the process "
+            "stopped; what nodes sent meanwhile may be lost: see the gaps"
+        )
+        return Event(end_ns, "clock", "computer", text, {"standstill_s": seconds, "begin_ns": begin_ns})
+
+    def _step(self, now_ns: int, step_ns: int) -> Event:
+        step, correction = step_ns / S, (self._offset_ns - self._began_ns) / S
+        direction, sign = "forward" if step > 0 else "back", "+" if correction >= 0 else "-"
+        text = (
+            f"the computer's clock was set {direction} by {abs(step):.3f} s; this log goes on without a "
+            f"step: UTC is its time {sign} {abs(correction):.3f} s"
+        )
+        return Event(now_ns, "clock", "computer", text, {"step_s": step, "utc_minus_log_s": correction})
+
+    def _state_event(self, now_ns: int) -> Event:
+        shown = datetime.fromtimestamp(self._computer.wall_ns() / S, UTC).strftime("%Y-%m-%d %H:%M")
+        text = {
+            ClockState.UNSET: f"the computer's clock is not set, it shows {shown}: times and names of logs "
+            "are not UTC; set it, or wait for NTP",
+            ClockState.UNSYNCHRONISED: f"the computer's clock, which shows {shown} UTC, has not been "
+            "synchronised since the start: times and names of logs may be off",
+        }.get(self._state, f"the computer's clock is {self._state.value}")
+        return Event(now_ns, "clock", "computer", text, {"state": self._state.value})
