@@ -1,20 +1,26 @@
 """Hours of recording in virtual time: memory at each of them, its slope, and whether all samples came.
 
-    python tests/soak/soak.py [--hours 3] [--nodes 4] [--rate 416] [--batch 16] [--no-odometry] [--one-log]
+    python tests/soak/soak.py [--hours 3] [--nodes 4] [--rate 416] [--batch 16]
+        [--no-odometry] [--no-web] [--one-log] [--trace]
 
-Four nodes on the path that `hubodo record` runs, two of them wheels with live odometry, logs cut each hour
-under a budget of disk; only ports and the clock are replaced. Exit code 1 where a sample is missing or memory
-grows by more than 1 MB an hour after the first hour.
+Four nodes on the path that `hubodo record` runs, two of them wheels with live odometry; logs are cut each
+hour under a disk budget; another process follows the live page and reads the metrics. Only ports and the
+clock are replaced. Exit code 1 where a sample is missing, nothing could be followed, or memory grows by more
+than 0.1 MB an hour after the first hour.
 """
 
 import argparse
 import gc
 import os
+import re
+import subprocess
 import sys
 import tempfile
 import time
 import tracemalloc
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Self
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -25,13 +31,18 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from fakes.steady_computer import SteadyComputer, SteadyNode
 from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.metrics_server import MetricsServer
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.snapshot import memory_in_use
+from hubodo.ingest.live.snapshot import Watch, memory_in_use
 from hubodo.vehicle import NodeMount, Vehicle
+from hubodo.web.address import Address
+from hubodo.web.config import Site
+from hubodo.web.live import watching
 
-LIMIT_MB = 1.0
+LIMIT_MB = 0.1
 VEHICLE = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
 LABELS = ("left", "right", "frame", "spare")
+FOLLOWER = Path(__file__).with_name("follower.py")
 
 
 class Hours:
@@ -47,7 +58,7 @@ class Hours:
         gc.collect()
         self.memory.append((memory_in_use() or 0) / 1e6)
         seconds = time.process_time() - self._began
-        print(f"{hour:5.0f} h  {self.memory[-1]:7.1f} MB  {seconds:7.0f} s of processor", flush=True)
+        print(f"{hour:5.0f} h  {self.memory[-1]:7.2f} MB  {seconds:7.0f} s of processor", flush=True)
         if tracemalloc.is_tracing():
             now = tracemalloc.take_snapshot()
             for line in now.compare_to(self._before, "lineno")[:12] if self._before else ():
@@ -60,44 +71,81 @@ class Hours:
         return float(np.polyfit(np.arange(len(later)), later, 1)[0]) if len(later) > 1 else 0.0
 
 
-def main() -> int:
+class Follower:
+    """Another process that follows the live page and the metrics; frames, readings: of each, how many."""
+
+    def __init__(self, page: int, metrics: int) -> None:
+        """page, metrics: the ports on which they are served."""
+        self.frames = self.readings = 0
+        words = [sys.executable, str(FOLLOWER), str(page), str(metrics)]
+        self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        counts = self._process.communicate()[0].split()
+        self.frames, self.readings = map(int, counts or (0, 0))
+
+
+def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=3.0)
     parser.add_argument("--nodes", type=int, default=4)
     parser.add_argument("--rate", type=float, default=416.0)
     parser.add_argument("--batch", type=int, default=16)
     parser.add_argument("--no-odometry", action="store_true")
+    parser.add_argument("--no-web", action="store_true", help="neither live page nor metrics, nobody follows")
     parser.add_argument("--one-log", action="store_true", help="do not rotate")
     parser.add_argument("--trace", action="store_true", help="where memory grows; slow")
-    args = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> int:
+    args = arguments()
     hours = Hours(args.trace)
     labels = [*LABELS, *(f"n{k}" for k in range(4, args.nodes))][: args.nodes]
     nodes = {label: SteadyNode(k + 1, args.rate, args.batch, ppm=20.0 * k) for k, label in enumerate(labels)}
     computer = SteadyComputer(nodes, hours.passed)
-    with tempfile.TemporaryDirectory(prefix="hubodo-soak-") as folder:
-        config = RecordConfig(
-            ports=tuple(f"{label}=/dev/{label}" for label in labels),
-            duration=args.hours * 3600 + 1,
-            rotate_after=None if args.one_log else 3600.0,
-            disk_budget_mb=None if args.one_log else 1500.0,
+    config = RecordConfig(
+        ports=tuple(f"{label}=/dev/{label}" for label in labels),
+        duration=args.hours * 3600 + 1,
+        rotate_after=None if args.one_log else 3600.0,
+        disk_budget_mb=None if args.one_log else 1500.0,
+    )
+    page = follower = None
+    watch: list[Watch] = []
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-soak-")))
+        nowhere = stack.enter_context(Path(os.devnull).open("w"))
+        if not args.no_web:
+            page = stack.enter_context(watching(Site(Address("127.0.0.1", 0)), None, folder, vehicle=VEHICLE))
+            metrics = stack.enter_context(MetricsServer("127.0.0.1:0", computer.now_ns))
+            watch.append(metrics.show)
+            port = int(re.search(r":(\d+)/", page.greetings[0])[1])
+            follower = stack.enter_context(Follower(port, metrics.port))
+        result = record(
+            config,
+            folder / "soak.mcap",
+            vehicle=None if args.no_odometry else VEHICLE,
+            computer=computer,
+            console=Console(file=nowhere),
+            watch=watch,
+            audience=page,
         )
-        with Path(os.devnull).open("w") as nowhere:
-            result = record(
-                config,
-                Path(folder) / "soak.mcap",
-                vehicle=None if args.no_odometry else VEHICLE,
-                computer=computer,
-                console=Console(file=nowhere),
-            )
     sent = sum(node.sent for node in nodes.values())
-    kept = sum(node["samples"] for node in result.nodes.values())
+    recorded = sum(node["samples"] for node in result.nodes.values())
     lost = sum(node["samples_lost"] for node in result.nodes.values())
     print(f"{args.hours:g} h, {len(labels)} nodes at {args.rate:g} Hz, {args.batch} a batch: {sent} samples")
     print(
-        f"{kept} recorded, {lost} lost, {result.messages_lost} messages in no log; {len(result.files)} logs"
+        f"{recorded} recorded, {lost} lost, {result.messages_lost} messages in no log; "
+        f"{len(result.files)} logs, {result.removed} of them removed"
     )
+    if follower is not None:
+        print(f"another process got {follower.frames} frames of the page and {follower.readings} of metrics")
     print(f"memory grows by {hours.slope():+.2f} MB an hour after the first")
-    return int(kept != sent or lost > 0 or result.failed or hours.slope() > LIMIT_MB)
+    unfollowed = follower is not None and not (follower.frames and follower.readings)
+    return int(recorded != sent or lost > 0 or result.failed or unfollowed or hours.slope() > LIMIT_MB)
 
 
 if __name__ == "__main__":

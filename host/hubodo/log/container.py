@@ -46,6 +46,8 @@ LIBRARY = f"hubodo {__version__}"
 
 Compression = Literal["zstd", "lz4", "none"]
 MessageIndexes = Mapping[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+Whereabouts = Literal["here", "elsewhere", "nowhere", "changed"]
+"""A file still has its name, has only another one, was deleted, or has another size than was written."""
 
 
 class McapFile:
@@ -92,7 +94,6 @@ class McapFile:
                 done += os.write(self._fd, view[done:])
         except OSError:
             os.ftruncate(self._fd, self.size)
-            os.lseek(self._fd, self.size, os.SEEK_SET)
             raise
         self.size += len(data)
         self._data_crc = zlib.crc32(data, self._data_crc)
@@ -210,9 +211,11 @@ class McapFile:
         end = _encode(DataEnd(data_section_crc=self._data_crc))
         self.put(end + self._summary(self.size + len(end)))
 
-    def whereabouts(self) -> Literal["here", "elsewhere", "nowhere"]:
-        """Whether the file still has its name, has only another one, or was deleted."""
+    def whereabouts(self) -> Whereabouts:
+        """Return what other programs have done to the file since it was opened."""
         ours = os.fstat(self._fd)
+        if ours.st_size != self.size:
+            return "changed"
         try:
             found = self.path.stat()
             if (found.st_ino, found.st_dev) == (ours.st_ino, ours.st_dev):

@@ -14,8 +14,11 @@ def open_to_read(path: Path) -> int:
 
 
 def open_new(path: Path) -> int:
-    """A descriptor to write to. Raises OSError, FileExistsError where there is a file."""
-    return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
+    """Return a descriptor that appends. Raises OSError, FileExistsError where there is a file.
+
+    Appending leaves no hole where another program shortens the file, so its size shows that somebody did.
+    """
+    return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
 
 
 def _seek_and_read(fd: int, size: int, offset: int) -> bytes:

@@ -1,21 +1,25 @@
-"""What the logs of one recording are called, which files in a folder are such logs, and which go first."""
+"""Names of the logs of one recording, which files in a folder are such logs, and in which order they came."""
 
 from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 
 from hubodo.errors import InputError
 
-_STAMP = r"\d{8}T\d{6}Z(?:-\d+)?"
+_NUMBER, _STAMP, _AGAIN = r"(?:(\d{6,12})-)?", r"(\d{8}T\d{6}Z)", r"(?:-(\d+))?"
 
 
 class LogNames:
-    """Names by UTC time, to the second: `drive-20260401T093000Z.mcap`, or without `drive-` in a folder.
+    """Names with a sequence number and UTC time: `drive-000042-20260401T093000Z.mcap`.
 
-    out: a folder, or the file that a single log would be. plain: a log is `out` itself while no such file is
-    there, as it is when nothing rotates. Raises InputError where that file exists.
+    The number orders the logs, because a computer's clock may be behind that of an earlier recording. It is
+    one more than the highest in the folder. Names of earlier versions have no number: they are the oldest.
+
+    out: a folder, where names have no `drive-`, or the file that a single log would be. plain: a log is `out`
+    itself while no such file is there, as it is when nothing rotates. Raises InputError where it exists.
     """
 
     def __init__(self, out: Path, *, plain: bool) -> None:
@@ -24,7 +28,9 @@ class LogNames:
         self._stem = "" if in_folder else f"{out.stem}-"
         self._suffix = ".mcap" if in_folder else out.suffix
         self._plain = out if plain and not in_folder else None
-        self._pattern = re.compile(re.escape(self._stem) + _STAMP + re.escape(self._suffix))
+        self._pattern = re.compile(
+            re.escape(self._stem) + _NUMBER + _STAMP + _AGAIN + re.escape(self._suffix)
+        )
         if self._plain is not None and out.exists():
             raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
 
@@ -33,17 +39,18 @@ class LogNames:
         if self._plain is not None and not self._plain.exists():
             return self._plain
         stamp = datetime.fromtimestamp(now_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
-        for number in range(1, 1000):
-            again = f"-{number}" if number > 1 else ""
-            path = self.folder / f"{self._stem}{stamp}{again}{self._suffix}"
-            if not path.exists():
-                return path
-        raise InputError(f"{self.folder}: holds a thousand logs of this second; wait for the next one")
+        newest = max((order[0] for order, _ in self._ordered()), default=0)
+        paths = (self.folder / f"{self._stem}{n:06d}-{stamp}{self._suffix}" for n in count(newest + 1))
+        return next(path for path in paths if not path.exists())
 
     def logs(self) -> list[Path]:
-        """All that have such names, oldest first, those of earlier recordings too."""
+        """Return all logs with such names, oldest first, those of earlier recordings too."""
+        return [path for _, path in sorted(self._ordered())]
+
+    def _ordered(self) -> list[tuple[tuple[int, str, int], Path]]:
         try:
-            found = [path for path in self.folder.iterdir() if self._pattern.fullmatch(path.name)]
+            paths = list(self.folder.iterdir())
         except OSError:
             return []
-        return sorted(found, key=lambda path: (path.name.partition("Z")[0], len(path.name), path.name))
+        matches = [(self._pattern.fullmatch(path.name), path) for path in paths]
+        return [((int(m[1] or 0), m[2], int(m[3] or 1)), path) for m, path in matches if m is not None]

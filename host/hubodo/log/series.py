@@ -16,6 +16,7 @@ from hubodo.errors import InputError
 from hubodo.log.container import Compression, McapFile, MessageIndexes
 from hubodo.log.held_chunks import HeldChunk, HeldChunks, messages_in
 from hubodo.log.log_names import LogNames
+from hubodo.log.lost_logs import loss_words
 from hubodo.log.room import MB, Room, words_of
 from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
 
@@ -267,6 +268,12 @@ class LogSeries:
         """Footer and name of the open log are final; a log without room for its footer waits for some."""
         assert self._file is not None
         file, self._file = self._file, None
+        if (loss := loss_words(file)) is not None:
+            self.messages_lost += file.message_count
+            self._finished += file.size
+            self.notices.append(loss)
+            file.abandon()
+            return
         if self.trouble is not None and not file.message_count:
             file.abandon()
             file.path.unlink(missing_ok=True)
@@ -367,16 +374,7 @@ class LogSeries:
     def _lost_sight(self, file: McapFile, where: str) -> None:
         if where == "elsewhere":
             self.notices.append(f"{file.path}: was moved away; it is whole where it is now")
-            self._end()
-        else:
-            self.messages_lost += file.message_count
-            self._finished += file.size
-            self._file = None
-            file.abandon()
-            self.notices.append(
-                f"{file.path}: was deleted or replaced while it was written; "
-                f"{file.message_count} messages in it are lost"
-            )
+        self._end()
         self._try_again()
         if self._file is not None:
             self.notices.append(f"recording goes on in {self.path}")

@@ -73,7 +73,7 @@ def joined(paths, pick):
 def test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would(pieces):
     cut, whole = pieces
     assert len(cut) == 4
-    assert all(path.name.startswith("drive-2026") for path in cut)
+    assert all(path.name.startswith(f"drive-00000{k}-2026") for k, path in enumerate(cut, 1))
     for name in ("left", "right"):
         one, many = (joined(paths, itemgetter(name)) for paths in ([whole], cut))
         assert one.keys() == many.keys()
@@ -177,7 +177,7 @@ def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends
     manager.close()
     assert heard[0] == "READY=1"
     assert "STOPPING=1" in heard
-    assert any(word.startswith("STATUS=recording 20") for word in heard)
+    assert any(word.startswith("STATUS=recording 000001-20") for word in heard)
     told = json.loads(out)
     assert len(told["files"]) == 2
     numbers = np.concatenate([read_recording(Path(path)).nodes["left"]["gx"] for path in told["files"]])
@@ -220,6 +220,20 @@ def test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails(tmp_
     assert "was deleted or replaced while it was written" in done.err
     recording = read_recording(out)
     assert any("was deleted" in event.text for event in recording.events)
+    assert recording.nodes["left"].t[0] > 1.0
+
+
+def test_a_log_emptied_while_recording_is_told_everywhere_and_the_run_fails(tmp_path):
+    out, computer = tmp_path / "ride.mcap", VirtualComputer()
+    Script(computer, (2.0, lambda: os.truncate(out, 0)))
+    with FakeNode(computer=computer) as node:
+        done = hubodo("record", node.path, "-o", out, "--duration", "4", "--json", computer=computer)
+    assert done.code == 1
+    told = json.loads(done.out)
+    assert told["messages_lost"] > 100
+    assert "was shortened or written to by another program" in done.err
+    recording = read_recording(Path(told["file"]))
+    assert any("was shortened" in event.text for event in recording.events)
     assert recording.nodes["left"].t[0] > 1.0
 
 

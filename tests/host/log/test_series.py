@@ -75,8 +75,8 @@ def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its
     made.log.add_metadata("node.left", {"serial": "1"})
     series = made.run(10).close()
     assert [path.name for path in series.paths][:2] == [
-        "drive-20260320T094640Z.mcap",
-        "drive-20260320T094650Z.mcap",
+        "drive-000001-20260320T094640Z.mcap",
+        "drive-000002-20260320T094650Z.mcap",
     ]
     assert len(series.paths) == 5
     assert numbers(*series.paths) == list(range(4450))
@@ -107,19 +107,87 @@ def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used
     assert keep.exists()
 
 
-def test_names_in_a_folder_are_times_and_no_two_are_alike(tmp_path):
+def test_names_in_a_folder_are_numbers_and_times_and_no_two_are_alike(tmp_path):
     made = Written(tmp_path, SeriesRules())
     for _ in range(3):
         made.run(0.1)
         made.log.flush()
         made.series.cut()
     paths = made.close().paths
-    assert [path.name for path in paths] == [
-        "20260320T094640Z.mcap",
-        *(f"20260320T094640Z-{k}.mcap" for k in (2, 3, 4)),
-    ]
+    assert [path.name for path in paths] == [f"00000{k}-20260320T094640Z.mcap" for k in (1, 2, 3, 4)]
     assert made.series._names.logs() == paths
     assert numbers(*paths) == list(range(30))
+
+
+def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_path):
+    """Logs of an earlier version, then logs of a clock that is right, then of one that is a year behind."""
+    for name in (
+        "drive-20260101T000000Z.mcap",
+        "drive-20260101T000000Z-2.mcap",
+        "drive-20990101T000000Z.mcap",
+    ):
+        (tmp_path / name).write_bytes(bytes(100_000))
+    mine = tmp_path / "drive-by-the-sea.mcap"
+    mine.write_bytes(bytes(10))
+    rules = SeriesRules(at=200_000, budget=800_000)
+    earlier = Written(tmp_path / "drive.mcap", rules).run(4).close()
+    behind = Written(tmp_path / "drive.mcap", rules)
+    behind.clock.now -= 365 * 86_400 * S
+    series = behind.run(30).close()
+    left = [path for path in series.paths if path.exists()]
+    assert len(left) >= 3
+    assert left == series.paths[-len(left) :]
+    assert set(tmp_path.iterdir()) == {*left, mine}
+    assert [path.name.split("-")[1] for path in earlier.paths] == ["000001", "000002"]
+
+
+@pytest.mark.parametrize("other", ["drive-000007-20260101T000000Z.mcap", "000007-20260101T000000Z.mcap"])
+def test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers(tmp_path, other):
+    (tmp_path / other).write_bytes(bytes(900_000))
+    made = Written(tmp_path / "left.mcap", SeriesRules(at=200_000, budget=500_000)).run(10)
+    assert made.close().paths[0].name.startswith("left-000001-")
+    assert (tmp_path / other).exists()
+
+
+def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
+    for name in ("000041-20260101T000000Z.mcap", "000042-20260101T000000Z.mcap.tmp", "000043-.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / f"{'9' * 30}-20260101T000000Z.mcap").write_bytes(b"")
+    series = Written(tmp_path, SeriesRules(budget=10**9)).run(0.1).close()
+    assert series.path.name == "000042-20260320T094640Z.mcap"
+
+
+@pytest.mark.parametrize("size", [0, 5_000])
+@pytest.mark.parametrize("rotates", [False, True])
+def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_one_begins(
+    tmp_path, size, rotates
+):
+    made = Written(tmp_path / "drive.mcap", SeriesRules(after=60.0 if rotates else None)).run(3)
+    first = made.series.path
+    os.truncate(first, size)
+    made.run(1)
+    assert any("was shortened" in notice for notice in made.series.notices)
+    assert made.series.path != first
+    series = made.run(2).close()
+    assert 250 < series.messages_lost < 400
+    assert numbers(series.path) == list(range(series.messages_lost, 600))
+    assert series.damaged
+
+
+@pytest.mark.parametrize("change", ["shortened", "deleted", "written to"])
+def test_a_log_that_is_taken_away_just_before_its_end_is_counted_as_well(tmp_path, change):
+    made = Written(tmp_path / "drive.mcap", SeriesRules()).run(3)
+    path = made.series.path
+    if change == "deleted":
+        path.unlink()
+    elif change == "shortened":
+        os.truncate(path, 0)
+    else:
+        with path.open("ab") as another:
+            another.write(b"another")
+    series = made.close()
+    assert series.messages_lost > 250
+    assert any("messages in it are lost" in notice for notice in series.notices)
 
 
 def test_an_existing_log_and_a_missing_folder_are_refused(tmp_path):

@@ -1,0 +1,48 @@
+"""A browser and a Prometheus beside a long recording: follow its live page, read its metrics each second.
+
+    python tests/soak/follower.py PAGE_PORT METRICS_PORT
+
+Ends when its standard input is closed, and prints how many frames and how many readings there were.
+"""
+
+import sys
+import threading
+import time
+import urllib.request
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+
+class Follower:
+    """frames: messages of the live page; readings: of the metrics."""
+
+    def __init__(self, page: int, metrics: int) -> None:
+        self.frames = self.readings = 0
+        self._page, self._metrics = page, metrics
+
+    def follow(self) -> None:
+        """Read the live page until it ends."""
+        with connect(f"ws://127.0.0.1:{self._page}/live", max_size=None) as live:
+            try:
+                for _ in live:
+                    self.frames += 1
+            except ConnectionClosed:
+                return
+
+    def read_metrics(self) -> None:
+        """Read /metrics and /healthz each second of the wall clock."""
+        while True:
+            for path in ("metrics", "healthz"):
+                with urllib.request.urlopen(f"http://127.0.0.1:{self._metrics}/{path}", timeout=60) as answer:
+                    answer.read()
+            self.readings += 1
+            time.sleep(1.0)
+
+
+if __name__ == "__main__":
+    follower = Follower(*map(int, sys.argv[1:]))
+    for task in (follower.follow, follower.read_metrics):
+        threading.Thread(target=task, daemon=True).start()
+    sys.stdin.read()
+    print(follower.frames, follower.readings)
