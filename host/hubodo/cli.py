@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import json
 import os
+import stat
 import sys
 import time
 import traceback
@@ -95,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = EXIT_FAILED if _failed(result) else EXIT_OK
         if result is not None:
             with exit_when_unread(getattr(result, "OUTPUT_DEADLINE", None), code):
-                _show(result, as_json=args.json)
+                _show_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
         # The reader of our output (head, less) is gone: nobody is left to tell.
@@ -133,6 +135,18 @@ def _write_what_can_be_written() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+def _show_unless_closed(result: Result, *, as_json: bool) -> None:
+    """Show a result; a terminal that has been closed meanwhile changes nothing of what was done."""
+    try:
+        _show(result, as_json=as_json)
+    except OSError as error:
+        fd = sys.stdout.fileno()
+        if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(fd).st_mode):
+            raise
+        # The interpreter flushes what is left in the buffer when it ends, and would end with code 120.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
 
 
 def _show(result: Result, *, as_json: bool) -> None:

@@ -53,7 +53,7 @@ def stop_on_signals(
 ) -> Iterator[threading.Event]:
     """Sets `stopping` instead of ending the process, and with `again` that on SIGHUP, where there is one.
 
-    A SIGHUP because the terminal has gone is a wish to stop, unless it was ignored before, as by nohup.
+    Once the terminal has gone, a SIGHUP is a wish to stop, or is ignored where it was before, as by nohup.
 
     Only the main thread may ask for that; in another one this does nothing.
     """
@@ -64,16 +64,19 @@ def stop_on_signals(
     def end(number: int, frame: FrameType | None) -> None:
         stopping.set()
 
-    in_terminal = again is not None and _has_terminal() and not _hangup_ignored()
+    in_terminal, ignored = again is not None and _has_terminal(), _hangup_ignored()
 
-    def begin_anew(number: int, frame: FrameType | None) -> None:
+    def hang_up(number: int, frame: FrameType | None) -> None:
         assert again is not None
-        (stopping if in_terminal and not _has_terminal() else again).set()
+        if not in_terminal or _has_terminal():
+            again.set()
+        elif not ignored:
+            stopping.set()
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     hangup = getattr(signal, "SIGHUP", None)
     if again is not None and hangup is not None:
-        before[hangup] = signal.signal(hangup, begin_anew)
+        before[hangup] = signal.signal(hangup, hang_up)
     try:
         yield stopping
     finally:

@@ -384,27 +384,50 @@ def test_ctrl_c_while_modules_load_is_one_line_and_130(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def in_terminal(out, node, *words, hangup=signal.SIG_DFL):
+    """A recorder on a terminal of its own, as soon as its log grows: its process and the terminal."""
+    child, terminal = pty.fork()
+    if not child:
+        signal.signal(signal.SIGHUP, hangup)
+        os.environ["PYTHONPATH"] = f"{ROOT / 'host'}:{ROOT / 'protocol'}"
+        program = [sys.executable, "-m", "hubodo.cli", "record", node.path, "-o", str(out), *words]
+        os.execv(sys.executable, program)
+    os.set_blocking(terminal, False)
+
+    def grown():
+        with contextlib.suppress(OSError):
+            os.read(terminal, 65536)
+        return out.exists() and out.stat().st_size > 3000
+
+    until(grown)
+    return child, terminal
+
+
 @pytest.mark.real_time
-def test_a_terminal_that_is_closed_ends_the_recording_whole(tmp_path):
+@pytest.mark.parametrize("words", [(), ("--json", "--log-format", "json")])
+def test_a_terminal_that_is_closed_ends_the_recording_whole_with_exit_code_0(tmp_path, words):
     out = tmp_path / "ride.mcap"
     with FakeNode() as node:
-        child, terminal = pty.fork()
-        if not child:
-            os.environ["PYTHONPATH"] = f"{ROOT / 'host'}:{ROOT / 'protocol'}"
-            os.execv(
-                sys.executable, [sys.executable, "-m", "hubodo.cli", "record", node.path, "-o", str(out)]
-            )
-        os.set_blocking(terminal, False)
-
-        def grown():
-            with contextlib.suppress(OSError):
-                os.read(terminal, 65536)
-            return out.exists() and out.stat().st_size > 3000
-
-        until(grown)
+        child, terminal = in_terminal(out, node, *words)
         os.close(terminal)
-        os.waitpid(child, 0)
+        _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
     recording = read_recording(out)
     assert recording.warnings == ()
     assert len(recording.nodes["left"]) > 10
+    assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.real_time
+def test_where_hangups_are_ignored_as_by_nohup_a_closed_terminal_ends_nothing(tmp_path):
+    out = tmp_path / "ride.mcap"
+    with FakeNode() as node:
+        child, terminal = in_terminal(out, node, hangup=signal.SIG_IGN)
+        os.close(terminal)
+        size = out.stat().st_size
+        until(lambda: out.stat().st_size > size + 6000)
+        os.kill(child, signal.SIGTERM)
+        _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert read_recording(out).warnings == ()
     assert list(tmp_path.iterdir()) == [out]
