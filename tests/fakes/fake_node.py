@@ -78,6 +78,7 @@ class FakeNode:
     damage: float = 0.0  # share of bytes that are changed on the way
     skew_ppm: float = 0.0
     fingerprint: int = FINGERPRINT
+    firmware: tuple[int, int, int] = (0, 1, 0)
     serial: bytes = b"FAKE0001"
     link: Path | None = None  # a symlink to the pseudo terminal of the moment; None: another at each plug
     seed: int = 1
@@ -228,7 +229,7 @@ class FakeNode:
     def hello(self) -> Hello:
         return Hello(
             fingerprint=self.fingerprint,
-            firmware=(0, 1, 0),
+            firmware=self.firmware,
             serial=self.serial,
             boot_id=self._boot_id,
             board=0,

@@ -241,9 +241,25 @@ def test_a_node_of_another_version_beside_a_good_one_does_not_end_the_recording(
         FakeNode(node_id=1, fingerprint=1, computer=computer) as old,
         FakeNode(node_id=2, computer=computer) as good,
     ):
-        result = record(RecordConfig(ports=(old.path, good.path), duration=1.5), out, computer=computer)
+        shown = io.StringIO()
+        config = RecordConfig(ports=(old.path, good.path), duration=1.5)
+        result = record(config, out, computer=computer, console=Console(file=shown, width=500))
     assert "flash" in result.nodes["left"]["refused"]
     assert result.nodes["right"]["samples"] > 250
+    assert shown.getvalue().count("node 'left' speaks 00000001 (firmware 0.1.0), host speaks") == 1
+
+
+def test_nodes_that_run_different_firmware_are_named_while_recording_and_in_the_log(tmp_path):
+    out, computer, shown = tmp_path / "ride.mcap", VirtualComputer(), io.StringIO()
+    with (
+        FakeNode(node_id=1, computer=computer) as old,
+        FakeNode(node_id=2, firmware=(0, 2, 0), computer=computer) as new,
+    ):
+        config = RecordConfig(ports=(old.path, new.path), duration=7.0)
+        record(config, out, computer=computer, console=Console(file=shown, width=500))
+    line = "nodes run different firmware: left 0.1.0, right 0.2.0"
+    assert shown.getvalue().count(line) == 1
+    assert [event.kind for event in read_recording(out).events if line in event.text] == ["warning"]
 
 
 @pytest.mark.parametrize(("port", "names"), [("right={}", ["left", "right"]), ("{}", ["left", "left_2"])])

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -41,6 +42,18 @@ def test_an_installation_puts_unit_rules_and_settings_in_place_and_runs_nothing_
     again = hubodo("service", "install", "--root", root)
     assert again.code == 0, "settings that are there stay"
     assert (root / "etc/hubodo/hubodo.toml").read_text() == CONFIG
+
+
+@pytest.mark.parametrize("user", [False, True])
+def test_the_unit_asks_for_a_clock_that_is_synchronised_but_does_not_wait_for_a_network(user):
+    text = unit.unit_text(Path("/usr/bin/hubodo"), Path("/etc/hubodo/hubodo.toml"), user=user)
+    lines = [line.partition("=") for line in text.splitlines() if not line.startswith("#")]
+    wants, after = (
+        [value.split() for key, _, value in lines if key == wanted] for wanted in ("Wants", "After")
+    )
+    assert wants == [["time-set.target", "time-sync.target"]]
+    assert after == [["local-fs.target", "time-set.target"]]
+    assert not any(key == "Requires" for key, _, _ in lines)
 
 
 def test_what_was_installed_can_be_removed_and_settings_stay(installed):

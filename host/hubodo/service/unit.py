@@ -13,7 +13,9 @@ _HEAD = """\
 # Written by `hubodo service install`; changes belong into a drop-in: systemctl edit hubodo
 [Unit]
 Description=hubodo: recorder of wheel nodes
-After=local-fs.target time-sync.target
+Wants=time-set.target time-sync.target
+# Not after time-sync.target, which systemd-time-wait-sync holds back for ever where there is no network.
+After=local-fs.target time-set.target
 StartLimitIntervalSec=0
 
 [Service]

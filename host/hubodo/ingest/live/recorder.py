@@ -21,7 +21,7 @@ from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.identity import firmware_difference, hello_metadata
 from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder, Published
 from hubodo.ingest.node.questions import identification_request
@@ -84,6 +84,7 @@ class Recorder:
         self._now_ns = now_ns
         self._clock_period = clock_period
         self._unread = 0
+        self._firmware: dict[str, tuple[int, ...]] = {}
 
     def handle(self, news: LinkNews | Answer) -> None:
         """One thing that a link reported, or the localizer answered."""
@@ -125,6 +126,7 @@ class Recorder:
             self.bulkheads.run(f"link {link.label}", self._tick_link, link, now_ns)
         for node in list(self.nodes.values()):
             self.bulkheads.run(_part(node), self._tick_node, node, now_ns)
+        self.bulkheads.run("status", self._compare_firmware)
         self.bulkheads.run("odometry", self._warn, now_ns)
         for event in self.bulkheads.reports():
             self.report(event)
@@ -332,6 +334,18 @@ class Recorder:
     def _locate(self, items: Iterable[Pose | FixSample], arrived_ns: int) -> None:
         if self.odometer is not None:
             self.map.put(items, arrived_ns)
+
+    def _compare_firmware(self) -> None:
+        """Warn where nodes run different firmware, once for each change."""
+        hellos = ((node.name, node.decoder.hello) for node in self.nodes.values())
+        versions: dict[str, tuple[int, ...]] = {
+            name: hello.firmware for name, hello in hellos if hello is not None
+        }
+        if versions != self._firmware:
+            self._firmware = versions
+            difference = firmware_difference(versions)
+            if difference is not None:
+                self.warn("recorder", difference)
 
     def _warn(self, now_ns: int, *, end: bool = False) -> None:
         """What the odometer has to say, to the user and into the log."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
 
 from hubowire.messages import Hello, Part
@@ -25,6 +26,14 @@ def hello_metadata(hello: Hello) -> dict[str, str]:
         "mag_lsb_ft": str(hello.mag_lsb_ft),
         "parts": "; ".join(parts),
     }
+
+
+def firmware_difference(versions: Mapping[str, tuple[int, ...]]) -> str | None:
+    """Return a line where nodes run different firmware; versions: by node name. None where all are alike."""
+    if len(set(versions.values())) < 2:
+        return None
+    named = ", ".join(f"{node} {'.'.join(map(str, version))}" for node, version in sorted(versions.items()))
+    return f"nodes run different firmware: {named}; bring them to one version with hubodo flash"
 
 
 def known_name(codes: type[IntEnum], number: int) -> str:

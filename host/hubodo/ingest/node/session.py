@@ -266,7 +266,9 @@ class NodeSession:
                     self._signal(output)
                 case Refused():
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
-                    self._sink.event(Event(output.received_ns, "mismatch", self.name, output.text, data))
+                    mismatch = Event(output.received_ns, "mismatch", self.name, output.text, data)
+                    self.notices.append(mismatch)
+                    self._sink.event(mismatch)
                 case _:
                     assert_never(output)
 
