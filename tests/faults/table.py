@@ -23,6 +23,9 @@ RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/test_node_decoder.p
 PORTS, RECOVER, WRITER = (
     "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::", "host/log/test_writer.py::",
 )  # fmt: skip
+KILL, JUMPS, UNIT = (
+    "faults/test_kill.py::", "host/ingest/test_clock_jumps.py::", "host/test_verb_service.py::",
+)  # fmt: skip
 WEEKS, SERIES, SEALED = (
     "host/ingest/test_weeks.py::", "host/log/test_series.py::", "host/ingest/test_sealed.py::",
 )  # fmt: skip
@@ -95,7 +98,8 @@ FAULTS = (
     Fault(
         "killed at any moment", "all until a second before is recovered",
         "recover: messages kept, bytes lost",
-        ("faults/test_kill.py::test_after_sigkill_all_that_came_until_one_second_before_is_there",
+        (KILL + "test_after_sigkill_all_that_came_until_one_second_before_is_there",
+         KILL + "test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole",
          RECORD + "test_killed_without_warning_all_but_the_last_second_is_recovered",
          RECOVER + "test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing"),
     ),
@@ -116,6 +120,50 @@ FAULTS = (
         "event; messages lost",
         (SERIES + "test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_on",
          WEEKS + "test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails"),
+    ),
+    Fault(
+        "the log is emptied or written to by another program",
+        "noticed within a second, another begun, code 1",
+        "event; messages lost",
+        (SERIES + "test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins",
+         SERIES + "test_a_log_that_is_taken_away_just_before_its_end_is_counted_as_well",
+         WEEKS + "test_a_log_emptied_while_recording_is_told_everywhere_and_the_run_fails"),
+    ),
+    Fault(
+        "a clock that is behind, and a disk budget", "the oldest logs by number are removed", "names of logs",
+        (SERIES + "test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest",
+         SERIES + "test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers",
+         SERIES + "test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log"),
+    ),
+    Fault(
+        "the wall clock is set while recording", "the log goes on without a step",
+        "event: clock, with the size",
+        (JUMPS + "test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample",
+         JUMPS + "test_a_process_that_is_interrupted_between_two_readings_has_seen_no_step"),
+    ),
+    Fault(
+        "a clock that nobody has set", "recorded and marked; the service waits for no network",
+        "event: clock; metadata; info",
+        (JUMPS + "test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info",
+         JUMPS + "test_the_state_of_a_clock_is_what_its_time_and_timesyncd_say",
+         UNIT + "test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network"),
+    ),
+    Fault(
+        "the computer stands still, or its clock jumps", "what was lost is counted, nothing else",
+        "one event: clock; gap: the computer stood still",
+        (JUMPS + "test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sample",
+         JUMPS + "test_what_a_node_sent_while_the_computer_stood_still_is_counted",
+         JUMPS + "test_no_jump_of_the_hosts_clock_adds_or_hides_a_lost_sample",
+         PORTS + "test_a_frame_cut_in_two_by_a_standstill_does_not_make_its_node_a_stranger"),
+    ),
+    Fault(
+        "the terminal is closed", "the log is whole, code 0; ignored under nohup", "exit code",
+        (WEEKS + "test_a_terminal_that_is_closed_ends_the_recording_whole_with_exit_code_0",
+         WEEKS + "test_where_hangups_are_ignored_as_by_nohup_a_closed_terminal_ends_nothing"),
+    ),
+    Fault(
+        "nodes of different firmware", "recorded, and said at once", "warning",
+        (RECORD + "test_nodes_that_run_different_firmware_are_named_while_recording_and_in_the_log",),
     ),
     Fault(
         "the folder of the log is removed", "the log pauses, the odometry goes on",

@@ -4,21 +4,27 @@ Each is forked off this process, so that two hundred of them cost little more th
 `make faults` says --kills 200.
 """
 
+import itertools
 import os
 import random
 import signal
 import time
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hubodo.log.log_names import LogNames
 from hubodo.log.mcap import open_log
 from hubodo.log.recover import recover
+from hubodo.log.series import LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
 
 AT_ONCE = 10
 STEP_S = 0.01
+S = 1_000_000_000
 
 
 def record_for_ever(path: Path, told: int, silent_after: float) -> None:
@@ -35,14 +41,33 @@ def record_for_ever(path: Path, told: int, silent_after: float) -> None:
         time.sleep(STEP_S)
 
 
-def start(path: Path, silent_after: float) -> tuple[int, int]:
+def rotate_for_ever(out: Path, told: int, steps: int) -> None:
+    """The same in logs of so many steps each; the end of a step is told with a number of -1."""
+    series = LogSeries(out, SeriesRules(after=3600.0), time.time_ns)
+    log, i, n = McapLog(series, clock=time.time_ns), 0, 8
+    for step in itertools.count(1):
+        rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
+        now = time.time_ns()
+        i += n
+        os.write(told, f"{now} {i}\n".encode())
+        log.imu("left", now + np.arange(n), now, rows, rows)
+        if step % steps == 0:
+            log.flush()
+            series.cut()
+        log.tick()
+        series.tick(now)
+        os.write(told, f"{now} -1\n".encode())
+        time.sleep(STEP_S / 5)
+
+
+def start(recorder: Callable[..., None], path: Path, option: float) -> tuple[int, int]:
     """The process of a recorder, and where it tells."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
         try:
             os.close(reader)
-            record_for_ever(path, writer, silent_after)
+            recorder(path, writer, option)
         finally:
             os._exit(1)
     os.close(writer)
@@ -68,7 +93,7 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(kills: int
         running, began = [], time.monotonic()
         for number in range(first, min(first + AT_ONCE, kills)):
             silent = rng.choice((99.0, 0.4))
-            child, reader = start(tmp_path / f"{number}.mcap", silent)
+            child, reader = start(record_for_ever, tmp_path / f"{number}.mcap", silent)
             running.append((began + rng.uniform(0.0, 1.8), number, child, reader, silent))
         for moment, number, child, reader, silent in sorted(running):
             time.sleep(max(0.0, moment - time.monotonic()))
@@ -84,6 +109,43 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(kills: int
             behind = [killed_ns - now for now, i in received if i > len(values)]
             lost_most = max(lost_most, max(behind, default=0) / 1e9)
     print(f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
+
+
+def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole(
+    kills: int, tmp_path: Path
+) -> None:
+    """What was 0.5 s old at the end of the last step is in a log; half of them begin one at each step."""
+    seed, lost_most, logs = 11, 0.0, 0
+    rng = random.Random(seed)
+    for first in range(0, kills, AT_ONCE):
+        running, began = [], time.monotonic()
+        for number in range(first, min(first + AT_ONCE, kills)):
+            steps = (1, 150)[number % 2]
+            child, reader = start(rotate_for_ever, tmp_path / f"{number}.mcap", steps)
+            running.append((began + rng.uniform(0.1, 1.0), number, child, reader))
+        for moment, number, child, reader in sorted(running):
+            time.sleep(max(0.0, moment - time.monotonic()))
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            told = heard(reader)
+            looked = max((now for now, i in told if i < 0), default=0)
+            due = max((i for now, i in told if now <= looked - S // 2), default=0)
+            paths = LogNames(tmp_path / f"{number}.mcap", plain=False).logs()
+            logs += len(paths)
+            where = f"seed {seed}, kill {number}"
+            assert all(is_whole(path) for path in paths[:-1]), where
+            values = [value for path in paths for value in recovered(path, path.with_suffix(".whole"))]
+            assert values == list(range(len(values))), where
+            assert len(values) >= due, f"{len(values)} of {due} due, {where}"
+            behind = [looked - now for now, i in told if i > len(values)]
+            lost_most = max(lost_most, max(behind, default=0) / 1e9)
+    print(f"{kills} kills in {logs} logs, seed {seed}: nothing older than {lost_most:.2f} s was lost")
+
+
+def is_whole(path: Path) -> bool:
+    with open_log(path) as log:
+        deque(log.messages(), maxlen=0)
+        return log.warnings() == ()
 
 
 def recovered(path: Path, out: Path) -> list[float]:

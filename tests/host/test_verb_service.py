@@ -45,7 +45,7 @@ def test_an_installation_puts_unit_rules_and_settings_in_place_and_runs_nothing_
 
 
 @pytest.mark.parametrize("user", [False, True])
-def test_the_unit_asks_for_a_clock_that_is_synchronised_but_does_not_wait_for_a_network(user):
+def test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network(user):
     text = unit.unit_text(Path("/usr/bin/hubodo"), Path("/etc/hubodo/hubodo.toml"), user=user)
     lines = [line.partition("=") for line in text.splitlines() if not line.startswith("#")]
     wants, after = (

@@ -125,7 +125,7 @@ def test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sa
     assert np.count_nonzero(times > 590) > 2.0 * 416
 
 
-def test_what_a_node_sent_while_the_computer_stood_still_is_counted_and_says_so(tmp_path):
+def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
     """The node gives up 390 frames in 15 s, in which the computer's clock goes on and nothing runs."""
     computer = JumpingComputer()
     node = FakeNode(rate_hz=416.0, batch=16, computer=computer)
@@ -141,9 +141,7 @@ def test_what_a_node_sent_while_the_computer_stood_still_is_counted_and_says_so(
 
 
 @pytest.mark.parametrize("step", [3.0, -7200.0])
-def test_a_wall_clock_that_is_set_while_recording_is_an_event_with_its_size_and_moves_no_sample(
-    tmp_path, step
-):
+def test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample(tmp_path, step):
     out, computer, shown = tmp_path / "ride.mcap", JumpingComputer(ClockState.UNSYNCHRONISED), io.StringIO()
 
     def set_clock():

@@ -102,7 +102,7 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
     assert "921600" in line and "115200" in line and "/dev/ttyUSB0" in line
 
 
-def test_a_frame_that_a_standstill_of_the_computer_cut_in_two_does_not_make_its_node_a_stranger():
+def test_a_frame_cut_in_two_by_a_standstill_does_not_make_its_node_a_stranger():
     session = LinkSession("left", Discards())
     session.up(LinkUp("left", 0, "/dev/left", False))
     list(session.chunk(Chunk("left", S, b"\x05half", "")))

@@ -159,7 +159,7 @@ def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
 
 @pytest.mark.parametrize("size", [0, 5_000])
 @pytest.mark.parametrize("rotates", [False, True])
-def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_one_begins(
+def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins(
     tmp_path, size, rotates
 ):
     made = Written(tmp_path / "drive.mcap", SeriesRules(after=60.0 if rotates else None)).run(3)
