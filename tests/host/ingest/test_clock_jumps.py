@@ -178,6 +178,16 @@ def test_the_state_of_a_clock_is_what_its_time_and_timesyncd_say(tmp_path):
     assert clock_state(1_000 * S, folder) == "unset"
 
 
+def test_a_step_of_the_wall_clock_beyond_a_tenth_of_a_second_is_an_event_and_less_is_none():
+    computer = JumpingComputer()
+    clock, steps = HostClock(computer), []
+    for second, set_s in enumerate((0.0, 0.05, 0.09, 0.2, 0.2, -3.0)):
+        computer.set_ns = round(set_s * S)
+        steps += [event.data["step_s"] for event in clock.tick(computer.now_ns() + second * S)]
+    assert steps == [0.2, -3.2]
+    assert clock.record == {"state": "unknown", "utc_minus_log_s": "-3.000"}
+
+
 def test_a_process_that_is_interrupted_between_two_readings_has_seen_no_step():
     """The wall clock is read late by 0.3 s, as on a computer that does something else meanwhile."""
 
