@@ -18,7 +18,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.node.clock import PERIOD_US
 from hubodo.ingest.node.decoder import NodeDecoder
-from hubodo.ingest.node.gaps import STANDSTILL, LinkCounts
+from hubodo.ingest.node.gaps import DAMAGE, STANDSTILL, GapLedger, LinkCounts, WireGap
 from hubodo.log.mcap import open_log, read_recording
 from hubowire import FINGERPRINT, Frame, encode
 from hubowire.messages import Hello, ImuBatch
@@ -138,6 +138,26 @@ def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
     left, _ = recorded(tmp_path / "ride.mcap", computer, 22.0, (3.0, suspend), node=node)
     assert left["samples_lost"] == 390 * 16
     assert left["gaps"] == {STANDSTILL: 1}
+    again = tmp_path / "again.mcap"
+    assert hubodo("import", tmp_path / "ride.mcap", "-o", again).code == 0
+    gaps = [event.data for event in read_recording(again).events if event.kind == "gap"]
+    assert [(gap["samples_lost"], gap["cause"]) for gap in gaps] == [(390 * 16, STANDSTILL)]
+
+
+def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_is_damaged():
+    ledger, before, now = GapLedger("left"), LinkCounts(), LinkCounts(damaged=1)
+    # What the line held is read, and stamped, when the computer goes on.
+    long, short = (
+        WireGap("ImuBatch", 17 * S, 17 * S + 1, 3, 24, (10 * S, 10 * S + lasts)) for lasts in (6 * S, S)
+    )
+    (event,) = ledger.add(short, before, now)
+    assert event.data["cause"] == DAMAGE
+    assert list(ledger.add(long, before, now)) == []
+    ledger.resumed(10 * S, 17 * S - 2)
+    assert [event.data["cause"] for event in ledger.close()] == [STANDSTILL]
+    assert list(ledger.add(long, before, now)) == []
+    ledger.resumed(100 * S, 107 * S)
+    assert [event.data["cause"] for event in ledger.close()] == [DAMAGE]
 
 
 @pytest.mark.parametrize("step", [3.0, -7200.0])

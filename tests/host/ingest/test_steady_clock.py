@@ -4,6 +4,7 @@ import pytest
 
 from hubodo.cli import main
 from hubodo.ingest.live import computer
+from hubodo.ingest.live.host_clock import HostClock
 
 S = 1_000_000_000
 
@@ -46,6 +47,15 @@ def test_a_slowed_clock_is_slow_from_its_start_on(passing):
     start = clock()
     passing(3.0)
     assert clock() - start == 3 * S // 2
+
+
+def test_slowed_time_is_no_wall_clock_that_somebody_sets(passing):
+    slowed = computer.ThisComputer(2.0)
+    clock, events = HostClock(slowed), []
+    for second in range(10):
+        passing(second)
+        events += clock.tick(slowed.now_ns())
+    assert [event.data for event in events if "step_s" in event.data] == []
 
 
 def test_time_that_stands_still_is_refused(tmp_path, capfd):

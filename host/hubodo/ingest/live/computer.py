@@ -71,7 +71,8 @@ class ThisComputer:
 
     def __init__(self, scale: float = 1.0) -> None:
         self.now_ns = steady_clock(scale)
-        self.wall_ns = time.time_ns
+        # In slowed time there is no wall clock to compare with.
+        self.wall_ns = time.time_ns if scale == 1.0 else self.now_ns
         self._news: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self.put = self._news.put
 

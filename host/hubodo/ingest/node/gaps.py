@@ -22,6 +22,8 @@ STANDSTILL = "the computer stood still"
 
 _HEALTHS_TO_WAIT = 2
 _WAIT_NS = 6_000_000_000
+_BACKLOG_NS = 1_000_000_000  # after a standstill, to read what the line has held
+_STANDSTILL_NS = 3_000_000_000  # shorter silences are not due to a standstill, which lasts 5 s
 
 Times = NDArray[np.int64]
 
@@ -49,6 +51,12 @@ class WireGap:
     frames_lost: int
     samples_lost: int | None
     device_ns: tuple[int, int] | None = None
+
+    @property
+    def duration_ns(self) -> int:
+        """Length by the node's clock where that is known, else by the times of arrival."""
+        first, last = self.device_ns or (self.start_ns, self.end_ns)
+        return last - first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +101,8 @@ class GapsSeen:
 class _Waiting:
     gaps: WireGaps | tuple[WireGap]
     healths: int = 0
+    cause: str | None = None
+    """Known already, unless the computer stood still."""
 
 
 class GapLedger:
@@ -124,7 +134,12 @@ class GapLedger:
         elif now.downs != before.downs:
             yield _event(self._node, gap, LINK_DOWN)
         elif now.damaged != before.damaged and gap.frames_lost:
-            yield _event(self._node, gap, f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE)
+            cause = f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE
+            if gap.duration_ns < _STANDSTILL_NS:
+                yield _event(self._node, gap, cause)
+            else:
+                # A line that runs over while the computer stands still cuts a frame in two.
+                self._waiting.append(_Waiting((gap,), cause=cause))
         elif overrun:
             yield _event(self._node, gap, OVERRUN)
         else:
@@ -191,13 +206,12 @@ class GapLedger:
         self._waiting.remove(waiting)
         begin_ns, end_ns = self._standstill
         for gap in waiting.gaps:
-            stood_still = gap.start_ns < end_ns and gap.end_ns > begin_ns
-            yield _event(self._node, gap, STANDSTILL if stood_still else cause)
+            stood_still = gap.start_ns < end_ns + _BACKLOG_NS and gap.end_ns > begin_ns
+            yield _event(self._node, gap, STANDSTILL if stood_still else waiting.cause or cause)
 
 
 def _event(node: str, gap: WireGap, cause: str) -> Event:
-    first, last = gap.device_ns or (gap.start_ns, gap.end_ns)
-    seconds = (last - first) * 1e-9
+    seconds = gap.duration_ns * 1e-9
     if gap.stream == "ImuBatch":
         lost = "an unknown number of samples" if gap.samples_lost is None else f"{gap.samples_lost} samples"
     else:

@@ -175,6 +175,10 @@ class _Again:
                 link.open = True
             elif event.kind == "disconnected":
                 link.lost()
+        begin_ns = event.data.get("begin_ns") if event.kind == "clock" else None
+        if begin_ns is not None:
+            for link in self.links.values():
+                link.resumed(begin_ns, event.t_ns)
         of_node = event.kind in _MADE_AGAIN or (event.kind == "clock" and "node" in event.data)
         if not of_node and event.source not in ("odometry", "map"):
             self._target.event(event)
@@ -238,6 +242,12 @@ class _Link:
         self._asked.append((token, t_ns))
         if len(self._asked) >= _QUESTIONS:
             self.decode()
+
+    def resumed(self, begin_ns: int, end_ns: int) -> None:
+        """The computer stood still between these host times."""
+        self.decode()
+        for session in self.sessions.values():
+            session.decoder.resumed(begin_ns, end_ns)
 
     def lost(self) -> None:
         """The link has gone, if it was there."""
