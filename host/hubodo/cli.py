@@ -138,7 +138,7 @@ def _write_what_can_be_written() -> None:
 
 
 def _show_unless_closed(result: Result, *, as_json: bool) -> None:
-    """Show a result; a terminal that has been closed meanwhile changes nothing of what was done."""
+    """Show a result; where the terminal has been closed meanwhile, nobody is left to see it."""
     try:
         _show(result, as_json=as_json)
     except OSError as error:

@@ -126,8 +126,8 @@ FAULTS = (
         "noticed within a second, another begun, code 1",
         "event; messages lost",
         (SERIES + "test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins",
-         SERIES + "test_a_log_that_is_taken_away_just_before_its_end_is_counted_as_well",
-         WEEKS + "test_a_log_emptied_while_recording_is_told_everywhere_and_the_run_fails"),
+         SERIES + "test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well",
+         WEEKS + "test_a_log_emptied_while_recording_is_reported_everywhere_and_the_run_fails"),
     ),
     Fault(
         "a clock that is behind, and a disk budget", "the oldest logs by number are removed", "names of logs",

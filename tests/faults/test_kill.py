@@ -41,22 +41,22 @@ def record_for_ever(path: Path, told: int, silent_after: float) -> None:
         time.sleep(STEP_S)
 
 
-def rotate_for_ever(out: Path, told: int, steps: int) -> None:
-    """The same in logs of so many steps each; the end of a step is told with a number of -1."""
+def rotate_for_ever(out: Path, report: int, steps: int) -> None:
+    """Record into logs of so many steps each; the end of a step is reported with a number of -1."""
     series = LogSeries(out, SeriesRules(after=3600.0), time.time_ns)
     log, i, n = McapLog(series, clock=time.time_ns), 0, 8
     for step in itertools.count(1):
         rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
         now = time.time_ns()
         i += n
-        os.write(told, f"{now} {i}\n".encode())
+        os.write(report, f"{now} {i}\n".encode())
         log.imu("left", now + np.arange(n), now, rows, rows)
         if step % steps == 0:
             log.flush()
             series.cut()
         log.tick()
         series.tick(now)
-        os.write(told, f"{now} -1\n".encode())
+        os.write(report, f"{now} -1\n".encode())
         time.sleep(STEP_S / 5)
 
 
@@ -127,9 +127,9 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             time.sleep(max(0.0, moment - time.monotonic()))
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            told = heard(reader)
-            looked = max((now for now, i in told if i < 0), default=0)
-            due = max((i for now, i in told if now <= looked - S // 2), default=0)
+            reports = heard(reader)
+            last_step = max((now for now, i in reports if i < 0), default=0)
+            due = max((i for now, i in reports if now <= last_step - S // 2), default=0)
             paths = LogNames(tmp_path / f"{number}.mcap", plain=False).logs()
             logs += len(paths)
             where = f"seed {seed}, kill {number}"
@@ -137,7 +137,7 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             values = [value for path in paths for value in recovered(path, path.with_suffix(".whole"))]
             assert values == list(range(len(values))), where
             assert len(values) >= due, f"{len(values)} of {due} due, {where}"
-            behind = [looked - now for now, i in told if i > len(values)]
+            behind = [last_step - now for now, i in reports if i > len(values)]
             lost_most = max(lost_most, max(behind, default=0) / 1e9)
     print(f"{kills} kills in {logs} logs, seed {seed}: nothing older than {lost_most:.2f} s was lost")
 

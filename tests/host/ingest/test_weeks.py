@@ -223,7 +223,7 @@ def test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails(tmp_
     assert recording.nodes["left"].t[0] > 1.0
 
 
-def test_a_log_emptied_while_recording_is_told_everywhere_and_the_run_fails(tmp_path):
+def test_a_log_emptied_while_recording_is_reported_everywhere_and_the_run_fails(tmp_path):
     out, computer = tmp_path / "ride.mcap", VirtualComputer()
     Script(computer, (2.0, lambda: os.truncate(out, 0)))
     with FakeNode(computer=computer) as node:

@@ -175,7 +175,7 @@ def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_
 
 
 @pytest.mark.parametrize("change", ["shortened", "deleted", "written to"])
-def test_a_log_that_is_taken_away_just_before_its_end_is_counted_as_well(tmp_path, change):
+def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_path, change):
     made = Written(tmp_path / "drive.mcap", SeriesRules()).run(3)
     path = made.series.path
     if change == "deleted":

@@ -102,7 +102,7 @@ class _Waiting:
     gaps: WireGaps | tuple[WireGap]
     healths: int = 0
     cause: str | None = None
-    """Known already, unless the computer stood still."""
+    """The cause unless the computer stood still; None while the node's reports are to decide."""
 
 
 class GapLedger:
