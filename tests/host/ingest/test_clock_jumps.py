@@ -144,6 +144,23 @@ def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
     assert [(gap["samples_lost"], gap["cause"]) for gap in gaps] == [(390 * 16, STANDSTILL)]
 
 
+def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_counted(tmp_path):
+    """The node gives up 18,200 frames in 700 s; the axis of the log does not move, the wall clock is set."""
+    computer = JumpingComputer()
+    node = FakeNode(rate_hz=416.0, batch=16, computer=computer)
+
+    def pause():
+        node.lose(18_200)
+        node._t0 -= 700.0
+        computer.set_ns += 700 * S
+
+    left, events = recorded(tmp_path / "ride.mcap", computer, 12.0, (3.0, pause), node=node)
+    assert left["samples_lost"] == 18_200 * 16
+    assert left["samples"] > 4_000
+    assert [event.data["step_s"] for event in events] == [700.0]
+    assert (np.diff(read_recording(tmp_path / "ride.mcap").nodes["left"].t) > 0).all()
+
+
 def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_is_damaged():
     ledger, before, now = GapLedger("left"), LinkCounts(), LinkCounts(damaged=1)
     # What the line held is read, and stamped, when the computer goes on.

@@ -320,7 +320,7 @@ class NodeSession:
         resets = self.clock.resets
         self.clock.exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
         if self.clock.resets != resets:
-            text = f"{self.name}: the node's clock stepped; offset estimated anew"
+            text = f"{self.name}: the node's clock and the computer's no longer agree; offset estimated again"
             self._sink.event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
         if self._clock_known and self._held:
             yield from self._release()
