@@ -95,6 +95,8 @@ fuzz: setup          ## logs, CSV, TOML, streams, NMEA, options made from chance
 
 load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
 	$(BIN)/python tests/load/load.py
+	$(BIN)/python tests/load/idle_connections.py
+	$(BIN)/python tests/load/idle_connections.py --slow --connections 100
 
 audit: setup         ## known holes in what is installed, asked of PyPI's and npm's advisories
 	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit

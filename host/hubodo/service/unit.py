@@ -29,6 +29,8 @@ RestartSec=2
 RestartPreventExitStatus=2
 TimeoutStopSec=10
 StateDirectory=hubodo
+# Enough for its ports, logs and visitors; each server of the recorder bounds its connections by itself.
+LimitNOFILE=4096
 Environment=OPENBLAS_NUM_THREADS=1 PYTHONUNBUFFERED=1
 """
 

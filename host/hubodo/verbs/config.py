@@ -81,7 +81,7 @@ def _checked(path: Path) -> Checked:
         named = getattr(config, key)
         if named is not None and not (path.parent / named).is_file():
             raise ConfigError(f"{path}: [record] {key} = {named!r}: no such file beside it; check the path")
-    tables = {"record": config, "web": load_web_config(path)[0]}
+    tables = {"record": config, "web": load_web_config(path)}
     return Checked(str(path), {name: _told(settings) for name, settings in tables.items()})
 
 

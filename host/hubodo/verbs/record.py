@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
+from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.numbers import baud, positive
@@ -106,6 +107,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
 
+    raise_descriptor_limit()
     know_effects(args)
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}

@@ -10,18 +10,22 @@ from pathlib import Path
 
 from hubodo.errors import InputError
 from hubodo.ingest.stopping import stop_on_signals
-from hubodo.verbs.web_options import add_access_arguments, given
+from hubodo.listening.descriptors import raise_descriptor_limit
+from hubodo.verbs.web_options import add_access_arguments, web_config
 
-EXAMPLE = "hubodo serve drives/\n  hubodo serve drives/ --at 0.0.0.0:8642 --token-file token.txt"
+EXAMPLE = (
+    "hubodo serve drives/\n  hubodo serve drives/ --at 0.0.0.0:8642 --token-file token.txt\n"
+    "  hubodo serve drives/ --config hubodo.toml"
+)
 _LOOK_S = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The folder, where it is served, and who may see it."""
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="that holds logs (.mcap)")
+    parser.add_argument("--config", type=Path, metavar="TOML", help="hubodo.toml, for [web] of it")
     parser.add_argument(
         "--at",
-        default="",
         dest="web",
         metavar="HOST:PORT",
         help="default 127.0.0.1:8642; others than this computer need a token",
@@ -32,13 +36,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Serves until ctrl-C. Raises InputError for a folder that is not there and where it cannot listen."""
     from hubodo.web.app import make_app
-    from hubodo.web.config import WebConfig, make_site
+    from hubodo.web.config import make_site
     from hubodo.web.library import Library
     from hubodo.web.server import serving
 
     if not args.folder.is_dir():
         raise InputError(f"{args.folder}: is no folder; name one that holds logs")
-    site = make_site(given(args, WebConfig(), Path()))
+    raise_descriptor_limit()
+    config = web_config(args)
+    config = replace(config, listen=config.listen or "")
+    site = make_site(config)
     assert site is not None
     app = make_app(site, Library(args.folder))
     with stop_on_signals(threading.Event()) as stopping, serving(app, site) as port:

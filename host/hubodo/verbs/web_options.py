@@ -52,14 +52,14 @@ def add_access_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--key", metavar="PEM", help="with the page: its private key")
 
 
-def given(args: argparse.Namespace, config: WebConfig, folder: Path) -> WebConfig:
-    """What the options say, else `config`; its paths are relative to `folder`."""
-    names = ("token_file", "cert", "key")
-    files = {name: getattr(config, name) for name in names}
-    files = {name: None if file is None else str((folder / file).absolute()) for name, file in files.items()}
-    options = {name: getattr(args, name, None) for name in (*names, "foxglove")}
-    options["listen"] = getattr(args, "web", None)
-    return replace(config, **files, **{key: value for key, value in options.items() if value is not None})
+def web_config(args: argparse.Namespace) -> WebConfig:
+    """Return `[web]` of the file of `--config`, with the options of the command line in place of its own."""
+    from hubodo.web.config import WebConfig, load_web_config
+
+    config = WebConfig() if args.config is None else load_web_config(args.config)
+    options = {name: getattr(args, name, None) for name in ("token_file", "cert", "key", "foxglove")}
+    options["listen"] = args.web
+    return replace(config, **{key: value for key, value in options.items() if value is not None})
 
 
 @contextlib.contextmanager
@@ -68,10 +68,7 @@ def watched(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> 
     if args.web is None and args.foxglove is None and args.config is None:
         yield None
         return
-    from hubodo.web.config import WebConfig, load_web_config
-
-    config, folder = (WebConfig(), Path()) if args.config is None else load_web_config(args.config)
-    config = given(args, config, folder)
+    config = web_config(args)
     if config.listen is None and config.foxglove is None:
         yield None
         return

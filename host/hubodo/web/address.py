@@ -7,6 +7,7 @@ import socket
 from dataclasses import dataclass
 
 from hubodo.errors import InputError
+from hubodo.listening.listener import BoundedListener
 
 LOOPBACK = "127.0.0.1"
 
@@ -27,11 +28,10 @@ class Address:
     def __str__(self) -> str:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
-    def listen(self) -> socket.socket:
-        """A socket that listens there. Raises InputError where that is not possible."""
+    def listen(self) -> BoundedListener:
+        """Return a socket that listens there. Raises InputError where that is not possible."""
         try:
-            family = socket.AF_INET6 if ":" in self.host else socket.AF_INET
-            return socket.create_server((self.host, self.port), family=family, backlog=64)
+            return BoundedListener.listen_on(self.host, self.port)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"{self}: cannot listen there: {reason}; name another HOST:PORT") from None

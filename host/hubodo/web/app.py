@@ -152,7 +152,7 @@ class Pages:
     async def _machine(self, request: Request) -> Response:
         newest = None if self._actions is None else self._actions.newest
         status, kind, body = answer(request.url.path, newest, time.time_ns())
-        return Response(body, int(status.split()[0]), media_type=kind)
+        return Response(body, status, media_type=kind)
 
     async def _start_job(self, request: Request) -> Response:
         asked = await json_of(request)

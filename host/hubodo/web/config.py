@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import stat
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hubodo.errors import InputError
+from hubodo.ingest.live.record_config import TABLES
 from hubodo.settings_table import setting
-from hubodo.toml_file import load_toml, read_table
+from hubodo.toml_file import load_toml, only_keys, read_table
 from hubodo.web.address import LOOPBACK, Address, parse_address
 
 PORT = 8642
@@ -58,9 +59,22 @@ class Site:
         return f"{'http' if self.cert is None else 'https'}://{self.address}/"
 
 
-def load_web_config(path: Path) -> tuple[WebConfig, Path]:
-    """``[web]`` of a hubodo.toml, and the folder to which paths in it are relative. Raises ConfigError."""
-    return read_table(load_toml(path).get("web", {}), WebConfig, f"{path}: [web]"), path.parent
+def load_web_config(path: Path) -> WebConfig:
+    """Read ``[web]`` of a hubodo.toml; paths in it are relative to the file. Raises ConfigError."""
+    table = load_toml(path)
+    only_keys(table, TABLES, str(path))
+    config = read_table(table.get("web", {}), WebConfig, f"{path}: [web]")
+    folder = path.parent.absolute()
+
+    def beside(name: str | None) -> str | None:
+        return None if name is None else str(folder / name)
+
+    return replace(
+        config,
+        token_file=beside(config.token_file),
+        cert=beside(config.cert),
+        key=beside(config.key),
+    )
 
 
 def make_site(config: WebConfig, environment: Mapping[str, str] = os.environ) -> Site | None:

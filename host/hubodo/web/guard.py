@@ -16,6 +16,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from hubodo.listening.server_thread import admit
 from hubodo.web.address import host_allowed, split_host
 from hubodo.web.config import Site
 
@@ -86,6 +87,8 @@ class Guard:
             return
         refusal = self._refusal(scope)
         if refusal is None:
+            if scope["path"] not in OPEN_PATHS:
+                admit(scope)
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
             await receive()
