@@ -14,7 +14,9 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 
-from faults.table import FAULTS, Fault  # noqa: E402 the folder of the tests is to be found first
+# The folder of the tests is to be found first.
+from faults.guessing import WAYS, measure  # noqa: E402
+from faults.table import FAULTS, Fault  # noqa: E402
 
 _WIDTHS = (36, 42, 34)
 
@@ -30,6 +32,7 @@ def main() -> int:
         code = subprocess.run([*words, "--timeout=1800", *(str(TESTS / test) for test in wanted)]).returncode
         found = outcomes(report)
     print(*(line for fault in FAULTS for line in rows(fault, found)), sep="\n")
+    print(*map(measure, WAYS), sep="\n")
     return code
 
 

@@ -29,6 +29,7 @@ KILL, JUMPS, UNIT = (
 WEEKS, SERIES, SEALED = (
     "host/ingest/test_weeks.py::", "host/log/test_series.py::", "host/ingest/test_sealed.py::",
 )  # fmt: skip
+GUESSES, CONNECTIONS = "host/web/test_guess_limiter.py::", "host/web/test_bounded_connections.py::"
 
 FAULTS = (
     Fault(
@@ -213,5 +214,19 @@ FAULTS = (
     Fault(
         "memory that is not there", "code 1", "one line",
         (BOMBS + "test_memory_that_is_not_there_is_a_failure_in_one_line",),
+    ),
+    Fault(
+        "idle or slow connections to the page or the metrics", "shed; a visitor is answered", "nothing",
+        (CONNECTIONS + "test_three_hundred_idle_connections_are_shed_and_a_visitor_is_answered",
+         CONNECTIONS + "test_requests_that_come_byte_by_byte_do_not_keep_a_visitor_out",
+         CONNECTIONS + "test_connections_that_wait_in_the_tls_handshake_are_shed_too",
+         CONNECTIONS + "test_without_a_descriptor_left_a_pending_connection_is_shed"),
+    ),
+    Fault(
+        "60 visitors guess the token", "at most 90 guesses/s for an address; its owner waits 0.75 s",
+        "status 429 beyond 64 at once",
+        (GUESSES + "test_an_address_gets_a_bounded_number_of_guesses_whatever_its_connections",
+         GUESSES + "test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_address",
+         GUESSES + "test_an_owner_elsewhere_is_never_refused_however_many_guess"),
     ),
 )  # fmt: skip

@@ -20,15 +20,15 @@ from hubodo.ingest.live.metrics_server import answer
 from hubodo.web.actions import Actions
 from hubodo.web.asked import NotServed, body_of, form_of, json_of
 from hubodo.web.config import Site
-from hubodo.web.guard import COOKIE, Guard, Secrets
+from hubodo.web.guard import COOKIE, Guard, session_of, too_many_guesses, visitor
+from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
 from hubodo.web.hub import Hub
 from hubodo.web.jobs import Jobs
 from hubodo.web.library import Library, RecordingFile
+from hubodo.web.secrets import SESSION_S, Secrets
 
 STATIC = Path(__file__).parent / "static"
-_WRONG_TOKEN_S = 0.5
 _SEND_S = 20.0
-_YEAR = 31_536_000
 _PAGE_RULES = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
@@ -40,21 +40,28 @@ class Pages:
     """The routes and what they need; used on the server's loop alone."""
 
     def __init__(
-        self, site: Site, secrets: Secrets, library: Library, hub: Hub | None, actions: Actions | None
+        self,
+        site: Site,
+        secrets: Secrets,
+        limiter: GuessLimiter,
+        library: Library,
+        hub: Hub | None,
+        actions: Actions | None,
     ) -> None:
         self._site = site
         self._secrets = secrets
         self._library = library
         self._hub = hub
         self._actions = actions
+        self._limiter = limiter
         self._jobs = Jobs()
-        self._guessing = asyncio.Lock()
 
     def routes(self) -> list[Route | WebSocketRoute | Mount]:
         """All that there is."""
         return [
             Route("/", self._index),
             Route("/login", self._login, methods=["GET", "POST"]),
+            Route("/logout", self._logout, methods=["POST"]),
             Route("/api/recordings", self._recordings),
             Route("/api/recordings/{name:path}", self._download),
             Route("/api/jobs", self._start_job, methods=["POST"]),
@@ -75,7 +82,9 @@ class Pages:
     async def _index(self, request: Request) -> Response:
         text = (STATIC / "index.html").read_text("utf-8")
         return HTMLResponse(
-            text.replace("{{csrf}}", self._secrets.csrf).replace("{{live}}", "yes" if self._hub else "no")
+            text.replace("{{csrf}}", self._secrets.csrf)
+            .replace("{{live}}", "yes" if self._hub else "no")
+            .replace("{{token}}", "yes" if self._secrets.asked_for else "no")
         )
 
     async def _login(self, request: Request) -> Response:
@@ -84,20 +93,29 @@ class Pages:
             return HTMLResponse(text.replace("{{wrong}}", ""))
         body = await body_of(request)
         given = form_of(body).get("token", "")
-        # One guess at a time, each of which takes its time when it was wrong.
-        async with self._guessing:
-            if not self._secrets.is_token(given):
-                await asyncio.sleep(_WRONG_TOKEN_S)
-                return HTMLResponse(text.replace("{{wrong}}", "That is not the token."), 403)
+        try:
+            known = await self._limiter.verify(visitor(request.scope), lambda: self._secrets.is_token(given))
+        except TooManyGuesses:
+            return too_many_guesses()
+        if not known:
+            return HTMLResponse(text.replace("{{wrong}}", "That is not the token."), 403)
         answer = RedirectResponse("/", 303)
         answer.set_cookie(
             COOKIE,
-            self._secrets.cookie,
-            max_age=_YEAR,
+            self._secrets.begin_session(),
+            max_age=SESSION_S,
             httponly=True,
             samesite="strict",
             secure=self._site.cert is not None,
         )
+        return answer
+
+    async def _logout(self, request: Request) -> Response:
+        session = session_of(request.scope)
+        if session is not None:
+            self._secrets.end_session(session)
+        answer = JSONResponse({"ok": True})
+        answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=self._site.cert is not None)
         return answer
 
     async def _live(self, socket: WebSocket) -> None:
@@ -105,6 +123,7 @@ class Pages:
         if self._hub is None:
             await socket.close(4404)
             return
+        session = session_of(socket.scope)
         reading = asyncio.ensure_future(_until_gone(socket))
         following = self._hub.follow()
         try:
@@ -115,6 +134,9 @@ class Pages:
                     waiting.cancel()
                     with contextlib.suppress(asyncio.CancelledError):
                         await waiting
+                    break
+                if session is not None and not self._secrets.is_known_session(session):
+                    await socket.close(4401)
                     break
                 await asyncio.wait_for(socket.send_text(waiting.result()), _SEND_S)
         except (TimeoutError, WebSocketDisconnect, RuntimeError, OSError):
@@ -197,8 +219,8 @@ def make_app(
     actions: Actions | None = None,
 ) -> Starlette:
     """hub, actions: None where only recordings are served."""
-    secrets = Secrets(site.token)
-    pages = Pages(site, secrets, library, hub, actions)
+    secrets, limiter = Secrets(site.token), GuessLimiter()
+    pages = Pages(site, secrets, limiter, library, hub, actions)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -209,7 +231,7 @@ def make_app(
 
     app = Starlette(
         routes=pages.routes(),
-        middleware=[Middleware(Guard, site=site, secrets=secrets)],
+        middleware=[Middleware(Guard, site=site, secrets=secrets, limiter=limiter)],
         exception_handlers={NotServed: _refused},
         lifespan=lifespan,
     )

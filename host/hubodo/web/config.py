@@ -17,7 +17,7 @@ from hubodo.web.address import LOOPBACK, Address, parse_address
 PORT = 8642
 FOXGLOVE_PORT = 8765
 TOKEN_VARIABLE = "HUBODO_WEB_TOKEN_FILE"
-_SHORTEST_TOKEN = 16
+_SHORTEST_TOKEN, _FEWEST_DISTINCT = 16, 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +113,9 @@ def read_token(path: Path) -> str:
         raise InputError(f"{path}: no token to be read: {reason}") from None
     if stat.S_IMODE(mode) & 0o077 and os.name == "posix":
         raise InputError(f"{path}: others can read the token; say chmod 600 {path}")
-    if len(token) < _SHORTEST_TOKEN:
+    if len(token) < _SHORTEST_TOKEN or len(set(token)) < _FEWEST_DISTINCT:
         raise InputError(
-            f"{path}: a token has {_SHORTEST_TOKEN} characters or more; "
+            f"{path}: a token has {_SHORTEST_TOKEN} characters or more, {_FEWEST_DISTINCT} of them distinct; "
             f"openssl rand -hex 16 > {path} makes one"
         )
     return token

@@ -1,14 +1,11 @@
-"""Who may speak to the server: the names used for it, the page that asks, the token, the cookie.
+"""Who may speak to the server: the names used for it, the page that asks, the token, the session.
 
 Every request passes here before anything else sees it.
 """
 
 from __future__ import annotations
 
-import hashlib
-import hmac
-import secrets
-from collections.abc import Iterable
+from enum import Enum, auto
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
@@ -19,6 +16,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from hubodo.listening.server_thread import admit
 from hubodo.web.address import host_allowed, split_host
 from hubodo.web.config import Site
+from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
+from hubodo.web.secrets import Secrets
 
 COOKIE = "hubodo"
 CSRF_HEADER = "x-hubodo-token"
@@ -40,52 +39,32 @@ _HEADERS = (
     (b"cache-control", b"no-store"),
 )
 _ASKING = ("GET", "HEAD")
+_SESSION = "hubodo.session"
 
 
-class Secrets:
-    """What visitors must know. csrf: known to pages that this server gave out since its start."""
+class Identity(Enum):
+    """What a visitor has proven. ANYBODY: the server has no token."""
 
-    def __init__(self, token: str | None) -> None:
-        self.csrf = secrets.token_urlsafe(24)
-        self._token = token
-        # The same after a restart, so that a page that stays open goes on; worthless once the token changes.
-        self.cookie = "" if token is None else hmac.digest(token.encode(), b"cookie", hashlib.sha256).hex()
-
-    @property
-    def asked_for(self) -> bool:
-        """Whether there is a token."""
-        return self._token is not None
-
-    def is_token(self, given: str) -> bool:
-        """Takes as long for a wrong one, wherever it is wrong."""
-        return self._token is not None and _equal(given, self._token)
-
-    def is_cookie(self, given: str) -> bool:
-        """Likewise."""
-        return bool(self.cookie) and _equal(given, self.cookie)
-
-    def is_csrf(self, given: str) -> bool:
-        """Likewise."""
-        return _equal(given, self.csrf)
-
-
-def _equal(given: str, wanted: str) -> bool:
-    return hmac.compare_digest(given.encode("utf-8", "replace"), wanted.encode())
+    ANYBODY = auto()
+    SESSION = auto()
+    TOKEN = auto()
+    UNKNOWN = auto()
 
 
 class Guard:
     """ASGI middleware around the whole application."""
 
-    def __init__(self, app: ASGIApp, site: Site, secrets: Secrets) -> None:
+    def __init__(self, app: ASGIApp, site: Site, secrets: Secrets, limiter: GuessLimiter) -> None:
         self._app = app
         self._site = site
         self._secrets = secrets
+        self._limiter = limiter
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        refusal = self._refusal(scope)
+        refusal = await self._refusal(scope)
         if refusal is None:
             if scope["path"] not in OPEN_PATHS:
                 admit(scope)
@@ -96,7 +75,7 @@ class Guard:
         else:
             await refusal(scope, receive, _with_headers(send))
 
-    def _refusal(self, scope: Scope) -> Response | None:
+    async def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
         name = split_host(headers.get("host", ""))
         if not host_allowed(name, self._site.address, self._site.hosts):
@@ -105,37 +84,76 @@ class Guard:
         asks = scope["type"] == "http" and scope["method"] in _ASKING
         if origin is not None and not asks and not self._same(origin, headers.get("host", "")):
             return _words(403, "asked by a page of another site")
-        known = self._known(headers)
-        if not known and scope["path"] not in OPEN_PATHS:
+        if scope["path"] in OPEN_PATHS:
+            return None
+        try:
+            identity = await self._identify(scope, headers)
+        except TooManyGuesses:
+            return too_many_guesses()
+        if identity is Identity.UNKNOWN:
             if asks and "text/html" in headers.get("accept", ""):
                 return RedirectResponse("/login", 303)
             return _words(401, "give the token: log in, or send it as Authorization: Bearer")
-        if scope["type"] == "http" and not asks and scope["path"] != "/login":
-            given = headers.get(CSRF_HEADER, "")
-            if not self._secrets.is_csrf(given) and not self._bearer(headers):
-                return _words(403, "the page is older than the server; load it again")
+        # Another site can make a browser send a session, but neither the token nor the secret of our pages.
+        proven = identity is Identity.TOKEN or self._secrets.is_csrf(headers.get(CSRF_HEADER, ""))
+        if scope["type"] == "http" and not asks and not proven:
+            return _words(403, "the page is older than the server; load it again")
         return None
 
     def _same(self, origin: str, host: str) -> bool:
-        parts = urlsplit(origin)
+        try:
+            parts = urlsplit(origin)
+        except ValueError:  # such as a bracket that is not closed
+            return False
         return parts.scheme == ("http" if self._site.cert is None else "https") and parts.netloc == host
 
-    def _known(self, headers: Headers) -> bool:
-        if not self._secrets.asked_for:
-            return True
-        return self._bearer(headers) or any(map(self._secrets.is_cookie, _cookies(headers)))
+    async def _identify(self, scope: Scope, headers: Headers) -> Identity:
+        secrets, token, session = self._secrets, _bearer(headers), _session(headers)
+        if not secrets.asked_for:
+            return Identity.ANYBODY
+        if session is not None and secrets.is_known_session(session):
+            scope[_SESSION] = session
+            return Identity.SESSION
+        if token is not None:
+            valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_token(token))
+            return Identity.TOKEN if valid else Identity.UNKNOWN
+        if session is not None:
+            scope[_SESSION] = session
+            valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_session(session))
+            return Identity.SESSION if valid else Identity.UNKNOWN
+        return Identity.UNKNOWN
 
-    def _bearer(self, headers: Headers) -> bool:
-        scheme, _, given = headers.get("authorization", "").partition(" ")
-        return scheme.lower() == "bearer" and self._secrets.is_token(given.strip())
+
+def visitor(scope: Scope) -> str:
+    """Return the IP number of the visitor."""
+    client = scope.get("client")
+    return "" if client is None else str(client[0])
 
 
-def _cookies(headers: Headers) -> Iterable[str]:
+def session_of(scope: Scope) -> str | None:
+    """Return the session that the visitor was identified by."""
+    session = scope.get(_SESSION)
+    return session if isinstance(session, str) else None
+
+
+def too_many_guesses() -> Response:
+    """Return the refusal to compare a secret."""
+    answer = _words(429, "too many wrong tokens from this address; wait a second")
+    answer.headers["retry-after"] = "1"
+    return answer
+
+
+def _bearer(headers: Headers) -> str | None:
+    scheme, _, given = headers.get("authorization", "").partition(" ")
+    return given.strip() if scheme.lower() == "bearer" else None
+
+
+def _session(headers: Headers) -> str | None:
     try:
-        found = SimpleCookie(headers.get("cookie", ""))
+        cookies = SimpleCookie(headers.get("cookie", ""))
     except CookieError:
-        return ()
-    return (found[COOKIE].value,) if COOKIE in found else ()
+        return None
+    return cookies[COOKIE].value if COOKIE in cookies else None
 
 
 def _words(status: int, text: str) -> Response:

@@ -5,10 +5,11 @@ from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
 from hubodo.errors import InputError
-from hubodo.web import guard
+from hubodo.web import secrets
 from hubodo.web.address import Address, parse_address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site, WebConfig, make_site, read_token
+from hubodo.web.guess_limiter import ALLOWANCE, HOLD_S, GuessLimiter
 from hubodo.web.hub import Hub
 from hubodo.web.library import Library
 from in_process import hubodo
@@ -103,8 +104,7 @@ def test_without_the_token_nothing_but_the_way_to_give_it_is_shown(tmp_path):
         assert made.wishes.done == []
 
 
-def test_the_token_is_given_once_and_a_cookie_that_is_not_the_token_from_then_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("hubodo.web.app._WRONG_TOKEN_S", 0.0)
+def test_the_token_is_given_once_and_a_cookie_that_is_not_the_token_from_then_on(tmp_path):
     with client(tmp_path, token=TOKEN) as made:
         assert made.post("/login", data={"token": "guess"}).status_code == 403
         answer = made.post("/login", data={"token": TOKEN})
@@ -141,9 +141,9 @@ def test_a_program_gives_the_token_with_each_request(tmp_path):
 
 def test_secrets_are_compared_in_constant_time(monkeypatch):
     compared = []
-    monkeypatch.setattr(guard.hmac, "compare_digest", lambda given, wanted: compared.append(given))
-    secrets = guard.Secrets(TOKEN)
-    for check in (secrets.is_token, secrets.is_cookie, secrets.is_csrf):
+    monkeypatch.setattr(secrets.hmac, "compare_digest", lambda given, wanted: compared.append(given))
+    known = secrets.Secrets(TOKEN)
+    for check in (known.is_token, known.is_session, known.is_csrf):
         check("guess")
     assert compared == [b"guess"] * 3
 
@@ -200,6 +200,7 @@ def test_others_are_not_served_without_a_token_that_is_kept_secret(tmp_path, mon
     file = tmp_path / "token"
     for content, mode, says in (
         ("short", 0o600, "16 characters"),
+        ("abab" * 8, 0o600, "6 of them distinct"),
         (TOKEN, 0o644, "chmod 600"),
         ("ä" * 20, 0o600, "plain ASCII"),
     ):
@@ -227,3 +228,66 @@ def test_the_commands_refuse_in_one_line(tmp_path):
     done = hubodo("serve", tmp_path, "--at", "0.0.0.0:0")
     assert done.code == 2 and "--token-file" in done.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_guesses_are_limited_on_every_way_in_and_a_session_passes_beside_them(tmp_path, monkeypatch):
+    slept = []
+
+    async def sleep(seconds):
+        slept.append(seconds)
+
+    monkeypatch.setattr(GuessLimiter.__init__, "__defaults__", (lambda: 0.0, sleep))
+    host = {"host": "127.0.0.1:8642"}
+
+    def live(made, headers):
+        with pytest.raises(WebSocketDisconnect), made.websocket_connect("/live", headers=host | headers):
+            pass
+
+    ways = {
+        "form": lambda made: made.post("/login", data={"token": "guess"}),
+        "bearer": lambda made: made.get("/", headers={"authorization": "Bearer guess"}),
+        "cookie": lambda made: made.get("/", headers={"cookie": "hubodo=guess"}),
+        "live feed": lambda made: live(made, {"cookie": "hubodo=guess"}),
+        "program": lambda made: live(made, {"authorization": "Bearer guess"}),
+    }
+    for name, way in ways.items():
+        with client(tmp_path, token=TOKEN) as made:
+            assert made.post("/login", data={"token": TOKEN}).status_code == 303
+            session = {"cookie": f"hubodo={made.cookies['hubodo']}"}
+            made.cookies.clear()
+            slept.clear()
+            for _ in range(int(ALLOWANCE)):
+                way(made)
+            assert slept == [], name
+            way(made)
+            assert slept == [HOLD_S], name
+            assert made.get("/", headers=session).status_code == 200
+            assert slept == [HOLD_S], name
+
+
+def test_a_logout_ends_the_session_on_the_server_and_needs_a_page_of_its_own(tmp_path):
+    with client(tmp_path, token=TOKEN) as made:
+        made.post("/login", data={"token": TOKEN})
+        session = {"cookie": f"hubodo={made.cookies['hubodo']}"}
+        assert made.post("/logout").status_code == 403
+        assert made.get("/", headers=session).status_code == 200
+        answer = made.post("/logout", headers={"x-hubodo-token": made.csrf})
+        assert answer.status_code == 200 and "Max-Age=0" in answer.headers["set-cookie"]
+        assert made.get("/", headers=session).status_code == 401
+
+
+def test_a_live_feed_ends_with_its_session(tmp_path):
+    hub = Hub({})
+    app = make_app(Site(Address("127.0.0.1", 8642), TOKEN), Library(tmp_path), hub)
+    with TestClient(app, base_url=HERE) as made:
+        made.post("/login", data={"token": TOKEN}, follow_redirects=False)
+        headers = {"host": "127.0.0.1:8642", "cookie": f"hubodo={made.cookies['hubodo']}"}
+        with made.websocket_connect("/live", headers=headers) as live:
+            assert "hello" in live.receive_json()
+            hub.put({"t": 1.0})
+            assert live.receive_json() == {"t": 1.0}
+            app.state.secrets.end_session(made.cookies["hubodo"])
+            hub.put({"t": 2.0})
+            with pytest.raises(WebSocketDisconnect) as ended:
+                live.receive_json()
+            assert ended.value.code == 4401

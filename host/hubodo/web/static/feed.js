@@ -1,6 +1,7 @@
 // The live feed: connects, keeps the last minute, and connects again when the recorder has been away.
 
 const KEPT = 62; // s
+const SESSION_ENDED = 4401;
 const PATIENCE = [500, 1000, 2000, 4000];
 
 export class Feed {
@@ -28,8 +29,9 @@ export class Feed {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}/live`);
     socket.addEventListener("message", (event) => this.take(JSON.parse(event.data)));
-    socket.addEventListener("close", () => {
+    socket.addEventListener("close", (event) => {
       this.state(false);
+      if (event.code === SESSION_ENDED) { location.assign("/login"); return; }
       const wait = PATIENCE[Math.min(this.tries++, PATIENCE.length - 1)];
       setTimeout(() => this.start(), wait);
     });

@@ -5,7 +5,7 @@ import { Feed } from "./feed.js";
 import { compass, PathMap } from "./map.js";
 import { element, NodeCards, say, signed } from "./nodes.js";
 import { Recordings } from "./recordings.js";
-import { renew, send, toast } from "./server.js";
+import { logOut, renew, send, toast } from "./server.js";
 import { strip } from "./strip.js";
 import { theme } from "./theme.js";
 
@@ -190,6 +190,8 @@ document.addEventListener("keydown", (event) => {
     at("mark-text").focus();
   }
 });
+at("logout").hidden = document.documentElement.dataset.token !== "yes";
+at("logout").addEventListener("click", logOut);
 theme(at("theme"), () => { forgetColours(); if (feed.slow) { lastSlow = null; } soon(); });
 new ResizeObserver(() => { lastSlow = null; soon(); }).observe(at("main"));
 if (live) {

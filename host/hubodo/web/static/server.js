@@ -33,6 +33,16 @@ export async function send(action, body) {
   }
 }
 
+// Ends the session on the server too; the page that follows asks for the token.
+export async function logOut() {
+  try {
+    await call("/logout", {});
+    location.assign("/login");
+  } catch (error) {
+    toast(error.message);
+  }
+}
+
 let hiding = 0;
 export function toast(text) {
   const place = document.getElementById("toast");

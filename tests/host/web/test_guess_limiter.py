@@ -1,0 +1,207 @@
+"""How often a secret can be guessed, and that an owner does not wait for the guesses of others."""
+
+import asyncio
+import heapq
+import itertools
+
+import pytest
+
+from hubodo.web import guess_limiter
+from hubodo.web.guess_limiter import (
+    ALLOWANCE,
+    ALLOWANCE_PER_S,
+    HELD_PER_ADDRESS,
+    HOLD_S,
+    TOTAL_ALLOWANCE,
+    GuessLimiter,
+    TooManyGuesses,
+    network_of,
+)
+from hubodo.web.secrets import SESSION_S, Secrets
+
+TOKEN = "correct-horse-battery"
+
+
+class Time:
+    """A clock that moves on when everybody sleeps."""
+
+    def __init__(self):
+        self.now, self._sleeping, self._numbers = 0.0, [], itertools.count()
+
+    def __call__(self):
+        return self.now
+
+    async def sleep(self, seconds):
+        awake = asyncio.get_running_loop().create_future()
+        heapq.heappush(self._sleeping, (self.now + seconds, next(self._numbers), awake))
+        await awake
+
+    async def run_until(self, end):
+        while True:
+            for _ in range(10):
+                await asyncio.sleep(0)
+            if not self._sleeping or self._sleeping[0][0] > end:
+                self.now = end
+                return
+            self.now, _, awake = heapq.heappop(self._sleeping)
+            awake.set_result(None)
+
+
+class Visitors:
+    """A server that compares secrets, and those who send them."""
+
+    def __init__(self):
+        self.time = Time()
+        self.limiter = GuessLimiter(self.time, self.time.sleep)
+        self.compared = self.refused = 0
+        self.tasks = []
+
+    def wrong(self):
+        self.compared += 1
+        return False
+
+    def guess_for_ever(self, host):
+        async def guess():
+            while True:
+                try:
+                    await self.limiter.verify(host, self.wrong)
+                except TooManyGuesses:
+                    self.refused += 1
+                    await self.time.sleep(0.2)
+
+        self.tasks.append(asyncio.ensure_future(guess()))
+
+    async def login_s(self, host):
+        """How long the owner waits; None where the comparison is refused."""
+        begin, done = self.time.now, []
+
+        async def login():
+            try:
+                done.append(await self.limiter.verify(host, lambda: True))
+            except TooManyGuesses:
+                done.append(None)
+
+        task = asyncio.ensure_future(login())
+        while not done:
+            await self.time.run_until(self.time.now + 0.01)
+        await task
+        return self.time.now - begin if done[0] else None
+
+
+def run(scenario):
+    """Runs it on a loop of its own, with visitors that end with it."""
+
+    async def whole():
+        visitors = Visitors()
+        try:
+            return await scenario(visitors)
+        finally:
+            for task in visitors.tasks:
+                task.cancel()
+
+    return asyncio.run(whole())
+
+
+@pytest.mark.parametrize("connections", [1, 60, 150])
+def test_an_address_gets_a_bounded_number_of_guesses_whatever_its_connections(connections):
+    async def scenario(visitors):
+        for _ in range(connections):
+            visitors.guess_for_ever("192.0.2.1")
+        await visitors.time.run_until(5.0)
+        return visitors.compared, visitors.refused
+
+    compared, refused = run(scenario)
+    most = min(connections, HELD_PER_ADDRESS) / HOLD_S + ALLOWANCE_PER_S
+    assert compared <= 5.0 * most + ALLOWANCE + 1
+    assert (refused > 0) == (connections > HELD_PER_ADDRESS)
+
+
+def test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_address():
+    async def scenario(visitors):
+        for _ in range(60):
+            visitors.guess_for_ever("192.0.2.1")
+        waits = []
+        for _ in range(30):
+            await visitors.time.run_until(visitors.time.now + 0.37)
+            waits.append(await visitors.login_s("192.0.2.1"))
+        return waits
+
+    waits = run(scenario)
+    assert None not in waits
+    assert max(waits) <= HOLD_S + 0.011 < 1.0
+
+
+@pytest.mark.parametrize("guessing", [1, 10])
+def test_an_owner_elsewhere_is_never_refused_however_many_guess(guessing):
+    async def scenario(visitors):
+        for place in range(guessing):
+            for _ in range(70):
+                visitors.guess_for_ever(f"192.0.2.{place}")
+        await visitors.time.run_until(4.0)
+        return [await visitors.login_s("198.51.100.1") for _ in range(3)]
+
+    waits = run(scenario)
+    assert None not in waits
+    assert max(waits) <= (0.011 if guessing == 1 else HOLD_S + 0.011)
+
+
+def test_many_addresses_that_guess_a_few_times_each_are_held_too_and_their_table_is_bounded(monkeypatch):
+    monkeypatch.setattr(guess_limiter, "_MOST_ADDRESSES", 50)
+
+    async def scenario(visitors):
+        for place in range(200):
+            for _ in range(3):
+                visitors.guess_for_ever(f"2001:db8:0:{place:x}::1")
+        for _ in range(10):
+            await asyncio.sleep(0)
+        return visitors.compared, len(visitors.limiter._allowances)
+
+    compared, remembered = run(scenario)
+    assert compared == TOTAL_ALLOWANCE
+    assert remembered == 50
+
+
+def test_valid_secrets_use_up_nothing():
+    async def scenario(visitors):
+        waits = [await visitors.login_s("192.0.2.1") for _ in range(100)]
+        return max(waits)
+
+    assert run(scenario) <= 0.011
+
+
+def test_a_visitor_is_an_ipv4_number_or_an_ipv6_network():
+    assert network_of("192.0.2.1") == network_of("::ffff:192.0.2.1") != network_of("192.0.2.2")
+    assert network_of("2001:db8::1") == network_of("2001:db8::ffff:1%eth0") != network_of("2001:db8:0:1::1")
+    assert network_of("testclient") == "testclient"
+
+
+def test_a_session_ends_after_thirty_days_and_with_another_token():
+    now = [1_700_000_000.0]
+    known = Secrets(TOKEN, lambda: now[0])
+    session = known.begin_session()
+    restarted = Secrets(TOKEN, lambda: now[0])
+    assert restarted.is_session(session) and restarted.is_known_session(session)
+    assert not Secrets("another-secret-token", lambda: now[0]).is_session(session)
+    issued, nonce, mac = session.split(".")
+    for forged in (
+        f"{int(issued) + 1}.{nonce}.{mac}",
+        f"{issued}.{nonce}0.{mac}",
+        f"{issued}.{mac}",
+        "",
+        "..",
+        "١.a.b",
+    ):
+        assert not restarted.is_session(forged), forged
+    now[0] += SESSION_S - 1
+    assert restarted.is_session(session) and restarted.is_known_session(session)
+    now[0] += 1
+    assert not restarted.is_session(session) and not restarted.is_known_session(session)
+    assert SESSION_S <= 30 * 86_400
+
+
+def test_a_session_that_was_ended_is_invalid_and_others_are_not():
+    known = Secrets(TOKEN)
+    session, other = known.begin_session(), known.begin_session()
+    known.end_session(session)
+    assert not known.is_session(session) and not known.is_known_session(session)
+    assert known.is_session(other)
