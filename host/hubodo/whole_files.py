@@ -1,9 +1,14 @@
-"""Files that are written whole or not at all: beside their name first, under it once they are complete."""
+"""Files that are written completely or not at all: in a private folder first, then under their name.
+
+The private folder lies beside the target, has a random name, and can be entered by its owner alone. So nobody
+who may write to a shared folder can place a link where a file is about to be written.
+"""
 
 from __future__ import annotations
 
 import os
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -28,17 +33,19 @@ def whole_files(*paths: Path, make_folder: bool = False) -> Iterator[list[Path]]
     file that was wanted (disk full, no rights).
     """
     made = _make(paths[0].absolute().parent) if make_folder else []
-    beside = {_beside(path): path for path in paths}
+    beside: dict[Path, Path] = {}
     try:
         for path in paths:
             _check_folder(path)
+            beside[_beside(path)] = path
         yield list(beside)
         for part, path in beside.items():
             if part != path and path.exists():
                 _to_disk(part)
         for part, path in beside.items():
             if part != path:
-                part.replace(path.resolve())
+                part.replace(_target(path))
+                _remove(part)
     except BaseException as error:
         for part, path in beside.items():
             if part != path:
@@ -79,16 +86,17 @@ def whole_folder(folder: Path) -> Iterator[Path]:
         )
     if not folder.absolute().parent.is_dir():
         raise InputError(f"{folder}: its parent folder does not exist; create it first")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    part = _private(folder)
     try:
         part.mkdir()
         yield part
         part.rename(folder)
     except BaseException as error:
-        shutil.rmtree(part, ignore_errors=True)
         if isinstance(error, OSError) and error.errno is not None:
             raise OSError(error.errno, error.strerror, str(folder)) from error
         raise
+    finally:
+        _remove(part)
 
 
 def write_whole(path: Path, text: str) -> None:
@@ -98,15 +106,35 @@ def write_whole(path: Path, text: str) -> None:
 
 
 def _remove(part: Path) -> None:
-    with suppress(OSError):
-        part.unlink()
+    shutil.rmtree(part.parent, ignore_errors=True)
 
 
 def _beside(path: Path) -> Path:
-    """A name in the same folder, hidden, ours alone; the path itself where it is no file, as /dev/stdout."""
-    if path.exists() and not path.is_file():
-        return path
-    return path.with_name(f".{path.name}.{os.getpid()}.part")
+    """Return a path to write to; the path itself where it is no file, as /dev/stdout."""
+    return path if path.exists() and not path.is_file() else _private(path)
+
+
+def _private(path: Path) -> Path:
+    """Return a path of the same name in a new folder beside it, which only its owner can enter."""
+    try:
+        folder = tempfile.mkdtemp(prefix=".hubodo-", suffix=".part", dir=path.absolute().parent)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+    return Path(folder) / path.name
+
+
+def _target(path: Path) -> Path:
+    """Return what is to be replaced: the file itself, or that to which a link of the user leads.
+
+    Raises InputError for a link that somebody else made: it could lead to any file of the user.
+    """
+    try:
+        owner = path.lstat().st_uid if path.is_symlink() else None
+    except FileNotFoundError:
+        owner = None
+    if owner is not None and hasattr(os, "geteuid") and owner not in (0, os.geteuid()):
+        raise InputError(f"{path}: is a link that another user made; remove it or choose another name")
+    return path.resolve()
 
 
 def _named(error: BaseException, beside: Mapping[Path, Path]) -> BaseException:

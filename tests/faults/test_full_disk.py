@@ -135,7 +135,7 @@ def test_a_folder_that_is_gone_when_the_result_is_there(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     with pytest.raises(FileNotFoundError, match=r"out/a\.txt"), whole_files(folder / "a.txt") as (part,):
-        folder.rmdir()
+        shutil.rmtree(folder)
         part.write_text("x")
     with pytest.raises(InputError, match="does not exist"), whole_files(folder / "a.txt"):
         pass

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import TABLES
+from hubodo.private_files import check_private, read_private
 from hubodo.settings_table import setting
 from hubodo.toml_file import load_toml, only_keys, read_table
 from hubodo.web.address import LOOPBACK, Address, parse_address
@@ -98,6 +98,8 @@ def make_site(config: WebConfig, environment: Mapping[str, str] = os.environ) ->
     for file in files:
         if file is not None and not file.is_file():
             raise InputError(f"{file}: is not there; --cert and --key name PEM files")
+    if files[1] is not None:
+        check_private(files[1], "the private key")
     hosts = frozenset(name.lower() for name in config.hosts)
     return Site(address, token, files[0], files[1], hosts)
 
@@ -105,14 +107,10 @@ def make_site(config: WebConfig, environment: Mapping[str, str] = os.environ) ->
 def read_token(path: Path) -> str:
     """The first line of a file that nobody else may read. Raises InputError, never with what is in it."""
     try:
-        with path.open(encoding="ascii") as file:
-            mode = os.fstat(file.fileno()).st_mode
-            token = file.readline(4096).strip()
+        token = read_private(path, "the token", "ascii").partition("\n")[0].strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "its token is not plain ASCII"
         raise InputError(f"{path}: no token to be read: {reason}") from None
-    if stat.S_IMODE(mode) & 0o077 and os.name == "posix":
-        raise InputError(f"{path}: others can read the token; say chmod 600 {path}")
     if len(token) < _SHORTEST_TOKEN or len(set(token)) < _FEWEST_DISTINCT:
         raise InputError(
             f"{path}: a token has {_SHORTEST_TOKEN} characters or more, {_FEWEST_DISTINCT} of them distinct; "

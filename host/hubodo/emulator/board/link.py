@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import select
 import termios
 import time
@@ -116,9 +117,8 @@ class PtyLink:
         self._poll = select.poll()
         self._poll.register(self._master, 0)
         if self.link_path is not None:
-            fresh = self.link_path.with_name(self.link_path.name + ".new")
-            with contextlib.suppress(FileNotFoundError):
-                fresh.unlink()
+            # A symlink is made or refused, never followed: a random name is all that it takes.
+            fresh = self.link_path.with_name(f".{secrets.token_hex(8)}.new")
             fresh.symlink_to(self.name)
             fresh.replace(self.link_path)
 

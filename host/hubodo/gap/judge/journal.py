@@ -31,6 +31,7 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
+from hubodo.whole_files import write_whole
 
 _VERSION = 2
 
@@ -76,7 +77,10 @@ class Journal:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            with self._path.open("w" if self._head else "a", encoding="utf-8") as file:
+            if self._head:
+                # Not through a link that stands there.
+                self._path.unlink(missing_ok=True)
+            with self._path.open("x" if self._head else "a", encoding="utf-8") as file:
                 file.write(f"{self._head}{json.dumps(line)}\n")
         except OSError as error:
             # Writing does not say what was written to; half a round is of no use.
@@ -116,7 +120,7 @@ def _read(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
         raise InputError(
             f"{path}: is of another log, model, choice of options or version of hubodo; leave out --resume"
         )
-    path.write_text(whole + "\n", "utf-8")
+    write_whole(path, whole + "\n")
     return rounds
 
 

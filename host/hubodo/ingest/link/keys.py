@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 
 from hubodo.errors import ConfigError, InputError
+from hubodo.private_files import read_private
+from hubodo.whole_files import whole_files
 
 KEY_BYTES = 32
 _SERIAL = re.compile(r"[0-9a-f]{16}")
@@ -26,7 +28,7 @@ class KeyRing:
         self.path = path
         self.keys: dict[str, bytes] = {}
         try:
-            table = tomllib.loads(path.read_text())
+            table = tomllib.loads(read_private(path, "the keys"))
         except FileNotFoundError:
             if create:
                 return
@@ -57,11 +59,7 @@ class KeyRing:
         """Whole or not at all, and for its owner alone."""
         rows = "".join(f'{serial} = "{key.hex()}"\n' for serial, key in sorted(self.keys.items()))
         text = f"# Keys of nodes on UDP, by the serial of the board: as secret as a password.\n[keys]\n{rows}"
-        temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}")
-        try:
-            descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with whole_files(self.path) as (part,):
+            descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(descriptor, "w") as file:
                 file.write(text)
-            temporary.replace(self.path)
-        finally:
-            temporary.unlink(missing_ok=True)
