@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
+from hubodo.log.claims import memory_limit
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.parser import EXIT_REFUSED, Parser
 from hubodo.version import __version__
@@ -93,7 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
-        result: Result | None = args.run(args)
+        with memory_limit(getattr(args, "max_memory", None)):
+            result: Result | None = args.run(args)
         code = EXIT_FAILED if _failed(result) else EXIT_OK
         if result is not None:
             with exit_when_unread(getattr(result, "OUTPUT_DEADLINE", None), code):

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from hubodo.errors import InputError
 from hubodo.fleet.names import CALIBRATION, PRIORS
+from hubodo.log.claims import memory_limit
 from hubodo.progress import progress_line
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.numbers import whole
@@ -202,7 +203,8 @@ def examine_one(verb: str, options: Mapping[str, Any], log: Path, folder: Path) 
     # Without an accepted model warmup refuses to write a file, though it has much to tell.
     writes = name in _OUTPUT and (name != "warmup" or options["calibration"])
     args.output = folder / _OUTPUT[name] if writes else None
-    result = load(name).run(args)
+    with memory_limit(options.get("max_memory")):
+        result = load(name).run(args)
     if result is None:
         raise InputError(f"hubodo {name} has no result")
     made: Mapping[str, Any] = result.as_json()

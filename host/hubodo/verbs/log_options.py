@@ -17,7 +17,7 @@ LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MA
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """--topic, --rate, --unit, --columns, --variable."""
+    """--topic, --max-memory, --rate, --unit, --columns, --variable."""
     add_topic_option(parser)
     group = parser.add_argument_group("files that do not say it themselves")
     group.add_argument(
@@ -39,7 +39,7 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_topic_option(parser: argparse.ArgumentParser) -> None:
-    """--topic."""
+    """--topic and --max-memory."""
     parser.add_argument(
         "--topic",
         action="append",
@@ -49,6 +49,23 @@ def add_topic_option(parser: argparse.ArgumentParser) -> None:
         f"{', '.join(TYPES)}; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- leaves one out; "
         "repeatable (default: [topics] of the vehicle file, else by message type)",
     )
+    add_memory_option(parser)
+
+
+def add_memory_option(parser: argparse.ArgumentParser) -> None:
+    """Add --max-memory, which `cli` and `batch` apply while a verb runs."""
+    parser.add_argument(
+        "--max-memory",
+        type=_megabytes,
+        metavar="MB",
+        help="memory that reading a file may take; a file that claims more is refused (default: a quarter of "
+        "this computer's)",
+    )
+
+
+def _megabytes(text: str) -> int:
+    """Return bytes from a number of megabytes."""
+    return int(positive(text) * 1e6)
 
 
 def add_vehicle_option(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from hubodo.log import recover as log_recover
 from hubodo.progress import progress_line
+from hubodo.verbs.log_options import add_memory_option
 
 EXAMPLE = "hubodo recover drive.mcap -o drive-whole.mcap"
 
@@ -64,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="the log to write"
     )
+    add_memory_option(parser)
 
 
 def run(args: argparse.Namespace) -> RecoverResult:

@@ -1,0 +1,128 @@
+"""Checks of what a file claims about itself, made before anything is allocated or followed.
+
+A file's header is a claim by whoever wrote the file. Sizes are compared with a memory limit, paths must name
+regular files, and compressed data are expanded only up to the limit.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import IO, BinaryIO
+
+from hubodo.errors import InputError
+
+DEFAULT_MEMORY_FRACTION = 0.25
+"""Fraction of the machine's memory that reading one file may take unless --max-memory says otherwise."""
+FALLBACK_MEMORY = 8 << 30  # bytes; assumed where the system does not report its memory
+_CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
+_PORTION = 1 << 20  # bytes
+_limit: ContextVar[int | None] = ContextVar("memory limit in bytes", default=None)
+
+
+def limit_bytes() -> int:
+    """Return the memory in bytes that reading one file may take."""
+    limit = _limit.get()
+    return int(machine_memory() * DEFAULT_MEMORY_FRACTION) if limit is None else limit
+
+
+@contextmanager
+def memory_limit(n_bytes: int | None) -> Iterator[None]:
+    """Apply a memory limit within a block; None leaves the limit unchanged."""
+    if n_bytes is None:
+        yield
+        return
+    token = _limit.set(n_bytes)
+    try:
+        yield
+    finally:
+        _limit.reset(token)
+
+
+def machine_memory() -> int:
+    """Return the memory of the machine, or of the container where that is less, in bytes."""
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # Windows has no sysconf
+        memory = FALLBACK_MEMORY
+    try:
+        return min(memory, int(_CGROUP_LIMIT.read_text("ascii")))
+    except (OSError, ValueError):  # no container, or "max"
+        return memory
+
+
+class MemoryBudget:
+    """The memory left for reading one file; each claim is deducted before anything is allocated.
+
+    path: named in the error. limit: bytes; `limit_bytes()` by default.
+    """
+
+    def __init__(self, path: Path, limit: int | None = None) -> None:
+        self.path = path
+        self.limit = limit_bytes() if limit is None else limit
+        self.claimed = 0
+
+    def claim(self, n_bytes: int, what: str) -> None:
+        """Deduct a claim. Raises InputError, naming the claim, where it is negative or exceeds the limit."""
+        if n_bytes < 0:
+            raise InputError(
+                f"{self.path}: {what} has a negative size ({n_bytes} bytes); save the file again"
+            )
+        self.claimed += n_bytes
+        if self.claimed > self.limit:
+            raise InputError(
+                f"{self.path}: {what} needs {_megabytes(self.claimed)} of memory, the limit is "
+                f"{_megabytes(self.limit)}; raise it with --max-memory if the file is genuine"
+            )
+
+
+def check_claim(n_bytes: int, path: Path, what: str) -> None:
+    """Check a single claimed size against the memory limit. Raises InputError as `MemoryBudget.claim` does."""
+    MemoryBudget(path).claim(n_bytes, what)
+
+
+def read_within_limit(stream: IO[bytes], path: Path, what: str, budget: MemoryBudget | None = None) -> bytes:
+    """Read a stream to its end, such as the contents of a gzip file. Raises InputError beyond the limit."""
+    budget = MemoryBudget(path) if budget is None else budget
+    parts = []
+    while part := stream.read(_PORTION):
+        budget.claim(len(part), what)
+        parts.append(part)
+    return b"".join(parts)
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading, unbuffered.
+
+    A FIFO, a socket or a device is refused: opening a FIFO would wait for a writer, reading a device may
+    never end. Raises InputError for those, OSError where the file cannot be opened.
+    """
+    flags = os.O_RDONLY
+    for name in ("O_CLOEXEC", "O_BINARY", "O_NONBLOCK", "O_NOCTTY"):
+        flags |= getattr(os, name, 0)
+    fd = os.open(path, flags)
+    try:
+        if not stat.S_ISREG(os.fstat(fd).st_mode) and not stat.S_ISDIR(os.fstat(fd).st_mode):
+            raise InputError(f"{path}: is not a regular file but a pipe or a device; copy its data to a file")
+        return os.fdopen(fd, "rb", buffering=0)  # raises IsADirectoryError for a folder
+    except BaseException:
+        os.close(fd)
+        raise
+
+
+def check_regular(path: Path) -> None:
+    """Refuse a path that exists and is neither a regular file nor a folder. Raises InputError."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:
+        return  # whoever opens it reports what is wrong
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(f"{path}: is not a regular file but a pipe or a device; copy its data to a file")
+
+
+def _megabytes(n_bytes: int) -> str:
+    return f"{n_bytes / 1e6:.0f} MB" if n_bytes >= 1e6 else f"{n_bytes} bytes"
