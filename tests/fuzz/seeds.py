@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import random
+import sqlite3
 import tomllib
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -169,6 +171,32 @@ def foreign_log(*, chunked: bool, crcs: bool) -> bytes:
     writer.add_metadata("someone", {"a": "b"})
     writer.finish()
     return out.getvalue()
+
+
+BAG_SCHEMA = """
+CREATE TABLE topics (id INTEGER PRIMARY KEY, name TEXT, type TEXT, serialization_format TEXT);
+CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);
+CREATE INDEX timestamp_idx ON messages (timestamp ASC);
+"""
+BAG_TOPICS = (("/left/imu", ros2.IMU), ("/gps/fix", ros2.NAV_SAT_FIX), ("/odom", ros2.ODOMETRY))
+BAG_METADATA = (
+    "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: sqlite3\n"
+    "  relative_file_paths:\n    - bag_0.db3\n  compression_format: '{form}'\n  compression_mode: '{mode}'\n"
+)
+
+
+def bag_database(n_messages: int = 30) -> bytes:
+    """The SQLite file of a rosbag2: Imu, NavSatFix, Odometry."""
+    with closing(sqlite3.connect(":memory:")) as base:
+        base.executescript(BAG_SCHEMA)
+        for number, (topic, kind) in enumerate(BAG_TOPICS, 1):
+            base.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr')", (number, topic, kind))
+            layout = ros2.stamped(kind, "frame", "child" if kind == ros2.ODOMETRY else "")
+            for k in range(n_messages):
+                row = (number, T0 + k * 10_000_000, layout.template.tobytes())
+                base.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
+        base.commit()
+        return bytes(base.serialize())
 
 
 def wild_frame(rng: random.Random) -> bytes:

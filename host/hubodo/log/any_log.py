@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
+from hubodo.log.claims import check_regular
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import Progress, read_folder
 from hubodo.log.foreign import LogForm, in_si, read_number_file
@@ -65,7 +66,8 @@ def open_source(path: Path) -> Iterator[Source | None]:
         with open_log(file) as log:
             yield log
     elif is_bag(path):
-        yield open_bag(path)
+        with closing(open_bag(path)) as bag:
+            yield bag
     else:
         yield None
 
@@ -96,6 +98,7 @@ def mcap_file(path: Path) -> Path | None:
 
     A file that is nothing known is taken as one, for the reader of MCAP says best what is wrong with it.
     """
+    check_regular(path)
     if not path.is_dir():
         return path if kind_of(path) in ("mcap", "unknown") else None
     if not is_bag(path):
@@ -112,6 +115,7 @@ def mcap_file(path: Path) -> Path | None:
 
 def is_bag(path: Path) -> bool:
     """Whether a path is a rosbag: a file, or a folder, which a killed recorder leaves without metadata."""
+    check_regular(path)
     if not path.is_dir():
         return kind_of(path) in ("rosbag", "sqlite")
     if (path / METADATA_FILE).exists():

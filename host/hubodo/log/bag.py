@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import heapq
-import re
 import sqlite3
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log import ros2
 from hubodo.log.chunk_body import Messages, walk
+from hubodo.log.compressed_bag import Expander, StorageFiles, compression_mode, message_expander
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.message_records import message_record
 from hubodo.log.number_file import kind_of
 from hubodo.log.source import Facts, Stream
+from hubodo.log.sqlite_bag import iterate_messages, read_facts
 
-_HEADER = "std_msgs/msg/Header"
 METADATA_FILE = "metadata.yaml"
-_UNDERSTOOD = ros2.STAMPED | {ros2.COLUMNS, ros2.STRING, ros2.BYTES}
 _PORTION = 4 << 20
 Row = tuple[int, int, bytes]
 """Channel, time in ns, message."""
+
+
+def _nothing() -> None:
+    """Close nothing."""
 
 
 class Bag:
@@ -36,6 +37,10 @@ class Bag:
         streams: Sequence[Stream],
         rows: Callable[[], Iterator[Row]],
         count: int,
+        *,
+        notes: Callable[[], Sequence[str]] = tuple,
+        close: Callable[[], None] = _nothing,
+        read_errors: tuple[type[Exception], ...] = (sqlite3.Error, OSError, ValueError),
     ) -> None:
         self.path, self._facts = path, facts
         self.streams = {stream.id: stream for stream in streams}
@@ -43,12 +48,14 @@ class Bag:
         self.metadata: dict[str, str] = {}
         self.t_zero_ns: int | None = None
         self._rows, self._count, self._read = rows, count, 0
-        self._warnings: list[str] = []
+        self._notes, self._warnings = notes, list[str]()
+        self.close = close
+        self._read_errors = read_errors
 
     @property
     def facts(self) -> Facts:
         """Size, generation, and whether all of it could be read."""
-        return replace(self._facts, damaged=len(self._warnings))
+        return replace(self._facts, damaged=len(self.warnings()))
 
     @property
     def progress(self) -> float:
@@ -67,7 +74,7 @@ class Bag:
                 if size >= _PORTION:
                     yield walk(b"".join(waiting))
                     waiting, size = [], 0
-        except _damage() as error:
+        except self._read_errors as error:
             self._warnings.append(
                 f"{self.path}: {self._read} of {self._count} messages are kept, the others cannot be read "
                 f"({error})"
@@ -76,37 +83,27 @@ class Bag:
             yield walk(b"".join(waiting))
 
     def warnings(self) -> tuple[str, ...]:
-        """One line for what could not be read; complete once its chunks were read."""
-        return tuple(self._warnings)
+        """Return a line for each thing that could not be read; complete once its chunks were read."""
+        return (*(f"{self.path}: {note}" for note in self._notes()), *self._warnings)
 
 
 def open_bag(path: Path) -> Bag:
-    """A ROS 1 bag, a rosbag2 folder or a .db3 file of one. Raises InputError where it cannot be read."""
-    files = sorted(path.glob("*.db3")) if path.is_dir() else [path]
-    parts = sorted(path.glob("*.mcap")) if path.is_dir() else []
-    if _compressed(path):
-        return _rosbag(path)
-    if files and kind_of(files[0]) == "sqlite":
-        return _sqlite(path, files)
-    return _mcap_parts(path, parts) if parts else _rosbag(path)
-
-
-def _compressed(path: Path) -> bool:
-    """Whether a rosbag2 folder says that its recorder, not its storage, compressed it."""
+    """Open a ROS 1 bag, a rosbag2 folder or a .db3 file of one. Raises InputError where it cannot be read."""
+    if not path.is_dir():
+        return _sqlite(path, [path]) if kind_of(path) == "sqlite" else _rosbag1(path)
+    # Files are those in the folder. What metadata.yaml names is not followed: it may lie outside of it.
+    mode = compression_mode(path / METADATA_FILE)
+    unpack = message_expander(path) if mode == "message" else None
+    storage = StorageFiles(path)
     try:
-        text = (path / METADATA_FILE).read_text("utf-8", "replace")
-    except OSError:
-        return False
-    return re.search(r"compression_mode: *['\"]?(file|message)", text, re.IGNORECASE) is not None
-
-
-def _damage() -> tuple[type[Exception], ...]:
-    from rosbags.highlevel import AnyReaderError
-    from rosbags.rosbag1 import ReaderError as Damaged1
-    from rosbags.rosbag2 import ReaderError as Damaged2
-    from rosbags.serde import SerdeError
-
-    return (AnyReaderError, Damaged1, Damaged2, SerdeError, sqlite3.Error, OSError, KeyError, ValueError)
+        if storage.databases:
+            return _sqlite(path, storage.databases, unpack, storage.close)
+        if storage.logs:
+            return _mcap_parts(path, storage.logs, unpack, storage.close)
+    except BaseException:
+        storage.close()
+        raise
+    raise InputError(f"{path}: holds neither an .mcap nor a .db3 file; give the file that holds the messages")
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
@@ -118,55 +115,45 @@ def _size(path: Path) -> int:
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-def _sqlite(path: Path, files: list[Path]) -> Bag:
-    """Topics and messages of sqlite files; a killed recorder never writes metadata.yaml."""
-    streams: dict[tuple[str, str, str], Stream] = {}
-    count = 0
-    numbers: list[dict[int, int]] = []
+def _numbered(keys: Iterable[tuple[str, str, str]]) -> dict[tuple[str, str, str], Stream]:
+    """Return a stream for each distinct (topic, type, encoding)."""
+    distinct = dict.fromkeys(keys)
+    return {key: Stream(number, *key, {}) for number, key in enumerate(distinct, 1)}
+
+
+def _sqlite(
+    path: Path,
+    files: Sequence[Path],
+    unpack: Expander | None = None,
+    close: Callable[[], None] = _nothing,
+) -> Bag:
+    """Read topics and messages of SQLite files; a killed recorder never writes metadata.yaml."""
     try:
-        for file in files:
-            with closing(_connect(file)) as base:
-                numbers.append({})
-                for number, topic, kind, form in base.execute(
-                    "SELECT id, name, type, serialization_format FROM topics"
-                ):
-                    key = (topic, kind, form)
-                    streams.setdefault(key, Stream(len(streams) + 1, topic, kind, form, {}))
-                    numbers[-1][number] = streams[key].id
-                count += base.execute("SELECT COUNT(*) FROM messages").fetchone()[0]
+        facts = [read_facts(file) for file in files]
     except sqlite3.Error as error:
         raise _unreadable(path, error) from None
+    streams = _numbered(topic[1:] for fact in facts for topic in fact.topics)
 
     def rows() -> Iterator[Row]:
-        for file, ids in zip(files, numbers, strict=True):
-            with closing(_connect(file)) as base:
-                for number, t_ns, payload in base.execute(
-                    "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp"
-                ):
-                    if number in ids and t_ns >= 0:
-                        yield ids[number], t_ns, payload
+        for file, fact in zip(files, facts, strict=True):
+            ids = {topic[0]: streams[topic[1:]].id for topic in fact.topics}
+            for number, t_ns, payload in iterate_messages(file, fact):
+                if number in ids:
+                    yield ids[number], t_ns, payload if unpack is None else unpack(payload)
 
-    return Bag(path, Facts(_size(path), "rosbag2", "ros2", True), list(streams.values()), rows, count)
-
-
-def _connect(file: Path) -> sqlite3.Connection:
-    # A killed recorder leaves messages in a journal beside; without one, nothing needs writing there.
-    journal = file.with_name(file.name + "-wal").exists()
-    how = "mode=ro" if journal else "mode=ro&immutable=1"
-    return sqlite3.connect(f"{file.absolute().as_uri()}?{how}", uri=True)
+    count, unusable = sum(fact.n_messages for fact in facts), sum(fact.n_unusable for fact in facts)
+    notes = [f"{unusable} rows are not of the types that rosbag2 writes; left out"] if unusable else []
+    bag_facts = Facts(_size(path), "rosbag2", "ros2", True)
+    return Bag(path, bag_facts, list(streams.values()), rows, count, notes=lambda: notes, close=close)
 
 
-def _mcap_parts(path: Path, parts: list[Path]) -> Bag:
-    """A rosbag2 folder whose recording went into several MCAP files, by time."""
-    streams: dict[tuple[str, str, str], Stream] = {}
+def _mcap_parts(path: Path, parts: Sequence[Path], unpack: Expander | None, close: Callable[[], None]) -> Bag:
+    """Read a rosbag2 folder whose recording went into several MCAP files, by time."""
     logs = [open_log(part) for part in parts]
     for log in logs:
         for _ in log.chunks():  # some writers announce channels inside the chunks only
             pass
-        for stream in log.streams.values():
-            key = (stream.topic, stream.schema, stream.encoding)
-            streams.setdefault(key, Stream(len(streams) + 1, *key, stream.metadata))
-    kept = sum(log.kept for log in logs)
+    streams = _numbered((s.topic, s.schema, s.encoding) for log in logs for s in log.streams.values())
 
     def rows() -> Iterator[Row]:
         def of(log: Log) -> Iterator[Row]:
@@ -174,40 +161,39 @@ def _mcap_parts(path: Path, parts: list[Path]) -> Bag:
             for message in log.messages():
                 yield ids[message.channel], message.log_time, message.data
 
-        yield from heapq.merge(*map(of, logs), key=lambda row: row[1])
+        for channel, t_ns, payload in heapq.merge(*map(of, logs), key=lambda row: row[1]):
+            yield channel, t_ns, payload if unpack is None else unpack(payload)
+
+    def close_all() -> None:
+        for log in logs:
+            log.close()
+        close()
 
     facts = Facts(_size(path), logs[0].facts.library, "ros2", all(log.facts.complete for log in logs))
-    return Bag(path, facts, list(streams.values()), rows, kept)
+    count = sum(log.kept for log in logs)
+    return Bag(path, facts, list(streams.values()), rows, count, close=close_all)
 
 
-def _rosbag(path: Path) -> Bag:
-    """What the package rosbags reads: bags of ROS 1, and compressed ones of ROS 2."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
+def _rosbag1(path: Path) -> Bag:
+    """Read a bag of ROS 1."""
+    from hubodo.log.rosbag1 import READ_ERRORS, Rosbag1
 
     try:
-        with AnyReader([path]) as reader:
-            kinds = {(it.topic, it.msgtype) for it in reader.connections}
-            count, is_2 = reader.message_count, reader.is2
-    except _damage() as error:
+        bag = Rosbag1(path)
+    except READ_ERRORS as error:
         raise _unreadable(path, error) from None
     streams = {
-        (topic, kind): Stream(n, topic, kind, "cdr" if is_2 or kind in _UNDERSTOOD else "ros1", {})
-        for n, (topic, kind) in enumerate(sorted(kinds), 1)
+        topic: Stream(number, topic.topic, topic.type, "cdr" if topic.is_cdr else "ros1", {})
+        for number, topic in enumerate(bag.topics, 1)
     }
 
     def rows() -> Iterator[Row]:
-        with AnyReader([path]) as reader:
-            types = dict(reader.typestore.fielddefs)
-            # A header of ROS 1 has a number more; the package drops it on the way to a type without.
-            types[_HEADER] = get_typestore(Stores.ROS2_HUMBLE).fielddefs[_HEADER]
-            store = get_typestore(Stores.EMPTY)
-            store.register(types)
-            for connection, t_ns, raw in reader.messages():
-                stream = streams[connection.topic, connection.msgtype]
-                as_it_is = is_2 or stream.encoding == "ros1"
-                data = raw if as_it_is else store.ros1_to_cdr(raw, connection.msgtype)
-                yield stream.id, t_ns, bytes(data)
+        for topic, t_ns, payload in bag.messages():
+            yield streams[topic].id, t_ns, payload
 
-    facts = Facts(_size(path), "rosbag2" if is_2 else "rosbag", "ros2" if is_2 else "ros1", True)
-    return Bag(path, facts, list(streams.values()), rows, count)
+    def notes() -> list[str]:
+        return [f"{bag.n_unfit} messages do not fit their type; left out"] if bag.n_unfit else []
+
+    facts = Facts(_size(path), "rosbag", "ros1", True)
+    streams_found = list(streams.values())
+    return Bag(path, facts, streams_found, rows, bag.n_messages, notes=notes, read_errors=READ_ERRORS)

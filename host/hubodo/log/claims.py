@@ -58,12 +58,19 @@ def machine_memory() -> int:
 class MemoryBudget:
     """The memory left for reading one file; each claim is deducted before anything is allocated.
 
-    path: named in the error. limit: bytes; `limit_bytes()` by default.
+    path: named in the error. limit: bytes, `limit_bytes()` by default. limit_name, remedy: for the error.
     """
 
-    def __init__(self, path: Path, limit: int | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        limit: int | None = None,
+        limit_name: str = "the memory limit",
+        remedy: str = "raise it with --max-memory if the file is genuine",
+    ) -> None:
         self.path = path
         self.limit = limit_bytes() if limit is None else limit
+        self.limit_name, self.remedy = limit_name, remedy
         self.claimed = 0
 
     def claim(self, n_bytes: int, what: str) -> None:
@@ -75,13 +82,22 @@ class MemoryBudget:
         self.claimed += n_bytes
         if self.claimed > self.limit:
             raise InputError(
-                f"{self.path}: {what} needs {_megabytes(self.claimed)} of memory, the limit is "
-                f"{_megabytes(self.limit)}; raise it with --max-memory if the file is genuine"
+                f"{self.path}: {what} takes {_megabytes(self.claimed)}, {self.limit_name} is "
+                f"{_megabytes(self.limit)}; {self.remedy}"
             )
+
+    def release(self, n_bytes: int) -> None:
+        """Return a claim whose memory was freed."""
+        self.claimed -= n_bytes
+
+
+def file_budget(path: Path, n_bytes: int) -> MemoryBudget:
+    """Return a budget of the bytes that a file of its size can hold, whatever the memory limit."""
+    return MemoryBudget(path, n_bytes, "the most for a file of its size", "copy or record it again")
 
 
 def check_claim(n_bytes: int, path: Path, what: str) -> None:
-    """Check a single claimed size against the memory limit. Raises InputError as `MemoryBudget.claim` does."""
+    """Check one claimed size against the memory limit. Raises InputError as `MemoryBudget.claim` does."""
     MemoryBudget(path).claim(n_bytes, what)
 
 

@@ -23,6 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metada
 from hubodo.errors import LogError
 from hubodo.log.checksums import attachment_holds, data_section_holds
 from hubodo.log.chunk_body import ChunkPlace, room_of
+from hubodo.log.claims import open_regular
 from hubodo.log.container import MAGIC
 from hubodo.log.descriptor import pread
 
@@ -88,7 +89,7 @@ class Scan:
 def scan(path: Path, *, lenient: bool = False) -> Scan:
     """Scan a file; `lenient` passes over damaged magic. LogError when it is missing, empty or no MCAP."""
     try:
-        with path.open("rb", buffering=0) as stream:
+        with open_regular(path) as stream:
             return _Scanner(path, stream.fileno()).run(lenient)
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
