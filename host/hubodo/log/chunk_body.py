@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import lz4.frame
@@ -18,6 +19,8 @@ from hubodo.log.message_records import PREFIX
 
 MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
+MEMORY_PER_BYTE = 4
+"""Bytes of memory that a byte of a chunk takes while its messages are located: of the shortest, 3.5."""
 _ROOM, _RATIO = 1 << 26, 256
 _HEAD = struct.Struct("<BQ")
 _INDEX = struct.Struct("<BQHI")
@@ -119,6 +122,17 @@ class Messages:
         times = self.heads["log_time"]
         chosen = (times >= start_ns) & (times <= end_ns)
         return replace(self, places=self.places[chosen], heads=self.heads[chosen])
+
+    def by_channel(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """Yield each channel id and the indices of its messages, in one pass over the chunk."""
+        channels = self.heads["channel"]
+        order = np.argsort(channels, kind="stable")
+        ids, starts = np.unique(channels[order], return_index=True)
+        yield from zip(ids.tolist(), np.split(order, starts[1:]), strict=False)
+
+    def size_of(self, chosen: NDArray[np.intp]) -> int:
+        """Return the bytes of the records of these messages."""
+        return int(self.heads["length"][chosen].sum())
 
     def payload(self, i: int) -> bytes:
         """Bytes of message i."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2
 from hubodo.log.chunk_body import Messages
+from hubodo.log.claims import MemoryBudget
 from hubodo.log.message_records import PREFIX
 
 _NS = 1_000_000_000
@@ -90,6 +92,12 @@ def column_names(text: str) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
+MOST_LAYOUTS = 100_000
+"""Changes of layout, each of which is parsed by itself, after which a channel is no longer decoded."""
+_LEAST_WINDOW = 64  # messages
+_ROW_BYTES = 150  # of memory per message besides its numbers: head, stamps, order, and their copies in `rows`
+
+
 @dataclass
 class Decoder:
     """Collects the messages of one channel chunk by chunk; `rows()` gives them all."""
@@ -97,9 +105,13 @@ class Decoder:
     schema: str
     more: tuple[str, ...] = ()
     """Fields besides those of WANTED."""
+    budget: MemoryBudget | None = None
+    """Of what is kept."""
     undecodable: int = 0
     label: str = ""
     _form: ros2.Form | None = None
+    _n_measured: int = 0
+    _fed: int = 0
     _parts: list[_Part] = field(default_factory=list)
 
     @property
@@ -108,22 +120,45 @@ class Decoder:
 
     def feed(self, messages: Messages, chosen: NDArray[np.intp]) -> None:
         """Take in the messages with these indices, in this order."""
-        while len(chosen):
-            heads = messages.heads[chosen]
-            starts = messages.places[chosen] + PREFIX.itemsize
+        sizes = messages.heads["length"][chosen]
+        first = self._fed
+        self._fed += len(chosen)
+        # Messages of one layout have one size; where sizes alternate, each size is decoded as one run.
+        if not len(chosen) or sizes.min() == sizes.max():
+            self._feed_run(messages, chosen, first + np.arange(len(chosen)))
+            return
+        by_size = np.argsort(sizes, kind="stable")
+        runs = np.split(by_size, np.flatnonzero(np.diff(sizes[by_size])) + 1)
+        for picked in sorted(runs, key=lambda run: int(run[0])):  # the first message decides on the columns
+            self._feed_run(messages, chosen[picked], first + picked)
+
+    def _feed_run(self, messages: Messages, chosen: NDArray[np.intp], order: NDArray[np.intp]) -> None:
+        """Decode messages of one size. order: their places among all messages of the channel."""
+        done, window = 0, _LEAST_WINDOW
+        while done < len(chosen):
+            # The window doubles while the layout fits: a change of layout must not cost a pass over the rest.
+            part = chosen[done : done + window]
+            heads = messages.heads[part]
+            starts = messages.places[part] + PREFIX.itemsize
             count = self._fitting(messages, starts, heads["length"].astype(np.int64) - 22)
             if count:
-                self._decode(messages, heads[:count], starts[:count])
-                chosen = chosen[count:]
+                self._decode(messages, heads[:count], starts[:count], order[done : done + count])
+                done += count
+                window = 2 * window if count == len(part) else _LEAST_WINDOW
                 continue
-            first = messages.payload(int(chosen[0]))
+            window = _LEAST_WINDOW
+            if self._n_measured >= MOST_LAYOUTS:
+                self.undecodable += len(chosen) - done
+                return
+            self._n_measured += 1
+            payload = messages.payload(int(chosen[done]))
             try:
-                self._form = ros2.measure(self.schema, first)
+                self._form = ros2.measure(self.schema, payload)
                 if not self._parts and "layout.dim[0].label" in (self._form.dtype.names or ()):
-                    self.label = self._form.text(first, "layout.dim[0].label")
+                    self.label = self._form.text(payload, "layout.dim[0].label")
             except ValueError:
                 self.undecodable += 1
-                chosen = chosen[1:]
+                done += 1
 
     def _fitting(self, messages: Messages, starts: NDArray[np.int64], sizes: NDArray[np.int64]) -> int:
         """How many messages from the first on have the layout at hand."""
@@ -137,9 +172,18 @@ class Decoder:
             count = count if same.all() else int(same.argmin())
         return count
 
-    def _decode(self, messages: Messages, heads: NDArray[np.void], starts: NDArray[np.int64]) -> None:
+    def _decode(
+        self,
+        messages: Messages,
+        heads: NDArray[np.void],
+        starts: NDArray[np.int64],
+        order: NDArray[np.intp],
+    ) -> None:
         assert self._form is not None
         form = self._form.dtype
+        if self.budget is not None:
+            numbers = sum(self._form.count_of(name) for name in self._fields)
+            self.budget.claim(len(heads) * (_ROW_BYTES + 3 * 8 * numbers), "its samples")
         values = {
             name: _gather(messages.data, starts, form, name).astype(np.float64, copy=False)
             for name in self._fields
@@ -150,7 +194,7 @@ class Decoder:
             nanoseconds = _gather(messages.data, starts, form, "header.stamp.nanosec").astype(np.int64)
             stated = seconds * _NS + nanoseconds
             stamps = np.where(stated == 0, stamps, stated)
-        self._parts.append(_Part(heads, stamps, values))
+        self._parts.append(_Part(heads, stamps, values, order))
 
     def rows(self) -> ChannelRows:
         """All messages taken in; those with another number of values than the first count as undecodable."""
@@ -159,6 +203,7 @@ class Decoder:
             return ChannelRows(none, none, none, none, {}, self.undecodable)
         shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._parts]
         parts = [part for part, shape in zip(self._parts, shapes, strict=True) if shape == shapes[0]]
+        parts = _in_order(parts)
         heads = np.concatenate([part.heads for part in parts])
         odd = sum(len(part.heads) for part in self._parts) - len(heads)
         return ChannelRows(
@@ -194,6 +239,21 @@ class _Part(NamedTuple):
     heads: NDArray[np.void]
     stamps: NDArray[np.int64]
     values: dict[str, NDArray[np.float64]]
+    order: NDArray[np.intp]
+
+
+def _in_order(parts: list[_Part]) -> list[_Part]:
+    """Return the parts as they are where they follow each other, else one with all rows in file order."""
+    if all(before.order[-1] < after.order[0] for before, after in pairwise(parts)):
+        return parts
+    order = np.concatenate([part.order for part in parts])
+    rank = np.argsort(order)
+    values = {name: np.concatenate([part.values[name] for part in parts])[rank] for name in parts[0].values}
+    heads, stamps = (
+        np.concatenate([part.heads for part in parts])[rank],
+        np.concatenate([part.stamps for part in parts])[rank],
+    )
+    return [_Part(heads, stamps, values, order[rank])]
 
 
 def _gather(

@@ -11,16 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log.chunk_body import Messages
+from hubodo.log.claims import MemoryBudget
 from hubodo.log.timebase import NS
+
+_ROW_BYTES = 200  # of memory per joint and message: a tuple of two numbers in a list, at first its name
 
 
 @dataclass
 class JointSpeeds:
     """Collects one topic. rows: by joint, times in ns and velocities in rad/s; stays: of joints without one.
 
-    undecodable: messages whose bytes do not fit the type.
+    budget: for the rows. undecodable: messages whose bytes do not fit the type.
     """
 
+    budget: MemoryBudget | None = None
     rows: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
     stays: set[str] = field(default_factory=set)
     count: int = 0
@@ -36,6 +40,8 @@ class JointSpeeds:
             except (struct.error, ValueError):
                 self.undecodable += 1
                 continue
+            if self.budget is not None:
+                self.budget.claim(_ROW_BYTES * len(names), "its joint states")
             if not speeds:
                 self.stays.update(names)
             for name, speed in zip(names, speeds, strict=False):

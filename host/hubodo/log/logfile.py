@@ -15,12 +15,24 @@ from numpy.typing import NDArray
 
 from hubodo.errors import LogError
 from hubodo.log import topics
-from hubodo.log.chunk_body import ChunkPlace, DamagedChunk, Messages, announced, load, load_cut, walk
+from hubodo.log.chunk_body import (
+    MEMORY_PER_BYTE,
+    ChunkPlace,
+    DamagedChunk,
+    Messages,
+    announced,
+    load,
+    load_cut,
+    room_of,
+    walk,
+)
+from hubodo.log.claims import MemoryBudget, check_claim
 from hubodo.log.descriptor import open_to_read
 from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import DamagedSpan, Scan, scan
 from hubodo.log.source import Facts, Stream
 
+_ROW_MEMORY = 300  # bytes per message of a chunk that waits for its turn: six numbers of Python
 T_ZERO_LIMIT = 4_000_000_000 * 1_000_000_000
 """ns; the year 2096: what is beyond is no time of a recording but a damaged metadata record."""
 
@@ -45,6 +57,9 @@ class Log:
         self.kept = 0
         """Messages met so far by `chunks()`."""
         self._position = 0
+        self._streams: dict[int, Stream] = {}
+        self._known = (0, 0)
+        """Channels and schemas that `_streams` was made of."""
         self._impossible: dict[int, int] = {}
         """Messages beyond the times of the format, by the offset of their chunk."""
 
@@ -63,17 +78,17 @@ class Log:
     @property
     def streams(self) -> dict[int, Stream]:
         """The channels known so far, by id; where they stand inside chunks, complete once `chunks()` ran."""
-        schemas = {schema.id: schema.name for schema in self.found.schemas.values()}
-        return {
-            channel.id: Stream(
-                channel.id,
-                channel.topic,
-                schemas.get(channel.schema_id, ""),
-                channel.message_encoding,
-                dict(channel.metadata),
-            )
-            for channel in self.found.channels.values()
-        }
+        schemas = self.found.schemas
+        if (len(self.found.channels), len(schemas)) == self._known:
+            return self._streams
+        self._known = len(self.found.channels), len(schemas)
+        for id, channel in self.found.channels.items():
+            known = self._streams.get(id)
+            if known is None or (channel.schema_id in schemas and not known.schema):
+                schema = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
+                metadata = dict(channel.metadata)
+                self._streams[id] = Stream(id, channel.topic, schema, channel.message_encoding, metadata)
+        return self._streams
 
     @property
     def records(self) -> dict[str, dict[str, str]]:
@@ -124,6 +139,7 @@ class Log:
         if place.offset in self.found.unbelievable:
             self.found.note(place, f"chunk claims {place.size} bytes, more than such a file can hold")
             return None
+        check_claim(MEMORY_PER_BYTE * place.size, self.path, "a chunk")
         try:
             messages = walk(load(self._fd, place), announced(self._fd, place))
         except DamagedChunk as error:
@@ -139,6 +155,7 @@ class Log:
         return messages
 
     def _cut_messages(self, place: ChunkPlace) -> Messages:
+        check_claim(min(MEMORY_PER_BYTE * place.size, room_of(place.data_size)), self.path, "its last chunk")
         # No checksum vouches for a part; the times that the chunk's head announces are some guard.
         messages = walk(load_cut(self._fd, place)).between(place.start_ns, place.end_ns)
         self.found.learn(messages.definitions)
@@ -152,8 +169,9 @@ class Log:
     ) -> Iterator[LogMessage]:
         """Messages by log time, start <= log_time < end (ns), those of one time in the order of the file.
 
-        Holds only the chunks that overlap in time.
+        Holds only the chunks that overlap in time. Raises InputError where they exceed the memory limit.
         """
+        budget = MemoryBudget(self.path)
         waiting = [
             (number, place)
             for number, place in enumerate(self.found.chunks)
@@ -165,10 +183,12 @@ class Log:
         while waiting or cursors or cut is not None:
             while waiting and (not cursors or waiting[-1][1].start_ns <= cursors[0][0]):
                 number, place = waiting.pop()
-                self._push(cursors, number, self._ordered(place, topics, start, end))
+                self._push(cursors, number, self._ordered(place, topics, start, end, budget))
             if cut is not None and not waiting:
                 messages, cut = self._cut_messages(cut), None
-                self._push(cursors, len(self.found.chunks), self._select(messages, topics, start, end))
+                self._push(
+                    cursors, len(self.found.chunks), self._select(messages, topics, start, end, budget)
+                )
             if cursors:
                 _, number, rest, message = cursors[0]
                 yield message
@@ -189,14 +209,24 @@ class Log:
             heapq.heappush(cursors, (first.log_time, number, messages, first))
 
     def _ordered(
-        self, place: ChunkPlace, names: Collection[str] | None, start: int | None, end: int | None
+        self,
+        place: ChunkPlace,
+        names: Collection[str] | None,
+        start: int | None,
+        end: int | None,
+        budget: MemoryBudget,
     ) -> Iterator[LogMessage]:
         messages = self._messages(place)
         if messages is not None:
-            yield from self._select(messages, names, start, end)
+            yield from self._select(messages, names, start, end, budget)
 
     def _select(
-        self, messages: Messages, names: Collection[str] | None, start: int | None, end: int | None
+        self,
+        messages: Messages,
+        names: Collection[str] | None,
+        start: int | None,
+        end: int | None,
+        budget: MemoryBudget,
     ) -> Iterator[LogMessage]:
         streams = self.streams
         wanted = [id for id, stream in streams.items() if names is None or stream.topic in names]
@@ -208,6 +238,8 @@ class Log:
             keep &= times < end
         chosen = np.flatnonzero(keep)
         chosen = chosen[np.argsort(times[chosen], kind="stable")]
+        cost = 2 * messages.data.nbytes + _ROW_MEMORY * len(chosen)
+        budget.claim(cost, "chunks that overlap in time")
         heads, data = messages.heads[chosen], messages.data.tobytes()
         starts = messages.places[chosen] + PREFIX.itemsize
         ends = starts + heads["length"].astype(np.int64) - 22
@@ -224,6 +256,7 @@ class Log:
             yield LogMessage(
                 streams[channel].topic, log_time, publish_time, sequence, channel, data[begin:stop]
             )
+        budget.release(cost)
 
     @property
     def _unplaced(self) -> bool:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import role_tables, ros2, topics
+from hubodo.log.claims import MemoryBudget
 from hubodo.log.convert import carried_columns
 from hubodo.log.decode import WANTED, ChannelRows, Decoder, column_names, message_type
 from hubodo.log.joints import JointSpeeds
@@ -28,6 +29,8 @@ from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event,
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
 
 Progress = Callable[[str, float], None]
+EVENT_MEMORY = 10
+"""Bytes of memory per byte of an event's JSON, which becomes Python objects."""
 
 
 def read_recording(path: Path, *, progress: Progress | None = None) -> Recording:
@@ -86,6 +89,7 @@ class _Collected:
 
     def __init__(self, log: Source, choice: TopicChoice, progress: Progress | None) -> None:
         self.log, self.choice = log, choice
+        self.budget = MemoryBudget(log.path)
         self.notes: list[str] = []
         payloads: list[bytes] = []
         decoders: dict[tuple[str, str], Decoder] = {}
@@ -93,25 +97,25 @@ class _Collected:
         self.counts: Counter[int] = Counter()
         strangers: Counter[int] = Counter()
         for messages in log.chunks():
-            channels, streams = messages.heads["channel"], log.streams
-            for id in np.unique(channels).tolist():
+            streams = log.streams
+            for id, chosen in messages.by_channel():
                 stream = streams.get(id)
                 if stream is None:
-                    strangers[id] += int((channels == id).sum())
+                    strangers[id] += len(chosen)
                     continue
-                chosen = np.flatnonzero(channels == id)
                 kind = message_type(stream.schema)
                 self.counts[id] += len(chosen)
                 if stream.topic == topics.EVENTS:
+                    self.budget.claim(EVENT_MEMORY * messages.size_of(chosen), "its events")
                     payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
                 elif stream.encoding != "cdr":
                     continue
                 elif kind == ros2.JOINT_STATE:
-                    self.joints.setdefault(stream.topic, JointSpeeds()).feed(messages, chosen)
+                    self.joints.setdefault(stream.topic, JointSpeeds(self.budget)).feed(messages, chosen)
                 elif kind in WANTED:
                     key = (stream.topic, kind)
                     if key not in decoders:
-                        decoders[key] = Decoder(kind, self._more(*key))
+                        decoders[key] = Decoder(kind, self._more(*key), self.budget)
                     decoders[key].feed(messages, chosen)
             if progress:
                 progress(f"reading {log.path.name}", log.progress)
@@ -258,26 +262,27 @@ class _Collected:
         self, name: str, columns: list[str]
     ) -> list[tuple[ChannelRows, dict[str, NDArray[np.float64]]]]:
         parts = []
-        if (imu := self._get(topics.imu(name))) and carried_columns(name)[0] == "gx":
+        if (imu := self._get(topics.imu(name), ros2.IMU)) and carried_columns(name)[0] == "gx":
             names = NODE_COLUMNS[1:]
             stacked = np.hstack([imu.values["angular_velocity"], imu.values["linear_acceleration"]])
             parts.append((imu, dict(zip(names, stacked.T, strict=True))))
-            heat = self._get(topics.temperature(name))
+            heat = self._get(topics.temperature(name), ros2.TEMPERATURE)
             if "temperature" in columns and heat:
                 parts.append((heat, {"temperature": heat.values["temperature"]}))
-        if name == "gnss" and (fix := self._get(topics.FIX)):
+        if name == "gnss" and (fix := self._get(topics.FIX, ros2.NAV_SAT_FIX)):
             parts.append((fix, role_tables.position(fix)))
-        if name == "truth" and (truth := self._get(topics.TRUTH)):
+        if name == "truth" and (truth := self._get(topics.TRUTH, ros2.ODOMETRY)):
             position = truth.values["pose.pose.position"]
             parts.append((truth, {"x": position[:, 0], "y": position[:, 1]}))
-        if rest := self._get(topics.COLUMNS + name):
+        if rest := self._get(topics.COLUMNS + name, ros2.COLUMNS):
             parts.append((rest, self._columns(topics.COLUMNS + name, rest)))
         return parts
 
-    def _get(self, topic: str) -> ChannelRows | None:
-        if topic not in self.rows or not len(self.rows[topic][1]):
+    def _get(self, topic: str, kind: str) -> ChannelRows | None:
+        """Return the messages of a topic; None where it has none, or those of another type."""
+        if topic not in self.rows or message_type(self.rows[topic][0].schema) != kind:
             return None
-        return self.rows[topic][1]
+        return self.rows[topic][1] if len(self.rows[topic][1]) else None
 
     def _columns(self, topic: str, rows: ChannelRows) -> dict[str, NDArray[np.float64]]:
         data = rows.values["data"]
@@ -291,9 +296,9 @@ class _Collected:
         values = np.hstack([rows.values["angular_velocity"], rows.values["linear_acceleration"]])
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
         columns = dict(table.columns)
-        for what, (column, value) in _TOLD_BESIDE.items():
-            told = self._get(_beside(topic, what))
-            if told is None or value not in told.values:
+        for what, (column, kind, value) in _TOLD_BESIDE.items():
+            told = self._get(_beside(topic, what), kind)
+            if told is None:
                 continue
             told = told.take(np.flatnonzero(np.isfinite(told.values[value])))
             if len(told):
@@ -317,7 +322,7 @@ class _Collected:
                     tables[role] = table
         for topic in self.rows:
             name = topic.removeprefix(topics.COLUMNS)
-            rows = self._get(topic)
+            rows = self._get(topic, ros2.COLUMNS)
             if topic.startswith(topics.COLUMNS) and name in RESERVED and name not in tables and rows:
                 columns = self._columns(topic, rows)
                 columns.pop("t", None)
@@ -345,8 +350,8 @@ class _Collected:
         return Table({"t": to_seconds(t_ns, self.t_zero_ns), **columns})
 
     def _odometry(self, topic: str) -> Table | None:
-        rows = self._get(topic)
-        if rows is None or "pose.pose.position" not in rows.values:
+        rows = self._get(topic, ros2.ODOMETRY)
+        if rows is None:
             return None
         return self._ordered(topic, rows, role_tables.odometry(rows))
 
@@ -361,8 +366,11 @@ class _Collected:
         return Table({"t": t[chosen], **{prefix + name: values[chosen] for name, values in columns.items()}})
 
 
-_TOLD_BESIDE = {"temperature": ("temperature", "temperature"), "battery": ("supply", "voltage")}
-"""Topics beside that of an IMU: name -> column of the node's table, and the message's field."""
+_TOLD_BESIDE = {
+    "temperature": ("temperature", ros2.TEMPERATURE, "temperature"),
+    "battery": ("supply", ros2.BATTERY, "voltage"),
+}
+"""Topics beside that of an IMU: name -> column of the node's table, the message's type and field."""
 
 
 def _beside(topic: str, what: str) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -260,6 +261,11 @@ class Form:
     dtype: np.dtype[np.void]
     lengths: Mapping[str, int]
     encapsulation: int
+
+    def count_of(self, path: str) -> int:
+        """Return how many numbers the field of that path has."""
+        assert self.dtype.fields is not None
+        return math.prod(self.dtype.fields[path][0].shape)
 
     def text(self, payload: bytes, path: str) -> str:
         """The string field of that path in a message of this layout."""

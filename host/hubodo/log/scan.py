@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metada
 from hubodo.errors import LogError
 from hubodo.log.checksums import attachment_holds, data_section_holds
 from hubodo.log.chunk_body import ChunkPlace, room_of
-from hubodo.log.claims import open_regular
+from hubodo.log.claims import MemoryBudget, open_regular
 from hubodo.log.container import MAGIC
 from hubodo.log.descriptor import pread
 
@@ -34,7 +34,8 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 _CHUNK_SIGN = re.compile(
     rb"(?=\x06.{5}\x00\x00\x00.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))", re.DOTALL
 )
-_WINDOW = 1 << 22
+_LEAST_WINDOW, _WINDOW = 1 << 12, 1 << 22
+_DATA_MEMORY, _TEXT_MEMORY = 2, 16  # bytes of memory per byte of a record of data, and of one of short texts
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Scan:
     doubts: dict[str, str] = field(default_factory=dict)
     cut: ChunkPlace | None = None
     complete: bool = False
+    _noted: set[int] = field(default_factory=set)
 
     def learn(self, definitions: Iterable[tuple[int, bytes]]) -> None:
         """Take in schemas and channels, as (opcode, content), that were found inside a chunk."""
@@ -82,7 +84,8 @@ class Scan:
 
     def note(self, place: ChunkPlace, reason: str) -> None:
         """Keep account of a chunk that cannot be used, once."""
-        if all(known.offset != place.offset for known in self.damage):
+        if place.offset not in self._noted:
+            self._noted.add(place.offset)
             self.damage.append(DamagedSpan(place.offset, place.length, reason, place.start_ns, place.end_ns))
 
 
@@ -100,6 +103,7 @@ class _Scanner:
         self.fd = fd
         self.found = Scan(path, os.fstat(fd).st_size)
         self.room = room_of(self.found.size)
+        self.budget = MemoryBudget(path)
         self.header_end = len(MAGIC)
         self.data_ended = False
 
@@ -170,6 +174,8 @@ class _Scanner:
         return end, False
 
     def _take(self, opcode: int, position: int, length: int) -> bool:
+        ratio = _DATA_MEMORY if opcode in (Opcode.ATTACHMENT, Opcode.SCHEMA) else _TEXT_MEMORY
+        self.budget.claim(ratio * length, "what stands beside its messages")
         content = pread(self.fd, length, position + _HEAD.size)
         found = self.found
         record = _parse(opcode, content)
@@ -255,8 +261,9 @@ class _Scanner:
 
     def _next_chunk(self, start: int) -> int | None:
         """The next place from `start` that begins a consistent chunk header whose data fits the file."""
-        for base in range(start, self.found.size, _WINDOW):
-            window = pread(self.fd, _WINDOW + 64, base)
+        base, size = start, _LEAST_WINDOW
+        while base < self.found.size:
+            window = pread(self.fd, size + 64, base)
             for match in _CHUNK_SIGN.finditer(window):
                 place = _chunk_place(window[match.start() : match.start() + 64], base + match.start())
                 length = int.from_bytes(window[match.start() + 1 : match.start() + 9], "little")
@@ -264,9 +271,10 @@ class _Scanner:
                     place is not None
                     and place.length == _HEAD.size + length
                     and place.offset + place.length <= self.found.size
-                    and match.start() < _WINDOW
+                    and match.start() < size
                 ):
                     return place.offset
+            base, size = base + size, min(2 * size, _WINDOW)
         return None
 
 

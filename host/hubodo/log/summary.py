@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_body import Messages
+from hubodo.log.claims import MemoryBudget
 from hubodo.log.decode import Decoder, column_names, message_type, stamps
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import open_log
-from hubodo.log.mcap import events_of
+from hubodo.log.mcap import EVENT_MEMORY, events_of
 from hubodo.log.own_messages import own_text
 from hubodo.log.roles import BY_TYPE, RoleTopic, TopicChoice, assign
 from hubodo.log.source import Source, Stream, is_ours
@@ -193,15 +194,16 @@ class _Found:
 
 def _collect(log: Source, progress: Progress | None) -> _Found:
     parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
-    found = _Found({}, set(), [], {}, Counter(), {})
+    found, budget = _Found({}, set(), [], {}, Counter(), {}), MemoryBudget(log.path)
     for messages in log.chunks():
         if progress:
             progress(f"reading {log.path.name}", log.progress)
-        channels, streams = messages.heads["channel"], log.streams
-        for id in np.unique(channels).tolist():
+        streams = log.streams
+        budget.claim(_TIME_BYTES * len(messages.heads), "the times of its messages")
+        for id, chosen in messages.by_channel():
             if id not in streams:
                 continue
-            stream, chosen = streams[id], np.flatnonzero(channels == id)
+            stream = streams[id]
             kind = message_type(stream.schema) if stream.encoding == "cdr" else ""
             heads = messages.heads[chosen]
             measured = heads["publish_time"].astype(np.int64)
@@ -211,11 +213,12 @@ def _collect(log: Source, progress: Progress | None) -> _Found:
                 found.stamped.add(id)
             parts.setdefault(id, []).append((heads["log_time"].astype(np.int64), measured))
             if stream.topic == topics.EVENTS:
+                budget.claim(EVENT_MEMORY * messages.size_of(chosen), "its events")
                 found.payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
             elif _of_filter(stream):
-                found.filters.setdefault(id, Decoder(ros2.COLUMNS)).feed(messages, chosen)
+                found.filters.setdefault(id, Decoder(ros2.COLUMNS, budget=budget)).feed(messages, chosen)
             elif kind == ros2.JOINT_STATE:
-                speeds = found.joints.setdefault(stream.topic, JointSpeeds())
+                speeds = found.joints.setdefault(stream.topic, JointSpeeds(budget))
                 speeds.feed(messages, chosen[: max(0, _JOINTS - speeds.count)])
             elif kind in _MEASURED:
                 found.unsound[stream.topic] += _unsound(kind, messages, chosen)
@@ -245,6 +248,8 @@ def _roles(source: Source, found: _Found, choice: TopicChoice) -> tuple[Mapping[
     return {**roles.nodes, **roles.files}, roles.notes
 
 
+_TIME_BYTES = 64
+"""Bytes of memory per message: two times of 8 bytes, their copies in order, and what sorts them."""
 _JOINTS = 100
 """So many messages tell the names of the joints."""
 _MEASURED: Mapping[str, tuple[str, ...]] = {
