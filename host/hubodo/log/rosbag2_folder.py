@@ -53,17 +53,21 @@ def _copy(log: Log, bag: Any, progress: Progress | None) -> dict[str, int]:
 
 
 def _link(log: Log, bag: Any, channel: int) -> Any:
-    """The topic of a channel in the bag; None for what is not of ROS 2."""
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    """Return the topic of a channel in the bag; None for what ROS 2 has no type for, or no complete one."""
+    from rosbags.rosbag2 import WriterError
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
     stream, found = log.streams[channel], log.found
     schema = found.schemas.get(found.channels[channel].schema_id)
     if stream.encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
         return None
     store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(schema.data.decode("utf-8", "replace"), schema.name))
     qos = [_latched()] if stream.topic == topics.TF_STATIC else []
-    return bag.add_connection(stream.topic, schema.name, typestore=store, offered_qos_profiles=qos)
+    try:
+        store.register(get_types_from_msg(schema.data.decode("utf-8", "replace"), schema.name))
+        return bag.add_connection(stream.topic, schema.name, typestore=store, offered_qos_profiles=qos)
+    except (TypesysError, WriterError, LookupError, ValueError, AttributeError, TypeError, RecursionError):
+        return None
 
 
 def _latched() -> Any:

@@ -72,5 +72,6 @@ def _rosbag2(args: argparse.Namespace, form: LogForm) -> Exported:
     with progress_line() as show, as_mcap(args.log, form) as file, open_log(file) as log:
         counts = write_rosbag2(log, args.output, progress=show)
         left_out = sorted({stream.topic for stream in log.streams.values()} - set(counts))
-        notes = (f"{args.log}: not of ROS 2, left out: {', '.join(left_out)}",) if left_out else ()
+        words = f"{args.log}: without a complete ROS 2 type, left out: {', '.join(left_out)}"
+        notes = (words,) if left_out else ()
         return Exported(str(args.output), counts, (*log.warnings(), *notes))
