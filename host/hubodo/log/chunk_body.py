@@ -14,6 +14,7 @@ import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from hubodo.log.claims import room_of
 from hubodo.log.descriptor import pread
 from hubodo.log.message_records import PREFIX
 
@@ -21,17 +22,8 @@ MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
 MEMORY_PER_BYTE = 4
 """Bytes of memory that a byte of a chunk takes while its messages are located: of the shortest, 3.5."""
-_ROOM, _RATIO = 1 << 26, 256
 _HEAD = struct.Struct("<BQ")
 _INDEX = struct.Struct("<BQHI")
-
-
-def room_of(size: int) -> int:
-    """Bytes that the chunks of a file of so many may hold together; damage and malice claim more.
-
-    Messages have heads that differ, so no recording gets smaller than its 256th part.
-    """
-    return _ROOM + _RATIO * size
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
+from io import FileIO
 from pathlib import Path
-from typing import IO, BinaryIO
+from typing import IO
 
 from hubodo.errors import InputError
 
@@ -65,7 +66,7 @@ class MemoryBudget:
         self,
         path: Path,
         limit: int | None = None,
-        limit_name: str = "the memory limit",
+        limit_name: str = "of memory, the limit",
         remedy: str = "raise it with --max-memory if the file is genuine",
     ) -> None:
         self.path = path
@@ -82,7 +83,7 @@ class MemoryBudget:
         self.claimed += n_bytes
         if self.claimed > self.limit:
             raise InputError(
-                f"{self.path}: {what} takes {_megabytes(self.claimed)}, {self.limit_name} is "
+                f"{self.path}: {what} needs {_megabytes(self.claimed)} {self.limit_name} is "
                 f"{_megabytes(self.limit)}; {self.remedy}"
             )
 
@@ -93,7 +94,15 @@ class MemoryBudget:
 
 def file_budget(path: Path, n_bytes: int) -> MemoryBudget:
     """Return a budget of the bytes that a file of its size can hold, whatever the memory limit."""
-    return MemoryBudget(path, n_bytes, "the most for a file of its size", "copy or record it again")
+    return MemoryBudget(path, n_bytes, "of room, the most for a file of its size", "copy or record it again")
+
+
+def room_of(size: int, least: int = 1 << 26) -> int:
+    """Return the bytes that compressed data of a file of this size can hold; damage and malice claim more.
+
+    Messages have heads and rows have times that differ, so no recording gets smaller than its 256th part.
+    """
+    return least + 256 * size
 
 
 def check_claim(n_bytes: int, path: Path, what: str) -> None:
@@ -111,7 +120,7 @@ def read_within_limit(stream: IO[bytes], path: Path, what: str, budget: MemoryBu
     return b"".join(parts)
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular(path: Path) -> FileIO:
     """Open a regular file for reading, unbuffered.
 
     A FIFO, a socket or a device is refused: opening a FIFO would wait for a writer, reading a device may

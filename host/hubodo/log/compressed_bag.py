@@ -10,8 +10,15 @@ from pathlib import Path
 import zstandard
 
 from hubodo.errors import InputError
-from hubodo.log.chunk_body import room_of
-from hubodo.log.claims import MemoryBudget, check_claim, check_regular, file_budget, limit_bytes, open_regular
+from hubodo.log.claims import (
+    MemoryBudget,
+    check_claim,
+    check_regular,
+    file_budget,
+    limit_bytes,
+    open_regular,
+    room_of,
+)
 
 Expander = Callable[[bytes], bytes]
 _LARGEST_METADATA = 16 << 20  # bytes

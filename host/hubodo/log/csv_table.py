@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import math
 import warnings
 import zlib
@@ -15,6 +16,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import IO
 
@@ -22,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.log.claims import MemoryBudget, file_budget, open_regular, room_of
 from hubodo.log.timebase import EXACT_S, ns_of_texts, text_of_ns
 from hubodo.recording import Table
 
@@ -38,6 +41,13 @@ UNREADABLE, MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
 T_LIMIT = 2.0**31
 """s; times beyond this fit no ROS time stamp, and are milliseconds or nanoseconds by mistake."""
 
+LONGEST_LINE = 1 << 20
+"""Bytes; nothing longer is a row of numbers."""
+MOST_COLUMNS = 1000
+_LONGEST_PREAMBLE = 10_000  # lines of comments above the header
+_LEAST_TEXT = 8 << 20  # bytes that a small gzipped file may hold
+_ROW_COPIES = 3  # of the numbers in memory: as blocks, as one array, as columns
+_SHOWN = 80  # letters of a cell or a header in an error
 _BLOCK = 1 << 22
 _CLEAN = b"0123456789+-.eE,\n"
 _COMMA, _NEWLINE = 44, 10
@@ -58,11 +68,14 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
     unless `repair` drops such rows: wrong number of columns, no number, NaN, infinity, time not increasing.
     """
     try:
-        with _open(path) as stream:
+        with open_regular(path) as file, _expanded(path, file) as stream:
             header, line, blocks = _split(path, stream)
             names = _names(path, header, line, required)
             reader = _Reader(path, names, repair)
+            budget, room = MemoryBudget(path), file_budget(path, _room(path))
             for block in blocks:
+                room.claim(len(block), "its text")
+                budget.claim(_ROW_COPIES * 8 * len(names) * block.count(b"\n"), "the table")
                 reader.feed(block, line + 1)
                 line += block.count(b"\n")
             return reader.result()
@@ -155,7 +168,11 @@ class _Reader:
         except csv.Error as error:
             return [], UNREADABLE, _csv_fault(error)
         if len(cells) != len(self.names):
-            return [], MISSING, f"{len(cells)} instead of {len(self.names)} ({', '.join(self.names)})"
+            return (
+                [],
+                MISSING,
+                f"{len(cells)} instead of {len(self.names)} ({', '.join(self.names)[:_SHOWN]})",
+            )
         row = []
         for name, cell in zip(self.names, cells, strict=True):
             try:
@@ -164,9 +181,9 @@ class _Reader:
             except ValueError:
                 value = None
             if value is None:
-                return [], NOT_A_NUMBER, f"{name} is {cell.strip()!r}"
+                return [], NOT_A_NUMBER, f"{name} is {_shown(cell)}"
             if not math.isfinite(value):
-                return [], NOT_FINITE, f"{name} is {cell.strip()!r}"
+                return [], NOT_FINITE, f"{name} is {_shown(cell)}"
             row.append(value)
         t = row[self.t_column]
         if abs(t) >= T_LIMIT:
@@ -234,23 +251,36 @@ def _longest_increasing(t: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.array(keep[::-1], np.intp)
 
 
-def _open(path: Path) -> IO[bytes]:
-    return gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")  # type: ignore[return-value]
+def _expanded(path: Path, file: io.FileIO) -> IO[bytes]:
+    if path.suffix == ".gz":
+        return gzip.GzipFile(fileobj=file)  # type: ignore[return-value]
+    return io.BufferedReader(file)
+
+
+def _room(path: Path) -> int:
+    """Return the bytes of text that a file can hold."""
+    size = path.stat().st_size
+    return room_of(size, _LEAST_TEXT) if path.suffix == ".gz" else size + 1
 
 
 def _split(path: Path, stream: IO[bytes]) -> tuple[str, int, Iterator[bytes]]:
     """The header, its line number, and the rest in blocks of whole lines."""
-    for number, raw in enumerate(stream, 1):
+    for number in count(1):
+        raw = stream.readline(LONGEST_LINE + 1)
+        if not raw:
+            break
+        if len(raw) > LONGEST_LINE or number > _LONGEST_PREAMBLE:
+            raise InputError(f"{path}: row {number}: no header of a table in CSV; give a file with one")
         try:
             text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError:
             raise InputError(f"{path}: row {number}: is not UTF-8 text; convert the file") from None
         if text and not text.startswith("#"):
-            return text, number, _blocks(stream)
+            return text, number, _blocks(path, stream)
     raise InputError(f"{path}: is empty; give it a header row and data, or remove it")
 
 
-def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
+def _blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
     rest = b""
     while data := stream.read(_BLOCK):
         whole, newline, rest_of = data.rpartition(b"\n")
@@ -259,6 +289,8 @@ def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
             rest = rest_of
         else:
             rest += data
+        if len(rest) > LONGEST_LINE:
+            raise InputError(f"{path}: a row is longer than {LONGEST_LINE} bytes; correct it")
     if rest:
         yield rest + b"\n"
 
@@ -268,16 +300,24 @@ def _names(path: Path, header: str, line: int, required: Sequence[str]) -> tuple
         names = tuple(name.strip() for name in next(csv.reader([header])))
     except csv.Error as error:
         raise InputError(f"{path}: row {line}: {_csv_fault(error)}; save it again as CSV") from None
+    if len(names) > MOST_COLUMNS:
+        raise InputError(f"{path}: row {line}: {len(names)} columns, {MOST_COLUMNS} at most; split the file")
     missing = [name for name in required if name not in names]
     if missing:
         raise InputError(
             f"{path}: row {line}: no column {', '.join(missing)} in the header {header[:80]!r}; "
             f"the columns must include {','.join(required)}"
         )
-    for name in names:
-        if names.count(name) > 1:
+    for name, times in Counter(names).items():
+        if times > 1:
             raise InputError(f"{path}: row {line}: column {name!r} stands twice in the header; rename one")
     return names
+
+
+def _shown(cell: str) -> str:
+    """Return a cell in quotes, shortened where it is long."""
+    cell = cell.strip()
+    return repr(cell) if len(cell) <= _SHOWN else f"{cell[:_SHOWN]!r}... ({len(cell)} letters)"
 
 
 def _csv_fault(error: csv.Error) -> str:

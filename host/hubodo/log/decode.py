@@ -183,7 +183,7 @@ class Decoder:
         form = self._form.dtype
         if self.budget is not None:
             numbers = sum(self._form.count_of(name) for name in self._fields)
-            self.budget.claim(len(heads) * (_ROW_BYTES + 3 * 8 * numbers), "its samples")
+            self.budget.claim(len(heads) * (_ROW_BYTES + 3 * 8 * numbers), "the array of its samples")
         values = {
             name: _gather(messages.data, starts, form, name).astype(np.float64, copy=False)
             for name in self._fields

@@ -41,7 +41,7 @@ class JointSpeeds:
                 self.undecodable += 1
                 continue
             if self.budget is not None:
-                self.budget.claim(_ROW_BYTES * len(names), "its joint states")
+                self.budget.claim(_ROW_BYTES * len(names), "the list of its joint states")
             if not speeds:
                 self.stays.update(names)
             for name, speed in zip(names, speeds, strict=False):

@@ -23,10 +23,9 @@ from hubodo.log.chunk_body import (
     announced,
     load,
     load_cut,
-    room_of,
     walk,
 )
-from hubodo.log.claims import MemoryBudget, check_claim
+from hubodo.log.claims import MemoryBudget, check_claim, room_of
 from hubodo.log.descriptor import open_to_read
 from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import DamagedSpan, Scan, scan
@@ -239,7 +238,7 @@ class Log:
         chosen = np.flatnonzero(keep)
         chosen = chosen[np.argsort(times[chosen], kind="stable")]
         cost = 2 * messages.data.nbytes + _ROW_MEMORY * len(chosen)
-        budget.claim(cost, "chunks that overlap in time")
+        budget.claim(cost, "reading chunks that overlap in time")
         heads, data = messages.heads[chosen], messages.data.tobytes()
         starts = messages.places[chosen] + PREFIX.itemsize
         ends = starts + heads["length"].astype(np.int64) - 22

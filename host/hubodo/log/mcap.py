@@ -106,7 +106,7 @@ class _Collected:
                 kind = message_type(stream.schema)
                 self.counts[id] += len(chosen)
                 if stream.topic == topics.EVENTS:
-                    self.budget.claim(EVENT_MEMORY * messages.size_of(chosen), "its events")
+                    self.budget.claim(EVENT_MEMORY * messages.size_of(chosen), "the list of its events")
                     payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
                 elif stream.encoding != "cdr":
                     continue

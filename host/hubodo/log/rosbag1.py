@@ -18,8 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from hubodo.log import ros2
-from hubodo.log.chunk_body import room_of
-from hubodo.log.claims import MemoryBudget, check_claim, file_budget, limit_bytes
+from hubodo.log.claims import MemoryBudget, check_claim, file_budget, limit_bytes, room_of
 
 READ_ERRORS = (
     *(ReaderError, SerdeError, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError),

@@ -22,8 +22,8 @@ from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metada
 
 from hubodo.errors import LogError
 from hubodo.log.checksums import attachment_holds, data_section_holds
-from hubodo.log.chunk_body import ChunkPlace, room_of
-from hubodo.log.claims import MemoryBudget, open_regular
+from hubodo.log.chunk_body import ChunkPlace
+from hubodo.log.claims import MemoryBudget, open_regular, room_of
 from hubodo.log.container import MAGIC
 from hubodo.log.descriptor import pread
 

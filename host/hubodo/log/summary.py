@@ -199,7 +199,7 @@ def _collect(log: Source, progress: Progress | None) -> _Found:
         if progress:
             progress(f"reading {log.path.name}", log.progress)
         streams = log.streams
-        budget.claim(_TIME_BYTES * len(messages.heads), "the times of its messages")
+        budget.claim(_TIME_BYTES * len(messages.heads), "the array of its times")
         for id, chosen in messages.by_channel():
             if id not in streams:
                 continue
@@ -213,7 +213,7 @@ def _collect(log: Source, progress: Progress | None) -> _Found:
                 found.stamped.add(id)
             parts.setdefault(id, []).append((heads["log_time"].astype(np.int64), measured))
             if stream.topic == topics.EVENTS:
-                budget.claim(EVENT_MEMORY * messages.size_of(chosen), "its events")
+                budget.claim(EVENT_MEMORY * messages.size_of(chosen), "the list of its events")
                 found.payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
             elif _of_filter(stream):
                 found.filters.setdefault(id, Decoder(ros2.COLUMNS, budget=budget)).feed(messages, chosen)

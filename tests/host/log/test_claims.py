@@ -29,7 +29,8 @@ def test_claims_of_one_file_add_up(tmp_path) -> None:
     budget = MemoryBudget(tmp_path / "x", limit=100)
     budget.claim(60, "the first part")
     with pytest.raises(
-        InputError, match=r"x: the second part takes 120 bytes, the memory limit is 100 bytes.*--max-memory"
+        InputError,
+        match=r"x: the second part needs 120 bytes of memory, the limit is 100 bytes.*--max-memory",
     ):
         budget.claim(60, "the second part")
     with pytest.raises(InputError, match="negative size"):
@@ -38,7 +39,7 @@ def test_claims_of_one_file_add_up(tmp_path) -> None:
 
 def test_a_compressed_stream_is_expanded_only_up_to_the_limit(tmp_path) -> None:
     bomb = gzip.GzipFile(fileobj=io.BytesIO(gzip.compress(bytes(20 << 20))))
-    with memory_limit(3 << 20), pytest.raises(InputError, match="its text takes 4 MB"):
+    with memory_limit(3 << 20), pytest.raises(InputError, match="its text needs 4 MB"):
         claims.read_within_limit(bomb, tmp_path / "x.gz", "its text")
     assert bomb.tell() <= 4 << 20
 

@@ -96,7 +96,7 @@ def test_messages_that_claim_more_bytes_than_the_file_has_are_refused(tmp_path, 
     monkeypatch.setattr("hubodo.log.sqlite_bag._stored_bytes", lambda file: 20_000)
     done = info(bag(tmp_path))
     assert done.code == 2
-    assert "the sum of its messages takes" in done.err
+    assert "the sum of its messages needs" in done.err
     assert "the most for a file of its size is 20000 bytes" in done.err
 
 
@@ -178,10 +178,10 @@ def test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled(tmp_path):
 
 def test_a_chunk_of_a_ros1_bag_expands_only_up_to_the_limit(tmp_path, monkeypatch):
     path = ros1_bag(tmp_path / "x.bag", 2000)
-    assert "its index takes" in info(path, "--max-memory", "0.1").err
+    assert "its index needs" in info(path, "--max-memory", "0.1").err
     # 24 kB of the index, 16 times that in memory, and 110 kB in the chunk.
     monkeypatch.setattr("hubodo.log.rosbag1._INDEX_ENTRY_RATIO", 1)
-    assert "a chunk takes" in info(path, "--max-memory", "0.1").err
+    assert "a chunk needs" in info(path, "--max-memory", "0.1").err
 
 
 def test_messages_that_do_not_fit_their_type_are_counted(tmp_path):

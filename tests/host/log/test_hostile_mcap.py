@@ -126,10 +126,10 @@ def test_a_channel_of_ever_new_layouts_is_decoded_up_to_a_bound(tmp_path, monkey
 def test_what_is_decoded_stays_within_the_memory_limit(tmp_path):
     rows = (("/imu", ros2.IMU, IMU[0]) for _ in range(20_000))
     path = write(tmp_path / "x.mcap", rows, chunk_size=1 << 20)
-    for limit, what in ((5, "its samples"), (2, "a chunk")):
+    for limit, what in ((5, "the array of its samples"), (2, "a chunk")):
         done = hubodo("export", path, "-o", tmp_path / "out", "--max-memory", limit)
         assert done.code == 2
-        assert f"{what} takes" in done.err and f"the memory limit is {limit} MB" in done.err
+        assert f"{what} needs" in done.err and f"the limit is {limit} MB" in done.err
     assert hubodo("export", path, "-o", tmp_path / "out", "--max-memory", 60).code == 0
 
 

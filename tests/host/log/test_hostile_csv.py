@@ -1,0 +1,74 @@
+"""CSV folders that no sensor wrote: bombs, endless rows, FIFOs, thousands of digits and columns."""
+
+import gzip
+import os
+from pathlib import Path
+
+import pytest
+
+from hubodo.log import csv_table
+from hubodo.log.csv_table import LONGEST_LINE, MOST_COLUMNS
+from in_process import hubodo
+
+HEAD = b"t,gx,gy,gz,ax,ay,az\n"
+ROWS = b"".join(b"%d,1,2,3,4,5,6\n" % i for i in range(2000))
+
+
+def refusal(folder: Path, *options: object) -> str:
+    done = hubodo("info", folder, *options)
+    assert (done.code, done.err.count("\n"), done.out) == (2, 1, ""), done.err
+    assert len(done.err) < 700
+    return done.err
+
+
+def log(folder: Path, data: bytes, *, packed: bool = False) -> Path:
+    made = folder / "log"
+    made.mkdir()
+    if packed:
+        (made / "left.csv.gz").write_bytes(gzip.compress(data))
+    else:
+        (made / "left.csv").write_bytes(data)
+    return made
+
+
+def test_rows_stay_within_the_memory_limit(tmp_path):
+    folder = log(tmp_path, HEAD + ROWS)
+    assert "left.csv: the table needs 336000 bytes of memory, the limit is 300000 bytes" in refusal(
+        folder, "--max-memory", 0.3
+    )
+    assert hubodo("export", folder, "-o", tmp_path / "out", "--max-memory", 0.4).code == 0
+
+
+def test_a_gzipped_file_expands_only_to_what_one_of_its_size_can_hold(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_table, "_LEAST_TEXT", 50_000)
+    bomb = HEAD + ROWS + b"# nothing\n" * 2_000_000
+    assert "MB of room, the most for a file of its size is" in refusal(log(tmp_path, bomb, packed=True))
+
+
+@pytest.mark.parametrize("where", ["header", "rows"])
+def test_a_line_without_an_end_is_not_collected(where, tmp_path):
+    data = (b"" if where == "header" else HEAD) + b"0" * (8 * LONGEST_LINE)
+    words = "no header" if where == "header" else f"a row is longer than {LONGEST_LINE} bytes"
+    assert words in refusal(log(tmp_path, data, packed=True))
+
+
+def test_a_file_of_comments_is_no_table(tmp_path):
+    assert "row 10001: no header" in refusal(log(tmp_path, b"#\n" * 20_000 + HEAD + ROWS))
+
+
+def test_a_cell_of_thousands_of_digits_is_named_shortly(tmp_path):
+    assert "row 2: NaN or infinity: gz is '99" in refusal(
+        log(tmp_path, HEAD + b"0,1,2,%s,4,5,6\n" % (b"9" * 5000))
+    )
+
+
+def test_columns_are_bounded_and_a_repeated_one_is_found_at_once(tmp_path):
+    names = HEAD[:-1] + b"".join(b",c%d" % i for i in range(100_000))
+    assert f"{MOST_COLUMNS} at most" in refusal(log(tmp_path, names + b"\n"))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")
+def test_a_fifo_in_a_folder_is_refused(tmp_path):
+    folder = log(tmp_path, HEAD + ROWS)
+    os.mkfifo(folder / "right.csv")
+    assert "right.csv: is not a regular file" in refusal(folder)
