@@ -13,11 +13,12 @@ from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
 from hubodo.log.claims import check_regular
 from hubodo.log.convert import write_recording
-from hubodo.log.csv_folder import Progress, read_folder
+from hubodo.log.csv_folder import Progress, read_files, read_folder
 from hubodo.log.foreign import LogForm, in_si, read_number_file
 from hubodo.log.logfile import open_log
 from hubodo.log.mcap import recording_of
 from hubodo.log.number_file import kind_of
+from hubodo.log.parquet_table import is_parquet
 from hubodo.log.sound_rows import believable_tables
 from hubodo.log.source import Source, is_ours
 from hubodo.recording import RESERVED, Recording
@@ -55,6 +56,8 @@ def _read(path: Path, form: LogForm, progress: Progress | None) -> Recording:
         raise InputError(f"{path}: has no topics; leave --topic out")
     if path.is_dir():
         return in_si(read_folder(path, progress=progress), form)
+    if is_parquet(path):
+        return in_si(read_files({path.name.split(".")[0]: path}, progress=progress), form)
     return read_number_file(path, kind_of(path), form)
 
 
@@ -100,7 +103,7 @@ def mcap_file(path: Path) -> Path | None:
     """
     check_regular(path)
     if not path.is_dir():
-        return path if kind_of(path) in ("mcap", "unknown") else None
+        return path if kind_of(path) in ("mcap", "unknown") and not is_parquet(path) else None
     if not is_bag(path):
         return None
     files = sorted(path.glob("*.mcap"))

@@ -1,31 +1,40 @@
-"""The CSV folder: a recording as files that any tool can read and write."""
+"""The CSV folder: a recording as files that any tool can read and write; Parquet files in their place."""
 
 from __future__ import annotations
 
-import importlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 from hubodo.errors import InputError
+from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
 from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
 from hubodo.whole_files import whole_folder
 
 Format = Literal["csv", "parquet"]
+SUFFIXES = (".csv", ".csv.gz", ".parquet")
 Progress = Callable[[str, float], None]
 """Called with what is being done and the fraction done so far."""
 
 
 def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None = None) -> Recording:
-    """Read a CSV folder. t_zero_ns is 0, or the whole seconds that lift a negative t to zero.
+    """Read a folder of CSV or Parquet files.
+
+    t_zero_ns is 0, or the whole seconds that lift a negative t to zero.
 
     Raises InputError (file, row, remedy) for each fault that README.md beside this file names; with `repair`
     faulty rows are dropped instead, and the account stands in `metadata["repaired"]` and in one event per
     file.
     """
-    files = _files(folder)
+    return read_files(_files(folder), repair=repair, progress=progress)
+
+
+def read_files(
+    files: Mapping[str, Path], *, repair: bool = False, progress: Progress | None = None
+) -> Recording:
+    """Read the files of a recording, given by name, as `read_folder` does."""
     tables: dict[str, Table] = {}
     dropped: dict[str, dict[str, int]] = {}
     for number, (name, path) in enumerate(files.items()):
@@ -58,7 +67,9 @@ def write_folder(
     Raises InputError when the folder has anything in it, when there is no table, or when parquet is asked for
     and pyarrow is not installed. A failure leaves nothing behind.
     """
-    write = _parquet_writer() if form == "parquet" else write_table
+    if form == "parquet":
+        parquet_table.require_pyarrow()
+    write = parquet_table.write_table if form == "parquet" else write_table
     files = recording.files()
     if not files:
         raise InputError(
@@ -78,13 +89,14 @@ def write_folder(
 
 
 def _files(folder: Path) -> dict[str, Path]:
-    """CSV files by name, nodes in alphabetical order first."""
+    """Return CSV and Parquet files by name, nodes in alphabetical order first."""
     if not folder.is_dir():
         raise InputError(f"{folder}: is not a folder; give the folder that holds the CSV files")
     found: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
-        name = path.name.removesuffix(".gz").removesuffix(".csv")
-        if path.name not in (f"{name}.csv", f"{name}.csv.gz") or not name:
+        suffix = next((it for it in SUFFIXES if path.name.endswith(it)), None)
+        name = path.name.removesuffix(suffix or "")
+        if suffix is None or not name:
             continue
         if name in found:
             raise InputError(f"{folder}: holds both {found[name].name} and {path.name}; remove one of them")
@@ -98,7 +110,8 @@ def _files(folder: Path) -> dict[str, Path]:
 
 
 def _read(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:
-    parsed = read_table(path, required, repair=repair)
+    read = parquet_table.read_table if path.suffix == ".parquet" else read_table
+    parsed = read(path, required, repair=repair)
     if is_node and not len(parsed.table):
         lost = sum(parsed.dropped.values())
         raise InputError(
@@ -115,18 +128,3 @@ def _account(name: str, kinds: dict[str, int]) -> str:
 
 def _kinds(kinds: Any) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-
-
-def _parquet_writer() -> Callable[[Path, Table], None]:
-    try:
-        arrow = importlib.import_module("pyarrow")
-        parquet = importlib.import_module("pyarrow.parquet")
-    except ImportError:
-        raise InputError(
-            "--format parquet needs pyarrow, which is missing; pip install 'hubodo[parquet]', or use csv"
-        ) from None
-
-    def write(path: Path, table: Table) -> None:
-        parquet.write_table(arrow.table({name: table[name] for name in table}), path)
-
-    return write

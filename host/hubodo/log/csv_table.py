@@ -197,7 +197,7 @@ class _Reader:
             exact = None
         t = rows[:, self.t_column]
         if len(t) > 1 and not bool((np.diff(t) > 0).all()):
-            keep = _longest_increasing(t)
+            keep = longest_increasing(t)
             self.dropped[NOT_INCREASING] += len(t) - len(keep)
             rows = rows[keep]
             exact = None if exact is None else exact[keep]
@@ -229,7 +229,7 @@ def _parse_clean(block: bytes, count: int) -> NDArray[np.float64] | None:
     return numbers.reshape(-1, count) if len(numbers) == len(separators) else None
 
 
-def _longest_increasing(t: NDArray[np.float64]) -> NDArray[np.intp]:
+def longest_increasing(t: NDArray[np.float64]) -> NDArray[np.intp]:
     """Rows of a longest strictly increasing sequence: a wild time stamp costs one row, not all after it."""
     tails: list[float] = []
     tail_rows: list[int] = []
