@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.number_file import Kind, Numbers, read_numbers
+from hubodo.log.number_file import Kind, Numbers, list_names, read_numbers
 from hubodo.log.roles import BY_TYPE, TopicChoice
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL, Recording, Table
@@ -63,7 +63,7 @@ def read_number_file(path: Path, kind: Kind, form: LogForm) -> Recording:
     for name in CHANNELS:
         columns.setdefault(name, np.full(len(columns["t"]), np.nan))
     left_out = [label for label, name in zip(numbers.names, names, strict=False) if name not in _KNOWN]
-    warnings = (f"{path}: left out: {', '.join(left_out)}",) if left_out else ()
+    warnings = (f"{path}: left out: {list_names(left_out)}",) if left_out else ()
     return Recording({path.name.split(".")[0]: Table(columns)}, warnings=warnings)
 
 
@@ -101,7 +101,7 @@ def _names(path: Path, numbers: Numbers, form: LogForm) -> tuple[str, ...]:
         return last
     if width == 1:
         return (form.channel,)
-    named = f" ({', '.join(numbers.names)})" if numbers.names else ""
+    named = f" ({list_names(numbers.names)})" if numbers.names else ""
     raise InputError(
         f"{path}: has {width} columns{named}; say with --columns what each is, as in "
         "--columns t,gx,gy,gz,ax,ay,az; - leaves one out"

@@ -1,0 +1,112 @@
+"""Arrays in .npy and .npz files, read only after their headers have been compared with the memory limit."""
+
+from __future__ import annotations
+
+import io
+import math
+import os
+import zipfile
+import zlib
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, cast
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from hubodo.errors import InputError
+from hubodo.log.claims import MemoryBudget, open_regular
+from hubodo.log.tables_of_arrays import as_rows, is_table, shape_only
+
+FloatArray = NDArray[np.float64]
+
+_ZIP = b"PK\x03\x04"
+_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Those that numpy writes; the others may demand gigabytes to begin with."""
+_BAD_HEADER = (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError)
+"""What numpy raises where the header is no literal of Python."""
+_BAD_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
+
+
+def read_numpy(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, FloatArray], dict[str, str]]:
+    """Read the arrays of numbers in a .npy or .npz file by name; wanted: which, () for all.
+
+    Raises InputError: damaged, Python objects, more than the memory limit. OSError.
+    """
+    with open_regular(path) as file:
+        stream = io.BufferedReader(cast(io.RawIOBase, file))
+        budget = MemoryBudget(path)
+        if stream.peek(4)[:4] == _ZIP:
+            return _npz(path, stream, wanted, budget), {}
+        remaining = os.fstat(file.fileno()).st_size
+        array = _npy(path, path.stem, stream, budget, remaining)
+        return ({} if array is None else {path.stem: array}), {}
+
+
+def _npz(
+    path: Path, stream: IO[bytes], wanted: tuple[str, ...], budget: MemoryBudget
+) -> dict[str, FloatArray]:
+    arrays: dict[str, FloatArray] = {}
+    try:
+        with zipfile.ZipFile(stream) as archive:
+            entries = archive.infolist()
+            names = {entry.filename for entry in entries}
+            if len(names) < len(entries):
+                raise InputError(f"{path}: holds two arrays of one name; save it again with numpy.savez")
+            for entry in entries:
+                name = entry.filename.removesuffix(".npy")
+                if name == entry.filename:
+                    continue
+                if entry.compress_type not in _COMPRESSIONS:
+                    raise InputError(f"{path}: {name} is compressed as numpy does not; save it again")
+                with archive.open(entry) as member:
+                    array = _npy(path, name, member, budget, None, keep=not wanted or name in wanted)
+                if array is not None:
+                    arrays[name] = array
+    except _BAD_ZIP as error:
+        raise InputError(f"{path}: a damaged .npz file ({error}); save it again") from None
+    return arrays
+
+
+def _npy(
+    path: Path,
+    name: str,
+    stream: IO[bytes],
+    budget: MemoryBudget,
+    file_bytes: int | None,
+    *,
+    keep: bool = True,
+) -> FloatArray | None:
+    """Read one array; None where it is no table of numbers.
+
+    file_bytes: size of the file, None where it is compressed. keep: without it only the shape is read.
+    """
+    try:
+        version = npy.read_magic(stream)
+        read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
+        shape, is_fortran, dtype = read_header(stream)
+    except KeyError:
+        return None  # version 3 is for names of fields, which numbers do not have
+    except _BAD_HEADER as error:
+        reason = str(error).partition(":")[0][:80] or type(error).__name__
+        raise InputError(f"{path}: the header of {name[:80]} is damaged ({reason}); save it again") from None
+    if dtype.hasobject:
+        raise InputError(f"{path}: {name} holds Python objects, which are not read; save plain arrays")
+    if not is_table(dtype, shape):
+        return None
+    count = math.prod(shape)
+    if not keep:
+        return shape_only(shape)
+    budget.claim(count * (dtype.itemsize + 8), f"the array {name}")
+    n_bytes = count * dtype.itemsize
+    if file_bytes is not None and n_bytes > file_bytes - stream.tell():
+        raise InputError(
+            f"{path}: its header claims {count} numbers, which need {n_bytes} bytes, but "
+            f"{file_bytes - stream.tell()} bytes follow; save it again"
+        )
+    data = stream.read(n_bytes)
+    if len(data) < n_bytes:
+        raise InputError(f"{path}: {name} claims {count} numbers, its data end earlier; save it again")
+    values = np.frombuffer(data, dtype).reshape(shape, order="F" if is_fortran else "C")
+    return as_rows(values.astype(np.float64))
