@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import errno
 import io
-import json
 import os
 import stat
 import sys
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
 from hubodo.log.claims import memory_limit
+from hubodo.safe_text import json_text, printable
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.parser import EXIT_REFUSED, Parser
 from hubodo.version import __version__
@@ -82,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
     # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _write_what_can_be_written()
+    _prepare_standard_streams()
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
         from hubodo.verbs.completers import complete, typed_words
 
@@ -123,8 +123,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(args, text, EXIT_FAILED)
 
 
-def _write_what_can_be_written() -> None:
-    """A terminal or a pipe of another alphabet gets `?` for what it lacks, instead of an error.
+def _prepare_standard_streams() -> None:
+    """Escape characters that the encoding of a terminal or a pipe lacks, instead of an error.
 
     A standard stream that was closed is opened on nothing, so that no log gets its descriptor.
     """
@@ -136,7 +136,7 @@ def _write_what_can_be_written() -> None:
     sys.stderr = sys.stderr or Path(os.devnull).open("w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _show_unless_closed(result: Result, *, as_json: bool) -> None:
@@ -153,19 +153,19 @@ def _show_unless_closed(result: Result, *, as_json: bool) -> None:
 
 def _show(result: Result, *, as_json: bool) -> None:
     if as_json:
-        print(json.dumps(result.as_json(), allow_nan=False))
+        print(json_text(result.as_json()))
     else:
-        from rich.console import Console  # a tenth of a second that only a table needs
+        from hubodo.terminal import SafeConsole  # a tenth of a second that only a table needs
 
         # Piped output has no width of its own; 80 columns would cut the tables.
-        result.render(Console() if sys.stdout.isatty() else Console(width=160))
+        result.render(SafeConsole() if sys.stdout.isatty() else SafeConsole(width=160))
     sys.stdout.flush()
 
 
 def _fail(args: argparse.Namespace, text: str, code: int) -> int:
     if args.debug:
         traceback.print_exc()
-    line = " ".join(text.split())
+    line = printable(" ".join(text.split()))
     if getattr(args, "log_format", None) == "json":
         from hubodo.ingest.live.view import json_line
 

@@ -1,11 +1,16 @@
 """The error tree of hubodo: text says what, where and what to do, in one line."""
 
+from hubodo.safe_text import printable
+
+_LONGEST = 2000  # characters; a value of a file that is quoted may be longer than any reader wants
+
 
 class HubodoError(Exception):
     """Root of all errors that hubodo raises on purpose; str() is one line for the user."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        line = " ".join(printable(message).split())
+        super().__init__(line if len(line) <= _LONGEST else f"{line[:_LONGEST]}...")
 
 
 class WireMismatch(HubodoError):

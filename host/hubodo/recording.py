@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.html_table import html_table
+from hubodo.safe_text import printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -136,6 +137,11 @@ class Event:
     source: str
     text: str
     data: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # People type marks, and other programs write logs: neither may steer a terminal or stop a writer.
+        for name in ("kind", "source", "text"):
+            object.__setattr__(self, name, printable(getattr(self, name)))
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ def whole_folder(folder: Path) -> Iterator[Path]:
 def write_whole(path: Path, text: str) -> None:
     """Write a text as UTF-8; an existing file is replaced. Raises as `whole_files` does."""
     with whole_files(path) as (part,):
-        part.write_text(text, "utf-8")
+        part.write_text(text, "utf-8", "backslashreplace")
 
 
 def _remove(part: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import shutil
 import subprocess
@@ -28,6 +27,7 @@ from hubodo.emulator.chips.sampling import Truth
 from hubodo.emulator.interpreters.interpreter import require
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
+from hubodo.safe_text import json_text
 
 _PROCESS = (sys.executable, "-m", "hubodo.emulator.board.process")
 FIRMWARE_SUFFIXES = (".py", ".mpy", ".json")
@@ -61,7 +61,7 @@ def fill_flash(flash: Flash, folder: Path) -> None:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(source, target)
     if flash.config is not None:
-        (folder / "config.json").write_text(json.dumps(dict(flash.config)))
+        (folder / "config.json").write_text(json_text(flash.config))
 
 
 def _check(board: BoardSettings, clock: Clock, host: Host) -> None:

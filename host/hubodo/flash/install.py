@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from hubodo.flash.manifest import with_manifest
 from hubodo.flash.node_settings import FROM_CALIBRATION
 from hubodo.flash.order import CONFIG, Order
 from hubodo.flash.prompt import BoardGone, FlashError
+from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
 from hubowire.messages import Hello
 
@@ -126,7 +126,7 @@ def _install(
         image = with_manifest(build(folder, look.architecture))
         files = len(image) + wanted.changes
         if wanted.changes:
-            image[CONFIG] = json.dumps(config).encode()
+            image[CONFIG] = json_text(config).encode()
         copied = board.copy(image, lambda name: say(f"{port}: copying {name}"))
         say(f"{port}: starting")
         board.reset()

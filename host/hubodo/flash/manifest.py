@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from hubodo.flash.image import digests
 from hubodo.flash.slots import CONFIG, MAIN
+from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
 
 MANIFEST = "files.json"
@@ -24,7 +25,7 @@ class Manifest:
 def with_manifest(image: Mapping[str, bytes]) -> dict[str, bytes]:
     """The image with the list of what goes into its slot; last, so that it is sent when all else is there."""
     files = {name: digest for name, digest in digests(dict(image)).items() if name not in (MAIN, CONFIG)}
-    text = json.dumps({"fingerprint": f"{FINGERPRINT:08x}", "files": files}, separators=(",", ":"))
+    text = json_text({"fingerprint": f"{FINGERPRINT:08x}", "files": files}, compact=True)
     return {**image, MANIFEST: text.encode()}
 
 

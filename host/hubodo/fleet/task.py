@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import tempfile
 import time
 from collections.abc import Callable, Mapping
@@ -19,6 +18,7 @@ from hubodo.fleet.identity import identity
 from hubodo.fleet.listing import LogPlace
 from hubodo.fleet.place import opened
 from hubodo.fleet.quantities import quantities
+from hubodo.safe_text import json_text
 from hubodo.version import __version__
 
 DONE, REFUSED, FAILED, KNOWN = "done", "refused", "failed", "known"
@@ -46,7 +46,7 @@ class Analysis:
         """Hash of verb, version, options and the files they name."""
         known = {path: hashlib.sha256(data).hexdigest() for path, data in self.files.items()}
         said = {name: _hashed(value, known) for name, value in self.options.items()}
-        return _digest(self.verb, self.version, json.dumps(said, sort_keys=True, default=str))
+        return _digest(self.verb, self.version, json_text(said, sort=True))
 
     def key(self, log_hash: str) -> str:
         """Of the result for a log of this content."""
@@ -108,7 +108,7 @@ def _examined(
         result |= {"output": folder} if "output" in result else {}
         row["files"] = folder
     row["quantities"] = [item.__dict__ for item in quantities(analysis.verb, result)]
-    return row | {"status": DONE, "result": json.dumps(result, allow_nan=False)}
+    return row | {"status": DONE, "result": json_text(result)}
 
 
 def _fetched(place: LogPlace, scratch: Path) -> Path:

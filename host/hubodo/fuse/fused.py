@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -17,6 +16,7 @@ from hubodo.fuse.wheels import Method, wheel_odometry
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
+from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
 from hubodo.whole_files import whole_files
 
@@ -149,7 +149,7 @@ def write_fused(fused: Fused, folder: Path) -> None:
     """Both files, whole, in a folder that is made where it is missing."""
     with whole_files(*(folder / name for name in FILES), make_folder=True) as (track, told):
         write_table(track, track_table(fused.track))
-        text = json.dumps(fused.as_json(str(folder)), indent=2, allow_nan=False)
+        text = json_text(fused.as_json(str(folder)), indent=2)
         told.write_text(text + "\n", "utf-8")
 
 

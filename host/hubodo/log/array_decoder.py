@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.log.tables_of_arrays import is_table
+from hubodo.safe_text import json_text
 
 Found = tuple[str, tuple[int, ...], str | None, Callable[[], NDArray[Any]]]
 """Name of an array, its shape, its unit, and what reads it."""
@@ -36,7 +37,7 @@ def main() -> None:
             sent = not wanted or name in wanted
             values = np.ascontiguousarray(read(), np.float64) if sent else None
             head = {"name": name, "shape": shape, "unit": unit, "sent": sent}
-            out.write(json.dumps(head).encode() + b"\n")
+            out.write(json_text(head).encode() + b"\n")
             if values is not None:
                 out.write(values.data)
     except MemoryError:
@@ -50,7 +51,7 @@ def main() -> None:
 
 
 def _fail(out: Any, text: str) -> None:
-    out.write(json.dumps({"error": text}).encode() + b"\n")
+    out.write(json_text({"error": text}).encode() + b"\n")
 
 
 def import_libraries(kind: str) -> None:

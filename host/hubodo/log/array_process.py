@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from hubodo.errors import InputError
 from hubodo.log.claims import MemoryBudget, limit_bytes, open_regular
 from hubodo.log.tables_of_arrays import as_rows, shape_only
+from hubodo.safe_text import json_text
 
 _CPU_BASE = 15  # s of processor time for any file
 _CPU_PER_BYTE = 1 / 3e6  # s; gzip in HDF5 is unpacked at some 100 MB/s, this allows for slow computers
@@ -48,7 +49,7 @@ def read_isolated(
         "cpu": int(_CPU_BASE + _CPU_PER_BYTE * size),
     }
     # -P: a module of the folder in which hubodo was started must not replace one that is meant.
-    command = [sys.executable, "-P", "-m", "hubodo.log.array_decoder", json.dumps(order)]
+    command = [sys.executable, "-P", "-m", "hubodo.log.array_decoder", json_text(order)]
     with tempfile.TemporaryFile() as errors:
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors)
         assert process.stdout is not None

@@ -10,7 +10,6 @@ i in every channel that carries a part of it: so rows meet.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +26,7 @@ from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import NS, survives, to_ns
 from hubodo.log.writer import McapLog
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
+from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
 from hubodo.whole_files import free_path, whole_new_file
 
@@ -76,7 +76,7 @@ def write_recording(
             beside, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
         ) as log,
     ):
-        files = {name: json.dumps(list(table)) for name, table in recording.files().items()}
+        files = {name: json_text(list(table)) for name, table in recording.files().items()}
         log.add_metadata(topics.CSV_FILES, files)
         for event in recording.events:
             log.event(event)

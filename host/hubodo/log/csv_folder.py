@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -11,6 +10,7 @@ from hubodo.errors import InputError
 from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
 from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.safe_text import json_text
 from hubodo.whole_files import whole_folder
 
 Format = Literal["csv", "parquet"]
@@ -54,7 +54,7 @@ def read_files(
     )
     metadata = {"source": "csv folder"}
     if repair:
-        metadata["repaired"] = json.dumps(dropped)
+        metadata["repaired"] = json_text(dropped)
     special: dict[str, Any] = {name: table for name, table in tables.items() if name in RESERVED}
     return Recording(nodes, events=events, metadata=metadata, t_zero_ns=t_zero_ns, **special)
 

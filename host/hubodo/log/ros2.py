@@ -8,7 +8,6 @@ of constant length every message has one size, so numpy packs and unpacks whole 
 from __future__ import annotations
 
 import functools
-import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -16,6 +15,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+
+from hubodo.safe_text import json_text
 
 IMU = "sensor_msgs/msg/Imu"
 MAGNETIC_FIELD = "sensor_msgs/msg/MagneticField"
@@ -316,7 +317,7 @@ def columns(names: Sequence[str]) -> CdrLayout:
 
     So a row tells what it is wherever it goes; other programs' copies keep no metadata of a channel.
     """
-    label, count = json.dumps(list(names)).encode(), len(names)
+    label, count = json_text(list(names)).encode(), len(names)
     made = layout(COLUMNS, {"layout.dim[0].label": label}, {"layout.dim": 1, "data": count})
     made.template["layout.dim[0].size"] = count
     made.template["layout.dim[0].stride"] = count

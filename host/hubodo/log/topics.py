@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from hubodo.safe_text import json_text
 
 OWN = "/hubodo/"
 EVENTS = "/hubodo/events"
@@ -23,7 +23,7 @@ CSV_FILES = "hubodo.csv"
 T_ZERO = "t_zero_ns"
 """Key in the main metadata record: host time of t = 0, ns."""
 
-EVENT_JSON_SCHEMA = json.dumps(
+EVENT_JSON_SCHEMA = json_text(
     {
         "title": "hubodo/Event",
         "type": "object",

@@ -5,7 +5,6 @@ Times are (n,) ns or one int: `t_pub_ns` when it was measured, on the host's clo
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 
 import numpy as np
@@ -19,6 +18,7 @@ from hubodo.log.own_messages import bytes_message, string_message
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.log.timebase import NS
 from hubodo.recording import Event
+from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
 
 
@@ -196,7 +196,7 @@ class McapLog(ChunkLog):
     ) -> None:
         stream = self._streams.get(topic)
         if stream is None:
-            metadata = {"columns": json.dumps(list(table))}
+            metadata = {"columns": json_text(list(table))}
             channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
             stream = self._streams[topic] = BatchStream(channel, ros2.columns(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
@@ -235,7 +235,7 @@ class McapLog(ChunkLog):
             "data": dict(event.data),
         }
         t_log_ns = event.t_ns if t_log_ns is None else t_log_ns
-        self.write(channel, t_log_ns, t_log_ns, string_message(json.dumps(body, allow_nan=False)))
+        self.write(channel, t_log_ns, t_log_ns, string_message(json_text(body)))
         self.flush()
 
     def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +12,7 @@ from hubodo.gap.tell.account import comments, verdict
 from hubodo.gap.tell.result import GapResult
 from hubodo.model.model_file import model_toml
 from hubodo.report.gap_page import gap_page
+from hubodo.safe_text import json_text
 from hubodo.whole_files import whole_files
 
 FILES = ("gap.json", "model.toml", "report.html")
@@ -53,7 +53,7 @@ def gap_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:
         f"# {verdict(result)}",
     ]
     written = "\n".join(head) + "\n\n" + model_toml(result.model, comments(result, log))
-    text = json.dumps(gap_json(result), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json_text(gap_json(result), indent=1, ascii_only=False)
     page = gap_page(result, log=log, model=model, written=written)
     return dict(zip(FILES, (text + "\n", written, page), strict=True))
 
@@ -62,4 +62,4 @@ def write_texts(folder: Path, contents: Mapping[str, str]) -> None:
     """All of them whole, or none; the folder is made where it is missing."""
     with whole_files(*(folder / name for name in contents), make_folder=True) as parts:
         for part, content in zip(parts, contents.values(), strict=True):
-            part.write_text(content, "utf-8")
+            part.write_text(content, "utf-8", "backslashreplace")

@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import json
 import math
 import os
 import time
@@ -35,6 +34,8 @@ from hubodo.log.mcap import read_recording
 from hubodo.log.summary import Summary, summarise
 from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
+from hubodo.safe_text import json_text
+from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.numbers import number, seed
 from hubodo.whole_files import write_whole
@@ -149,7 +150,7 @@ def run(args: argparse.Namespace) -> Demo:
     interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     out = _fresh(args.output)
     scenario = make_scenario(args.seed, args.moving)
-    note = Console(stderr=True)
+    note = SafeConsole(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
         task = progress.add_task("two virtual nodes drive", total=1.0)
@@ -209,7 +210,7 @@ def _warnings(summary: Summary) -> tuple[str, ...]:
 def _kept(demo: Demo, out: Path) -> str:
     """The result as it is kept: the same each time, so without the folder and how long it took."""
     kept = {key: value for key, value in demo.as_json().items() if key != "seconds"}
-    return json.dumps(kept, indent=2).replace(f"{out}{os.sep}", "") + "\n"
+    return json_text(kept, indent=2).replace(f"{out}{os.sep}", "") + "\n"
 
 
 def _fresh(folder: Path) -> Path:

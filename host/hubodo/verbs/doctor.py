@@ -10,6 +10,7 @@ from rich.table import Table
 
 from hubodo.flash.computer_checks import ComputerCheck, look_at
 from hubodo.flash.surroundings import Surroundings
+from hubodo.terminal import SafeConsole
 from hubodo.verbs.numbers import baud, number
 from hubowire.budget import CONSOLE_BAUD
 
@@ -95,11 +96,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Diagnosis | ComputerDiagnosis:
     if args.port is None:
-        with Console(stderr=True).status("looking at this computer"):
+        with SafeConsole(stderr=True).status("looking at this computer"):
             return ComputerDiagnosis(tuple(look_at(Surroundings())))
     from hubodo.flash.doctor import examine  # by way of termios, which Windows lacks
 
-    with Console(stderr=True).status(f"{args.port}: listening") as status:
+    with SafeConsole(stderr=True).status(f"{args.port}: listening") as status:
         return Diagnosis(
             examine(
                 args.port,

@@ -15,6 +15,7 @@ from hubodo.flash.image import firmware_folder
 from hubodo.flash.install import Flashed, RolledBack, install, roll_back
 from hubodo.flash.order import Order, node_id, settings_of
 from hubodo.ingest.link.keys import KeyRing
+from hubodo.terminal import SafeConsole
 from hubowire import node_name
 
 EXAMPLE = (
@@ -116,7 +117,7 @@ def run(args: argparse.Namespace) -> OneBoard | ManyBoards:
     many = args.all or len(args.ports) > 1 or fleet is not None
     order = _order(args, many)
     ports = found_ports() if args.all else args.ports
-    note = Console(stderr=True)
+    note = SafeConsole(stderr=True)
     with note.status("looking") as status:
 
         def do(port: str) -> Flashed | RolledBack:

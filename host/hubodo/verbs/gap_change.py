@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
+from hubodo.safe_text import json_text
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import log_form
 from hubodo.whole_files import whole_files
@@ -135,9 +135,9 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
         # The noise of both is that of the first: a sensor that has become noisy is not to hide in it.
         model = model or assumed_model(logs[0], vehicle, str(args.before))
         result = find_change(logs[0], logs[1], model, where=(str(args.before), str(args.after)), say=show)
-    text = json.dumps(result.as_json(), indent=1, ensure_ascii=False, allow_nan=False)
+    text = json_text(result.as_json(), indent=1, ascii_only=False)
     models = (model_toml(result.before), model_toml(result.after))
     with whole_files(*(args.output / name for name in CHANGE_FILES), make_folder=True) as parts:
         for part, content in zip(parts, (f"{text}\n", *models), strict=True):
-            part.write_text(content, "utf-8")
+            part.write_text(content, "utf-8", "backslashreplace")
     return ChangeReport(result, str(args.output))

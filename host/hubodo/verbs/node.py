@@ -17,6 +17,7 @@ from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
+from hubodo.terminal import SafeConsole
 from hubodo.verbs.numbers import baud, whole
 from hubodo.verbs.udp_options import add_udp_arguments
 from hubowire import node_name
@@ -148,7 +149,7 @@ def run(args: argparse.Namespace) -> NodeResult:
     wanted = _settings(args)
     port = trusted(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
     with Conversation(port, args.baud, args.node_id) as node:
-        with Console(stderr=True).status(f"{args.port}: waiting for the node") as status:
+        with SafeConsole(stderr=True).status(f"{args.port}: waiting for the node") as status:
             met = node.meet()
             if args.action == "set":
                 _set(node, wanted)

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
@@ -25,6 +24,7 @@ from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messag
 from hubodo.log import topics
 from hubodo.log.mcap import open_log, read_recording
 from hubodo.recording import Recording
+from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
 
 _REFRESH_S = 0.25
@@ -72,7 +72,7 @@ def show(
     if last < first:
         raise InputError(f"{args.named}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
     again = _Again(args)
-    console = Console(file=sys.stderr)
+    console = SafeConsole(file=sys.stderr)
     began, now, next_line = time.monotonic(), first, first
     with (
         Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections import deque
 from collections.abc import AsyncIterator
 from itertools import islice
 from typing import Any
 
+from hubodo.safe_text import json_text
 from hubodo.web.frames import Frame
 from hubodo.web.thin_path import ThinPath
 
@@ -79,7 +79,7 @@ class Hub:
         while self._incoming:
             frame = self._incoming.popleft()
             self._remember(frame)
-            self._frames.append(json.dumps(frame, separators=(",", ":"), allow_nan=False))
+            self._frames.append(json_text(frame, compact=True))
             self._count += 1
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
@@ -100,5 +100,5 @@ class Hub:
             "trails": {key: trail.points for key, trail in self._trails.items()},
             "events": list(self._events),
         }
-        head = json.dumps(past, separators=(",", ":"), allow_nan=False)
+        head = json_text(past, compact=True)
         return f'{{"hello":{head},"history":[{",".join(self._frames)}]}}'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fcntl
-import json
 import os
 import struct
 import subprocess
@@ -18,6 +17,7 @@ from typing import IO, Literal
 from hubodo.emulator.interpreters.find import find_micropython, find_node, find_rp2040js
 from hubodo.emulator.interpreters.rp2040.image import find_image
 from hubodo.errors import HubodoError
+from hubodo.safe_text import json_text
 
 Kind = Literal["micropython", "cpython", "rp2040"]
 
@@ -69,7 +69,7 @@ class Interpreter:
 
     def begin(self, settings: Mapping[str, object]) -> bool:
         """Tells it of its next board; False when it is gone."""
-        told = json.dumps(settings).encode()
+        told = json_text(settings).encode()
         try:
             os.write(self.responses, _LENGTH.pack(len(told)) + told)
         except BrokenPipeError:
@@ -140,7 +140,7 @@ def _start_process(
     theirs = (request_write, response_read, life_read)
     log = tempfile.TemporaryFile()  # noqa: SIM115  closed with the pipes
     process = subprocess.Popen(
-        [*command, json.dumps(dict(settings, pipes=(request_write, response_read)))],
+        [*command, json_text(dict(settings, pipes=(request_write, response_read)))],
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hubodo.ingest.live.snapshot import LinkNow, LogNow, NodeNow, OdometryNow, Snapshot
+from hubodo.safe_text import printable
 
 State = Literal["up", "silent", "down", "waiting", "no node", "foreign", "refused"]
 _COLOURS: dict[State, str] = {
@@ -116,7 +117,7 @@ def _below(seen: Snapshot) -> Table:
 
 
 def _log(log: LogNow, seconds: float) -> Text:
-    words = Text(f"{log.path}   {size_words(log.size)}")
+    words = Text(f"{printable(str(log.path))}   {size_words(log.size)}")
     if log.logs > 1:
         words.append(f"   log {log.logs}, {size_words(log.total)} in all")
     if log.disk_free is not None:

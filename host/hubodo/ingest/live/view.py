@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -17,6 +16,8 @@ from hubodo.ingest.live.patient_stream import standard_error
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.recording import Event
+from hubodo.safe_text import json_text
+from hubodo.terminal import SafeConsole
 
 S = 1_000_000_000
 _LINE_NS = 10 * S
@@ -47,7 +48,7 @@ class View(Protocol):
 
 def make_view(config: RecordConfig, now_ns: Callable[[], int], console: Console | None = None) -> View:
     """Return a live table on a terminal, lines elsewhere; now_ns: host time; console: None, stderr."""
-    console = console or Console(file=standard_error())
+    console = console or SafeConsole(file=standard_error())
     if config.log_format == "json":
         return JsonView(console.file, now_ns, quiet=config.quiet)
     if config.quiet or not console.is_terminal or console.is_dumb_terminal:
@@ -176,4 +177,4 @@ def json_line(t_ns: int, level: str, event: str, text: str, fields: dict[str, An
     """One object of a log for programs; t_ns: since 1970."""
     when = datetime.fromtimestamp(t_ns // S, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     whole = {"time": f"{when}.{t_ns % S // 1000:06d}Z", "level": level, "event": event, "text": text}
-    return json.dumps({**whole, "fields": fields}, ensure_ascii=False, default=str)
+    return json_text({**whole, "fields": fields}, ascii_only=False)
