@@ -26,6 +26,10 @@ PORTS, RECOVER, WRITER = (
 KILL, JUMPS, UNIT = (
     "faults/test_kill.py::", "host/ingest/test_clock_jumps.py::", "host/test_verb_service.py::",
 )  # fmt: skip
+BULKHEADS, UNREAD, REPORTS, NMEA = (
+    "host/ingest/test_bulkheads.py::", "host/ingest/test_unread_output.py::",
+    "host/ingest/test_reports_alone.py::", "host/ingest/test_nmea.py::",
+)  # fmt: skip
 WEEKS, SERIES, SEALED = (
     "host/ingest/test_weeks.py::", "host/log/test_series.py::", "host/ingest/test_sealed.py::",
 )  # fmt: skip
@@ -228,5 +232,50 @@ FAULTS = (
         (GUESSES + "test_an_address_gets_a_bounded_number_of_guesses_whatever_its_connections",
          GUESSES + "test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_address",
          GUESSES + "test_an_owner_elsewhere_is_never_refused_however_many_guess"),
+    ),
+    Fault(
+        "a part of the recorder raises at every call", "that part alone is lost, 16 kinds of part",
+        "event: fault, with the bytes; metrics",
+        (BULKHEADS + "test_a_part_that_raises_at_every_call_costs_no_sample_of_the_others",
+         BULKHEADS + "test_the_bytes_that_a_node_failed_on_are_in_the_event_and_its_frames_are_in_the_log"),
+    ),
+    Fault(
+        "a part of the recorder hangs at every call", "interrupted, tried again after a pause",
+        "event: fault, no return within 2 s",
+        (BULKHEADS + "test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others",
+         BULKHEADS + "test_a_suspended_part_is_tried_again_after_pauses_that_double_up_to_a_minute"),
+    ),
+    Fault(
+        "the graph of the map fails or stalls", "another one in the same map frame", "event: fault of map",
+        ("host/test_live_map.py::test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_frame",
+         BULKHEADS + "test_an_output_thread_that_stalls_is_replaced_and_its_late_return_counts_for_nothing"),
+    ),
+    Fault(
+        "the log can no longer be written", "the recording ends, what there is stays", "code 1",
+        (BULKHEADS + "test_a_log_that_cannot_be_written_ends_the_recording_with_what_there_is_readable",),
+    ),
+    Fault(
+        "nobody reads standard error or output", "lines are dropped, SIGTERM is obeyed", "code 0",
+        (UNREAD + "test_a_reader_that_hangs_holds_up_neither_the_log_nor_the_end",
+         UNREAD + "test_a_line_that_was_cut_off_is_completed_before_the_next"),
+    ),
+    Fault(
+        "the reader of standard error is gone", "the recording goes on", "event: fault of terminal",
+        (UNREAD + "test_a_reader_that_is_gone_ends_nothing",),
+    ),
+    Fault(
+        "started with closed standard streams", "no log gets their descriptors", "code 0",
+        (UNREAD + "test_closed_standard_streams_are_no_place_for_the_log",),
+    ),
+    Fault(
+        "reports without samples, microseconds that turn over", "stamped when received", "no fault",
+        (REPORTS + "test_its_battery_is_stamped_when_it_was_received_not_in_1970",
+         REPORTS + "test_microseconds_that_turn_over_give_no_negative_time"),
+    ),
+    Fault(
+        "NMEA with nan, inf, 1e200 and a valid checksum", "the sentence is left out",
+        "sentences not understood",
+        (NMEA + "test_sentences_with_hostile_fields_and_valid_checksums_are_counted_and_nothing_is_raised",
+         NMEA + "test_sigmas_of_zero_are_not_known_sigmas"),
     ),
 )  # fmt: skip

@@ -28,6 +28,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log.mcap import read_recording
+from hubodo.log.writer import McapLog
 from hubodo.vehicle import load_vehicle
 from hubodo.web.live_page import LivePage
 from hubodo.web.watch import Ear
@@ -348,3 +349,27 @@ def test_a_full_mailbox_drops_the_oldest_and_counts_them():
     released.set()
     assert output.close(60.0)
     assert (handled, output.dropped) == ([0, 5, 6, 7], 4)
+
+
+def test_a_log_that_cannot_be_written_ends_the_recording_with_what_there_is_readable(tmp_path, monkeypatch):
+    computer, written = VirtualComputer(), []
+
+    def until_the_disk_breaks(original):
+        def method(self, *args):
+            written.append(args)
+            if len(written) > 100:
+                raise Injected("the writer")
+            original(self, *args)
+
+        return method
+
+    for name in ("imu", "event"):
+        monkeypatch.setattr(McapLog, name, until_the_disk_breaks(getattr(McapLog, name)))
+    with ExitStack() as stack:
+        nodes = drive_nodes(stack, computer)
+        with pytest.raises(Injected, match="the writer"):
+            recording(tmp_path, nodes, stack, computer)
+    monkeypatch.undo()
+    recovered = hubodo("recover", tmp_path / "ride.mcap", "-o", tmp_path / "whole.mcap")
+    path = tmp_path / ("whole.mcap" if recovered.code == 0 else "ride.mcap")
+    assert sum(map(len, read_recording(path).nodes.values())) > 100
