@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import queue
+import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -73,8 +74,8 @@ class ThisComputer:
         self.now_ns = steady_clock(scale)
         # In slowed time there is no wall clock to compare with.
         self.wall_ns = time.time_ns if scale == 1.0 else self.now_ns
-        self._news: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self.put = self._news.put
+        self._news: deque[Any] = deque()
+        self._arrived = threading.Event()
 
     def clock_state(self) -> ClockState:
         """See `Computer`."""
@@ -82,14 +83,24 @@ class ThisComputer:
 
     def link(self, port: PortName, label: str, baud: int, lister: Lister) -> PortLink:
         """See `Computer`."""
-        return PortLink(port, label, self._news, self.now_ns, baud=baud, lister=lister)
+        return PortLink(port, label, self, self.now_ns, baud=baud, lister=lister)
+
+    def put(self, item: Any) -> None:
+        """See `Computer`."""
+        self._news.append(item)
+        self._arrived.set()
 
     def news(self, seconds: float) -> Any:
-        """See `Computer`."""
-        try:
-            return self._news.get(timeout=seconds) if seconds else self._news.get_nowait()
-        except queue.Empty:
-            return None
+        """See `Computer`.
+
+        Not by `SimpleQueue.get`: when a signal comes and its handler outlasts the timeout, CPython 3.11 waits
+        there until the next item, which may never come.
+        """
+        if not self._news and seconds:
+            self._arrived.clear()
+            if not self._news:
+                self._arrived.wait(seconds)
+        return self._news.popleft() if self._news else None
 
 
 def steady_clock(scale: float = 1.0) -> Callable[[], int]:
