@@ -35,6 +35,10 @@ WEEKS, SERIES, SEALED = (
 )  # fmt: skip
 GUESSES, CONNECTIONS = "host/web/test_guess_limiter.py::", "host/web/test_bounded_connections.py::"
 
+FLOODS, LINKS, SENDERS = (
+    "faults/test_floods_udp.py::", "host/ingest/test_link_threads.py::", "host/ingest/test_senders.py::",
+)  # fmt: skip
+
 FAULTS = (
     Fault(
         "unplugged at every byte of a frame", "that frame is lost, the rest comes",
@@ -277,5 +281,47 @@ FAULTS = (
         "sentences not understood",
         (NMEA + "test_sentences_with_hostile_fields_and_valid_checksums_are_counted_and_nothing_is_raised",
          NMEA + "test_sigmas_of_zero_are_not_known_sigmas"),
+    ),
+    Fault(
+        "300 nodes without keys on a UDP port", "64 recorded, known ones lose nothing", "event: refused",
+        (FLOODS + "test_three_hundred_nodes_cost_the_four_that_are_known_nothing",
+         SENDERS + "test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_by_rate",
+         SENDERS + "test_a_line_has_64_nodes_at_most_too",
+         SENDERS + "test_names_never_run_out"),
+    ),
+    Fault(
+        "12,000 addresses on a UDP port", "memory bounded, known nodes lose nothing",
+        "hubodo_senders_evicted_total",
+        (FLOODS + "test_thousands_of_addresses_cost_the_four_nodes_nothing_and_memory_little",
+         SENDERS + "test_twelve_thousand_addresses_take_no_memory_and_cost_the_known_node_nothing",
+         SENDERS + "test_one_stranger_that_never_says_hello_holds_a_bounded_number_of_frames"),
+    ),
+    Fault(
+        "300 handshakes a second, forged or sent again", "nothing stored, a node that restarts gets in",
+        "event: refused, by cause",
+        (FLOODS + "test_openings_forged_and_sent_again_keep_no_node_out_and_cost_no_sample",
+         SEALED + "test_thousands_of_openings_forged_or_sent_again_store_nothing_and_keep_no_node_out",
+         SEALED + "test_the_session_before_stands_until_the_node_uses_the_next"),
+    ),
+    Fault(
+        "a node with the older handshake", "refused by name", "event: refused, flash it again",
+        (SEALED + "test_a_node_with_the_first_handshake_is_named_with_what_to_do",),
+    ),
+    Fault(
+        "a bridge that accepts and closes", "tried every 8 s in the end", "disconnected, with a count",
+        (LINKS + "test_a_bridge_that_accepts_and_closes_is_tried_less_and_less_often",
+         LINKS + "test_pauses_double_to_eight_seconds_and_a_valid_frame_resets_them",
+         LINKS + "test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_loss_one"),
+    ),
+    Fault(
+        "a driver raises what no driver should", "that attempt ends, the link is tried again",
+        "disconnected; hubodo_link_faults_total",
+        (LINKS + "test_an_unexpected_exception_ends_that_attempt_alone_and_the_link_is_tried_again",
+         LINKS + "test_a_driver_that_raises_is_counted_in_the_log_and_the_node_beside_it_loses_nothing",
+         LINKS + "test_a_list_of_ports_that_cannot_be_read_is_a_reason_not_an_end"),
+    ),
+    Fault(
+        "a driver hangs in any call", "no other link waits for it", "the link's own silence",
+        (LINKS + "test_a_transport_that_hangs_holds_up_neither_who_sends_nor_who_ends_nor_another_link",),
     ),
 )  # fmt: skip

@@ -29,7 +29,7 @@ def refusals(line):
     return [event for event in line.sink.events if event.kind == "refused"]
 
 
-def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_counted_and_reported_by_rate():
+def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_by_rate():
     line = Line(datagrams=True)
     node = known_node(line)
     for k in range(297):
