@@ -42,7 +42,7 @@ def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_ca
         expected = [k for k in range(7 * BATCH) if not (lost and 3 * BATCH <= k < 4 * BATCH)]
         assert kept.numbers() == expected, f"byte {at}"
         assert kept.causes() == [LINK_DOWN] * bool(lost), f"byte {at}"
-        assert line.link().downs == 1
+        assert line.link().connection.downs == 1
 
 
 def test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew():

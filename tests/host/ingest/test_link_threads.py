@@ -19,6 +19,7 @@ from hubodo.ingest.link.ports import Finder, parse_port
 from hubodo.ingest.link.retry import Backoff, ValidityCheck
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.link.transport import TcpTransport, UdpTransport
+from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.mcap import open_log
 from waiting import until
 
@@ -244,7 +245,22 @@ def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_l
     assert not sink.events
     assert list(session.chunk(Chunk("bridge", now, b"\0" + Node().says_hello(), "")))
     assert [event.kind for event in session.tick(now)] == ["connected"] == [e.kind for e in sink.events]
-    assert session.lost(LinkLost("bridge", now, "unplugged"))
+    session.lost(LinkLost("bridge", now, "unplugged"))
+    assert sink.events[-1].kind == "disconnected"
+
+
+def test_a_receiver_that_is_unplugged_and_back_is_told_and_in_the_log():
+    sink = Kept()
+    recorder = Recorder({"usb0": None}, sink, lambda *_: True, lambda: T0, gnss=["gnss"])
+    sentence = b"$GPGLL,5300.97914,N,00259.98174,E,125926,A*28\r\n"
+    recorder.handle(LinkUp("gnss", T0, "/dev/g", False))
+    for k in range(1, 4):
+        recorder.handle(Chunk("gnss", T0 + k, sentence, ""))
+        recorder.handle(LinkLost("gnss", T0 + k, "unplugged", unexpected=k == 2))
+        recorder.handle(LinkUp("gnss", T0 + k, "/dev/g", False))
+    assert sink.kinds() == ["connected"] + ["disconnected", "connected"] * 3
+    assert [event.kind for event in recorder.notices] == ["disconnected", "connected"] * 3
+    assert recorder.gnss["gnss"].connection.faults == 1
 
 
 def test_a_driver_that_raises_is_counted_in_the_log_and_the_node_beside_it_loses_nothing(

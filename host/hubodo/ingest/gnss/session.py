@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from hubodo.ingest.gnss.nmea import Fix, NmeaDecoder
+from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
 from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.sink import Sink
@@ -25,6 +26,7 @@ class GnssSession:
     def __init__(self, label: str, sink: Sink, order: ArrivalOrder | None = None) -> None:
         """order: of everything that goes into the log and the odometry; fixes are put into it."""
         self.label = label
+        self.connection = Connection(label, sink)
         self.decoder = NmeaDecoder()
         self.last: Fix | None = None
         self._sink = sink
@@ -39,7 +41,11 @@ class GnssSession:
         if self._channel is None:
             self._channel = self._sink.add_channel(_TOPIC, "", "", b"", "nmea")
         self._sink.write(self._channel, t_ns, t_ns, data)
-        return list(self._put(self.decoder.feed(data, t_ns)))
+        before = self.decoder.counts.sentences
+        fixes = list(self._put(self.decoder.feed(data, t_ns)))
+        if self.decoder.counts.sentences > before:
+            self.connection.mark_valid()
+        return fixes
 
     def close(self) -> list[FixSample]:
         """The last epoch."""

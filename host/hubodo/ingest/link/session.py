@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Iterator
 
+from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.link.foreign import describe, recognised
 from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkUp
 from hubodo.ingest.link.throttle import EventThrottle
@@ -37,20 +38,16 @@ class LinkSession:
 
     def __init__(self, label: str, sink: Sink) -> None:
         self.label = label
-        self.where: str | None = None
+        self.connection = Connection(label, sink)
         self.datagrams = False
         self.frames = 0
         self.bytes = 0
         self.cut = 0
         self.unlogged = 0
         """Bytes of damaged frames that were too many to log."""
-        self.downs = 0
-        self.faults = 0
-        """Unexpected exceptions of the port's driver."""
         self.refused = 0
         """Datagrams that no key proved."""
         self.foreign: str | None = None
-        self.missed = False
         self.damage = dict.fromkeys(_CAUSES, 0)
         self._sink = sink
         self.senders = SenderTable(datagrams=False)
@@ -61,62 +58,38 @@ class LinkSession:
         self._strange = bytearray()
         self._strange_count = 0
         self._strange_since: int | None = None
-        self._met = False  # a frame has come since the link is open
         self._room, self._room_since = _DAMAGED_BYTES_S, 0
         self._heard_ns: int | None = None
         self._reported = 0
         self._next_report = 0
         self._silence_said = False
-        self._losses = EventThrottle()
-        self._unreported_losses = False
-        self._connected: Event | None = None  # of a connection after those, until it carries a frame
-        self._notices: list[Event] = []
         self._refusals = EventThrottle()
         self._refusals_reported = 0
 
     @property
     def counts(self) -> LinkCounts:
         """What gaps are explained by."""
-        return LinkCounts(sum(self.damage.values()), self.downs)
+        return LinkCounts(sum(self.damage.values()), self.connection.downs)
 
-    def up(self, news: LinkUp) -> bool:
-        """The link is open; return whether that is an event.
+    @property
+    def where(self) -> str | None:
+        """The device of today, None while the link is down."""
+        return self.connection.where
 
-        Of connections that are lost before a valid frame came, one after the other, not each is.
-        """
+    def up(self, news: LinkUp) -> None:
+        """The link is open."""
         if self.datagrams != news.datagrams:
             self.datagrams = news.datagrams
             self.senders = SenderTable(datagrams=news.datagrams)
-        self.where = news.where
-        self._heard_ns, self._silence_said, self._met = news.t_ns, False, False
-        text = f"{self.label}: connected at {news.where}"
-        event = Event(news.t_ns, "connected", self.label, text, {"link": self.label, "where": news.where})
-        if self._unreported_losses:
-            self._connected = event
-            return False
-        self._sink.event(event)
-        return True
+        self.connection.up(news)
+        self._heard_ns, self._silence_said = news.t_ns, False
 
-    def lost(self, news: LinkLost) -> bool:
-        """The link has gone; return whether that was reported in the log."""
-        was_open, self.where, self.missed = self.where is not None, None, True
+    def lost(self, news: LinkLost) -> None:
+        """The link has gone."""
+        self.connection.lost(news)
         self._strange_since = None  # nothing comes: nobody strange speaks
-        self.downs += was_open
-        self.faults += news.unexpected
         for sender in list(self._decoders):
             self._end(sender, news.t_ns)
-        if self._met:
-            self._losses.reset()
-        self._met, self._connected = False, None
-        before = self._losses.admit(news.t_ns)
-        self._unreported_losses = before is None
-        if before is None:
-            return False
-        text = f"{self.label}: {'disconnected' if was_open else 'not there yet'}: {news.text}"
-        text += f"; {before} more attempts failed since the last report" if before else ""
-        data = {"link": self.label, "attempts": before + 1, "faults": self.faults}
-        self._sink.event(Event(news.t_ns, "disconnected", self.label, text, data))
-        return True
 
     def chunk(self, chunk: Chunk) -> Iterator[Route]:
         """Log each piece between delimiters and yield where it goes if it is a frame."""
@@ -138,7 +111,10 @@ class LinkSession:
             self._sink.raw(self._place(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
             self.frames += 1
             met = True
-            self._valid()
+            self.connection.mark_valid()
+            self._strange.clear()
+            self._strange_count = 0
+            self._strange_since = self.foreign = None
             yield route
         self._count(decoder)
         if met:
@@ -148,17 +124,6 @@ class LinkSession:
         self._strange_count += len(chunk.data)
         if len(self._strange) < _SAMPLE_BYTES:
             self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
-
-    def _valid(self) -> None:
-        """A valid frame has come."""
-        self._met = True
-        self._strange.clear()
-        self._strange_count = 0
-        self._strange_since = self.foreign = None
-        if self._connected is not None:
-            self._sink.event(self._connected)
-            self._notices.append(self._connected)
-            self._connected = None
 
     def intruders(self, news: Intruders) -> Event:
         """Count and report datagrams that no key proved."""
@@ -194,8 +159,7 @@ class LinkSession:
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.event(event)
             yield event
-        yield from self._notices
-        self._notices.clear()
+        yield from self.connection.take_notices()
         yield from self._refused_nodes(now_ns)
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
@@ -229,7 +193,7 @@ class LinkSession:
         """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
         if self._strange_since is None or self._heard_ns is None:
             return False
-        known = not self._met or recognised(bytes(self._strange))
+        known = not self.connection.is_valid or recognised(bytes(self._strange))
         return (now_ns if known else self._heard_ns) - self._strange_since > _FOREIGN_NS
 
     def _keep_damaged(self, place: str, t_ns: int, piece: bytes) -> None:

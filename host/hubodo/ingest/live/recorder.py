@@ -91,15 +91,13 @@ class Recorder:
         if isinstance(news, Answer):
             self.bulkheads.run("map", self.map.handle, news)
         elif news.link in self.gnss:
-            if isinstance(news, Chunk):
-                self.bulkheads.run(f"receiver {news.link}", self._fixes, news, cause=news.data)
+            cause = news.data if isinstance(news, Chunk) else b""
+            gnss = self.gnss[news.link]
+            self.bulkheads.run(f"receiver {news.link}", self._from_receiver, gnss, news, cause=cause)
         elif not isinstance(news, Chunk):
             self.bulkheads.run(f"link {news.link}", self._link_changed, self.links[news.link], news)
         elif not self.bulkheads.run(f"link {news.link}", self._split, news, cause=news.data):
             self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
-
-    def _fixes(self, news: Chunk) -> None:
-        self._locate(self.gnss[news.link].chunk(news.data, news.t_ns), news.t_ns)
 
     def _split(self, news: Chunk) -> None:
         link = self.links[news.link]
@@ -109,16 +107,25 @@ class Recorder:
     def _link_changed(self, link: LinkSession, news: LinkUp | LinkLost | Intruders) -> None:
         match news:
             case LinkUp():
-                if link.up(news) and link.missed:
-                    self._tell(news.t_ns, "connected", news.link, f"{news.link}: connected at {news.where}")
+                link.up(news)
                 for node in self._on(news.link):
                     node.mute()
             case LinkLost():
-                if link.lost(news):
-                    text = f"{news.link}: {news.text} (waiting for it)"
-                    self._tell(news.t_ns, "disconnected", news.link, text)
+                link.lost(news)
             case Intruders():
                 self.notices.append(link.intruders(news))
+        self.notices += link.connection.take_notices()
+
+    def _from_receiver(self, gnss: GnssSession, news: LinkNews) -> None:
+        """One thing that the link of a GNSS receiver reported."""
+        match news:
+            case LinkUp():
+                gnss.connection.up(news)
+            case LinkLost():
+                gnss.connection.lost(news)
+            case Chunk():
+                self._locate(gnss.chunk(news.data, news.t_ns), news.t_ns)
+        self.notices += gnss.connection.take_notices()
 
     def tick(self, now_ns: int) -> None:
         """Call every 0.1 s or so."""

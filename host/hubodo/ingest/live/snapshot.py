@@ -249,9 +249,9 @@ def _link(link: LinkSession) -> LinkNow:
         link.bytes,
         link.damage["crc"],
         sum(link.damage.values()),
-        link.downs,
+        link.connection.downs,
         link.foreign,
-        link.faults,
+        link.connection.faults,
         link.refused + link.senders.refused,
         link.senders.evicted,
     )

@@ -170,7 +170,7 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
             "frames_damaged": sum(link.damage.values()),
             "damage": dict(link.damage),
             "frames_cut": link.cut,
-            "disconnections": link.downs,
+            "disconnections": link.connection.downs,
         }
         for label, link in recorder.links.items()
     }
