@@ -159,7 +159,6 @@ class LinkSession:
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.event(event)
             yield event
-        yield from self.connection.take_notices()
         yield from self._refused_nodes(now_ns)
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
