@@ -58,7 +58,8 @@ def _bias(node: str, samples: object) -> Wish:
 
 
 def _mark(text: str) -> Wish:
-    line = " ".join(text.split())[:_LONGEST_MARK] or "mark"
+    printable = "".join(letter if letter.isprintable() else " " for letter in text)
+    line = " ".join(printable.split())[:_LONGEST_MARK] or "mark"
 
     def wish(recorder: Recorder) -> None:
         recorder.mark(line)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import functools
 import time
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -11,19 +12,19 @@ from pathlib import Path
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, RedirectResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hubodo.ingest.live.metrics_server import answer
 from hubodo.web.actions import Actions
-from hubodo.web.asked import NotServed, body_of, form_of, json_of
+from hubodo.web.asked import NotServed, body_of, form_of, json_answer, json_of
 from hubodo.web.config import Site
 from hubodo.web.guard import COOKIE, Guard, session_of, too_many_guesses, visitor
 from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
 from hubodo.web.hub import Hub
-from hubodo.web.jobs import Jobs
+from hubodo.web.jobs import SCRATCH, Job, Jobs
 from hubodo.web.library import Library, RecordingFile
 from hubodo.web.secrets import SESSION_S, Secrets
 
@@ -54,7 +55,7 @@ class Pages:
         self._hub = hub
         self._actions = actions
         self._limiter = limiter
-        self._jobs = Jobs()
+        self._jobs = Jobs(site.job_limit)
 
     def routes(self) -> list[Route | WebSocketRoute | Mount]:
         """All that there is."""
@@ -65,7 +66,8 @@ class Pages:
             Route("/api/recordings", self._recordings),
             Route("/api/recordings/{name:path}", self._download),
             Route("/api/jobs", self._start_job, methods=["POST"]),
-            Route("/api/jobs/{number:int}", self._job),
+            Route("/api/jobs/{number}", self._job),
+            Route("/api/jobs/{number}/cancel", self._cancel_job, methods=["POST"]),
             Route("/api/do/{action}", self._do, methods=["POST"]),
             Route("/metrics", self._machine),
             Route("/healthz", self._machine),
@@ -114,7 +116,7 @@ class Pages:
         session = session_of(request.scope)
         if session is not None:
             self._secrets.end_session(session)
-        answer = JSONResponse({"ok": True})
+        answer = json_answer({"ok": True})
         answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=self._site.cert is not None)
         return answer
 
@@ -147,11 +149,12 @@ class Pages:
 
     async def _recordings(self, request: Request) -> Response:
         current = None if self._actions is None else self._actions.file
-        return JSONResponse(self._library.as_json(current))
+        return json_answer(self._library.as_json(current))
 
     async def _download(self, request: Request) -> Response:
         entry = self._entry(request.path_params["name"])
-        return FileResponse(entry.path, filename=entry.path.name, media_type="application/octet-stream")
+        name = entry.name.rpartition("/")[2]
+        return FileResponse(entry.path, filename=name, media_type="application/octet-stream")
 
     async def _report(self, request: Request) -> Response:
         return self._page(request, "report.html")
@@ -160,10 +163,11 @@ class Pages:
         return self._page(request, "gap", "report.html")
 
     def _page(self, request: Request, *parts: str) -> Response:
-        path = self._library.fresh(self._entry(request.path_params["name"]), *parts)
-        if path is None:
+        entry = self._entry(request.path_params["name"])
+        page = self._library.made.read((*entry.parts, *parts), entry.changed)
+        if page is None:
             raise NotServed(404, "it has not been made yet, or the recording has changed since")
-        return FileResponse(path, media_type="text/html", headers={"content-security-policy": _PAGE_RULES})
+        return HTMLResponse(page, headers={"content-security-policy": _PAGE_RULES})
 
     def _entry(self, name: str) -> RecordingFile:
         entry = self._library.find(name)
@@ -178,38 +182,50 @@ class Pages:
 
     async def _start_job(self, request: Request) -> Response:
         asked = await json_of(request)
-        kind, entry, library = asked.get("kind"), self._entry(str(asked.get("name"))), self._library
-        file = str(entry.path.absolute())
+        kind, entry = asked.get("kind"), self._entry(str(asked.get("name")))
+        file, into = str(entry.path.absolute()), entry.parts
         if kind == "info":
-            job = self._jobs.start("info", entry.name, ["info", file])
+            words = ["info", file]
         elif kind == "report":
-            page = library.made(entry, "report.html")
-            words = ["report", file, "-o", str(page.absolute()), "--force"]
-            job = self._jobs.start("report", entry.name, words, makes=page)
+            words = ["report", file, "-o", f"{SCRATCH}/report.html"]
         elif kind == "gap":
-            model = library.models().get(str(asked.get("model")))
+            model = self._library.models().get(str(asked.get("model")))
             if model is None:
                 raise NotServed(404, "no such model file; put one into the folder of the recordings")
-            out = library.made(entry, "gap")
-            words = ["gap", str(model.absolute()), file, "-o", str(out.absolute())]
-            job = self._jobs.start("gap", entry.name, words, makes=out / "report.html")
+            words, into = ["gap", str(model.absolute()), file, "-o", SCRATCH], (*entry.parts, "gap")
         else:
             raise NotServed(400, "kind is info, report or gap")
+        publish = None if kind == "info" else functools.partial(self._library.made.publish, into)
+        try:
+            self._library.made.check(into)
+        except OSError:
+            raise NotServed(409, "a link stands where its files would be written; remove it") from None
+        job = self._jobs.start(kind, entry.name, words, publish)
         if job is None:
             raise NotServed(429, "too much is being worked out already; wait for its end")
-        return JSONResponse(job.as_json(), 202)
+        return json_answer(job.as_json(), 202)
+
+    async def _cancel_job(self, request: Request) -> Response:
+        job = self._job_of(request)
+        self._jobs.cancel(job)
+        return json_answer(job.as_json(), 202)
 
     async def _job(self, request: Request) -> Response:
-        job = self._jobs.get(request.path_params["number"])
+        return json_answer(self._job_of(request).as_json())
+
+    def _job_of(self, request: Request) -> Job:
+        # Not by the router: a number of thousands of digits is none for it, nor an error that it knows.
+        text = request.path_params["number"]
+        job = self._jobs.get(int(text)) if text.isascii() and text.isdigit() and len(text) < 10 else None
         if job is None:
             raise NotServed(404, "no such job")
-        return JSONResponse(job.as_json())
+        return job
 
     async def _do(self, request: Request) -> Response:
         if self._actions is None:
             raise NotServed(404, "nothing is being recorded here")
         self._actions.do(request.path_params["action"], await json_of(request))
-        return JSONResponse({"ok": True}, 202)
+        return json_answer({"ok": True}, 202)
 
 
 def make_app(
@@ -241,7 +257,7 @@ def make_app(
 
 def _refused(request: Request, error: Exception) -> Response:
     assert isinstance(error, NotServed)
-    return JSONResponse({"error": str(error)}, error.status)
+    return json_answer({"error": str(error)}, error.status)
 
 
 async def _until_gone(socket: WebSocket) -> None:

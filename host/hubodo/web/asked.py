@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from typing import Any
 from urllib.parse import parse_qsl
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response
 
 _MOST_BODY = 4096
+_BODY_S = 10.0
 
 
 class NotServed(Exception):
@@ -22,10 +25,16 @@ class NotServed(Exception):
 async def body_of(request: Request) -> bytes:
     """At most some kB. Raises NotServed."""
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > _MOST_BODY:
-            raise NotServed(413, "that is too long")
+    try:
+        async with asyncio.timeout(_BODY_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > _MOST_BODY:
+                    raise NotServed(413, "that is too long")
+    except TimeoutError:
+        raise NotServed(408, "that takes too long") from None
+    except ClientDisconnect:
+        raise NotServed(400, "the request ended before its body") from None
     return body
 
 
@@ -33,6 +42,8 @@ async def json_of(request: Request) -> dict[str, Any]:
     """An object; nothing is an empty one. Raises NotServed."""
     try:
         asked = json.loads(await body_of(request) or b"{}")
+        # Half a surrogate pair cannot be written to a log: it is refused here, with a UnicodeEncodeError.
+        json.dumps(asked, ensure_ascii=False).encode()
     except (ValueError, RecursionError):
         asked = None
     if not isinstance(asked, dict):
@@ -42,4 +53,13 @@ async def json_of(request: Request) -> dict[str, Any]:
 
 def form_of(body: bytes) -> dict[str, str]:
     """The fields of a form."""
-    return dict(parse_qsl(body.decode("utf-8", "replace"), max_num_fields=8))
+    try:
+        return dict(parse_qsl(body.decode("utf-8", "replace"), max_num_fields=8))
+    except ValueError:  # more fields
+        return {}
+
+
+def json_answer(content: object, status: int = 200) -> Response:
+    """Return JSON in ASCII: whatever a name or a verb's result holds, it can be sent."""
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    return Response(text, status, media_type="application/json")

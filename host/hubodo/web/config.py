@@ -41,6 +41,11 @@ class WebConfig:
     hosts: tuple[str, ...] = setting(
         (), "names besides its own under which browsers reach this computer", example=("recorder.lan",)
     )
+    job_limit: float = setting(
+        3600.0,
+        "s after which a verb is stopped that the page started on a recording",
+        above=0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,8 @@ class Site:
     cert: Path | None = None
     key: Path | None = None
     hosts: frozenset[str] = frozenset()
+    job_limit: float = 3600.0
+    """s that a verb may take which the page started."""
 
     @property
     def url(self) -> str:
@@ -101,7 +108,7 @@ def make_site(config: WebConfig, environment: Mapping[str, str] = os.environ) ->
     if files[1] is not None:
         check_private(files[1], "the private key")
     hosts = frozenset(name.lower() for name in config.hosts)
-    return Site(address, token, files[0], files[1], hosts)
+    return Site(address, token, files[0], files[1], hosts, config.job_limit)
 
 
 def read_token(path: Path) -> str:

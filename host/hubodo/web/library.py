@@ -6,14 +6,12 @@ No path is ever built from what a visitor sends: a name is looked up among those
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-PAGES = "pages"
-"""Folder beside the recordings: one of the recording's name for each, with what was made of it."""
+from hubodo.web.made_files import PAGES, MadeFiles
 
 _DEEPEST = 3
 _MOST_MODEL_BYTES = 1 << 20
@@ -21,10 +19,12 @@ _MOST_MODEL_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class RecordingFile:
-    """A recording. name: its path from the folder, with slashes."""
+    """A recording. name: its path from the folder, with slashes, as `shown_name` writes it."""
 
     name: str
     path: Path
+    parts: tuple[str, ...]
+    """Of the path from the folder, as the file system has them."""
     size: int
     changed: float
 
@@ -35,13 +35,14 @@ class Library:
     def __init__(self, folder: Path, models: dict[str, Path] | None = None) -> None:
         """models: for `gap`, besides the TOML files of the folder."""
         self.folder = folder
+        self.made = MadeFiles(folder)
         self._models = models or {}
 
     def entries(self) -> list[RecordingFile]:
         """The newest first."""
         found = [
-            RecordingFile(name, path, info.st_size, info.st_mtime)
-            for name, path, info in self._files(".mcap", self.folder, "", _DEEPEST)
+            RecordingFile(shown_name("/".join(parts)), path, parts, info.st_size, info.st_mtime)
+            for parts, path, info in self._files(".mcap", self.folder, (), _DEEPEST)
         ]
         return sorted(found, key=lambda entry: (-entry.changed, entry.name))
 
@@ -51,31 +52,17 @@ class Library:
 
     def models(self) -> dict[str, Path]:
         """By name, what may be a model file."""
-        there = self._files(".toml", self.folder, "", 1)
+        there = self._files(".toml", self.folder, (), 1)
         return {
-            **{name: path for name, path, info in there if info.st_size < _MOST_MODEL_BYTES},
+            **{shown_name(parts[0]): path for parts, path, info in there if info.st_size < _MOST_MODEL_BYTES},
             **self._models,
         }
-
-    def made(self, entry: RecordingFile, *parts: str) -> Path:
-        """Where something made of a recording is, or will be. parts: known names, no visitor's."""
-        return self.folder.joinpath(PAGES, *entry.name.split("/"), *parts)
-
-    def fresh(self, entry: RecordingFile, *parts: str) -> Path | None:
-        """The same where it is there and no older than the recording."""
-        path = self.made(entry, *parts)
-        try:
-            info = path.lstat()
-        except OSError:
-            return None
-        inside = path.resolve().is_relative_to(self.folder.resolve())
-        return path if stat.S_ISREG(info.st_mode) and inside and info.st_mtime >= entry.changed else None
 
     def as_json(self, current: Path | None) -> dict[str, Any]:
         """For the page. current: the file that is being written."""
         now = None if current is None else current.resolve()
         return {
-            "folder": self.folder.resolve().name,
+            "folder": shown_name(self.folder.resolve().name),
             "models": sorted(self.models()),
             "recordings": [
                 {
@@ -83,16 +70,16 @@ class Library:
                     "size": entry.size,
                     "changed": round(entry.changed, 1),
                     "current": entry.path.resolve() == now,
-                    "report": self.fresh(entry, "report.html") is not None,
-                    "gap": self.fresh(entry, "gap", "report.html") is not None,
+                    "report": self.made.is_fresh((*entry.parts, "report.html"), entry.changed),
+                    "gap": self.made.is_fresh((*entry.parts, "gap", "report.html"), entry.changed),
                 }
                 for entry in self.entries()
             ],
         }
 
     def _files(
-        self, suffix: str, folder: Path, prefix: str, depth: int
-    ) -> Iterator[tuple[str, Path, os.stat_result]]:
+        self, suffix: str, folder: Path, above: tuple[str, ...], depth: int
+    ) -> Iterator[tuple[tuple[str, ...], Path, os.stat_result]]:
         try:
             entries = list(os.scandir(folder))
         except OSError:
@@ -102,8 +89,18 @@ class Library:
                 if entry.name.startswith("."):
                     continue
                 if entry.is_file(follow_symlinks=False) and entry.name.endswith(suffix):
-                    yield prefix + entry.name, Path(entry.path), entry.stat(follow_symlinks=False)
-                elif entry.is_dir(follow_symlinks=False) and depth > 1 and (prefix or entry.name != PAGES):
-                    yield from self._files(suffix, Path(entry.path), f"{prefix}{entry.name}/", depth - 1)
+                    yield (*above, entry.name), Path(entry.path), entry.stat(follow_symlinks=False)
+                elif entry.is_dir(follow_symlinks=False) and depth > 1 and (above or entry.name != PAGES):
+                    yield from self._files(suffix, Path(entry.path), (*above, entry.name), depth - 1)
             except OSError:  # gone meanwhile
                 continue
+
+
+def shown_name(name: str) -> str:
+    """Return a name of the file system as text that can be sent: other bytes than UTF-8 as in `\\xff`.
+
+    What cannot be printed is escaped too, and a backslash written twice, so that no two names become one.
+    """
+    raw = name.replace("\\", "\\\\").encode("utf-8", "surrogateescape")
+    text = raw.decode("utf-8", "backslashreplace")
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -2,6 +2,10 @@
 
 import os
 import shutil
+import sys
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.jobs import Job
 from hubodo.web.library import Library
+from hubodo.web.made_files import MadeFiles
 from waiting import until
 
 SITE = Site(Address("127.0.0.1", 8642))
@@ -56,7 +61,7 @@ def job(browser, **asked):
     started = browser.post("/api/jobs", json=asked)
     assert started.status_code == 202, started.text
     path = f"/api/jobs/{started.json()['id']}"
-    until(lambda: browser.get(path).json()["state"] in ("done", "failed"))
+    until(lambda: browser.get(path).json()["state"] in ("done", "failed", "cancelled"))
     return browser.get(path).json()
 
 
@@ -134,3 +139,101 @@ def test_progress_is_read_from_what_people_would_see():
     assert (going.text, going.progress) == ("going through candidates", 0.73)
     going.end(2, b"")
     assert going.state == "failed"
+
+
+def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, folder):
+    victim = folder.parent / "victim"
+    victim.mkdir()
+    for link in ("pages/a.mcap", "pages"):
+        (folder / link).parent.mkdir(exist_ok=True)
+        (folder / link).symlink_to(victim)
+        assert browser.post("/api/jobs", json={"kind": "report", "name": "a.mcap"}).status_code == 409
+        (folder / link).unlink()
+        shutil.rmtree(folder / "pages", ignore_errors=True)
+    page = folder / "pages" / "a.mcap" / "report.html"
+    page.parent.mkdir(parents=True)
+    page.symlink_to(victim / "report.html")
+    told = job(browser, kind="report", name="a.mcap")
+    assert told["state"] == "done", told
+    assert page.is_file() and not page.is_symlink()
+    assert browser.get("/pages/report/a.mcap").text == page.read_text()
+    assert list(victim.iterdir()) == []
+
+
+def test_a_link_that_appears_while_a_job_runs_is_not_followed(tmp_path):
+    made, source, victim = MadeFiles(tmp_path / "rides"), tmp_path / "scratch", tmp_path / "victim"
+    for path in (source, victim, tmp_path / "rides" / "pages"):
+        path.mkdir(parents=True)
+    (source / "report.html").write_text("report")
+    made.check(("a.mcap", "gap"))
+    (tmp_path / "rides" / "pages" / "a.mcap").symlink_to(victim)
+    with pytest.raises(OSError):
+        made.publish(("a.mcap", "gap"), source)
+    assert list(victim.iterdir()) == []
+    (tmp_path / "rides" / "pages" / "a.mcap").unlink()
+    made.publish(("a.mcap", "gap"), source)
+    assert made.read(("a.mcap", "gap", "report.html"), 0.0) == b"report"
+
+
+def test_names_that_are_no_utf8_are_listed_escaped_and_downloaded_by_that_name(browser, folder, log):
+    raw = os.fsencode(folder)
+    for name in (b"/caf\xe9.mcap", b"/back\\xe9.mcap", b"/line\n.mcap", b"/caf\xe9.toml"):
+        shutil.copy(log, raw + name)
+    told = browser.get("/api/recordings").json()
+    listed = {one["name"] for one in told["recordings"]}
+    assert {r"caf\xe9.mcap", r"back\\xe9.mcap", r"line\n.mcap", "a.mcap"} <= listed
+    assert r"caf\xe9.toml" in told["models"]
+    for name in listed:
+        answer = browser.get(f"/api/recordings/{quote(name)}")
+        assert answer.status_code == 200 and answer.content == log.read_bytes(), name
+    assert job(browser, kind="info", name=r"caf\xe9.mcap")["state"] == "done"
+
+
+@pytest.fixture
+def long_job(monkeypatch, tmp_path):
+    """A verb that never ends and has started a process of its own; gives the numbers of both."""
+    numbers = tmp_path / "numbers"
+    program = (
+        "import os, pathlib, signal, subprocess, sys, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); "
+        "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1000)']); "
+        f"pathlib.Path({str(numbers)!r}).write_text(f'{{os.getpid()}} {{child.pid}}\\n'); time.sleep(1000)"
+    )
+    script = tmp_path / "verb"
+    script.write_text(f"#!{sys.executable}\n{program}\n")
+    script.chmod(0o700)
+    monkeypatch.setattr("hubodo.web.jobs.sys.executable", str(script))
+
+    def started():
+        until(lambda: numbers.is_file() and numbers.read_text().endswith("\n"))
+        return [int(number) for number in numbers.read_text().split()]
+
+    return started
+
+
+def runs(number):
+    try:
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_job_that_is_cancelled_ends_with_all_that_it_started_and_the_next_one_runs(browser, long_job):
+    first = browser.post("/api/jobs", json={"kind": "info", "name": "a.mcap"}).json()
+    second = browser.post("/api/jobs", json={"kind": "report", "name": "a.mcap"}).json()
+    numbers = long_job()
+    assert first["limit"] == 3600 and all(map(runs, numbers))
+    for started in (second, first):
+        answer = browser.post(f"/api/jobs/{started['id']}/cancel", json={})
+        assert answer.status_code == 202 and answer.json()["state"] == "cancelled"
+    until(lambda: not any(map(runs, numbers)))
+    assert browser.post("/api/jobs/99/cancel", json={}).status_code == 404
+    assert browser.get(f"/api/jobs/{first['id']}").json()["text"] == "cancelled"
+
+
+def test_a_job_is_stopped_at_its_time_limit_and_says_so(folder, long_job):
+    app = make_app(replace(SITE, job_limit=0.5), Library(folder))
+    with TestClient(app, base_url="http://127.0.0.1:8642") as browser:
+        browser.headers["x-hubodo-token"] = app.state.secrets.csrf
+        told = job(browser, kind="info", name="a.mcap")
+    assert told["state"] == "failed" and "time limit ([web] job_limit)" in told["text"]
+    assert not any(map(runs, long_job()))

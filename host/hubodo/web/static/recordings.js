@@ -64,17 +64,23 @@ export class Recordings {
     for (const button of card.querySelectorAll("button")) { button.disabled = true; }
     const words = element("p", { class: "dim", role: "status" }, "waiting");
     const bar = element("progress", { max: "1", value: "0", "aria-label": `${asked.kind} of ${asked.name}` });
-    const going = element("div", { class: "note" }, words, bar);
+    const cancel = element("button", { type: "button", class: "quiet", "data-cancel": "" }, "Cancel");
+    const going = element("div", { class: "note" }, words, bar, cancel);
     card.append(going);
     try {
       let job = await call("/api/jobs", asked);
+      const limit = `at most ${job.limit < 120 ? `${Math.round(job.limit)} s` : `${Math.round(job.limit / 60)} min`}`;
+      cancel.addEventListener("click", () => {
+        cancel.disabled = true;
+        call(`/api/jobs/${job.id}/cancel`, {}).catch((error) => toast(error.message));
+      });
       while (job.state === "waiting" || job.state === "running") {
-        words.textContent = job.state === "waiting" ? "waiting for what was asked for before" : job.text || "working";
+        words.textContent = job.state === "waiting" ? "waiting for what was asked for before" : `${job.text || "working"} (${limit})`;
         if (job.progress > 0) { bar.value = job.progress; } else { bar.removeAttribute("value"); }
         await new Promise((resolve) => setTimeout(resolve, LOOK));
         job = await call(`/api/jobs/${job.id}`);
       }
-      if (job.state === "failed") { note(card, job.text, true); } else { done(job.result); }
+      if (job.state === "done") { done(job.result); } else { note(card, job.text, job.state === "failed"); }
     } catch (error) {
       note(card, error.message, true);
     }

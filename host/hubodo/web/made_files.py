@@ -1,0 +1,95 @@
+"""The files made of a recording, below `pages/` of its folder: reached without following a link.
+
+The folder may be written to by others at any time. So each component of a path is opened by itself, relative
+to the one before, and refused where it is a link: no change of a path can come between its check and its use.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+PAGES = "pages"
+"""Folder beside the recordings: one of the recording's name for each, with the files made of it."""
+_FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
+_FILE = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+_NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
+
+
+class MadeFiles:
+    """Reads and replaces them. parts: names of the components below `pages/`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def is_fresh(self, parts: Sequence[str], since: float) -> bool:
+        """Return True where the file is there and was written at `since`, s, or later."""
+        try:
+            with self._opened(parts, since):
+                return True
+        except OSError:
+            return False
+
+    def read(self, parts: Sequence[str], since: float) -> bytes | None:
+        """Return what such a file holds, else None."""
+        try:
+            with self._opened(parts, since) as descriptor, os.fdopen(descriptor, "rb", closefd=False) as file:
+                return file.read()
+        except OSError:
+            return None
+
+    def check(self, parts: Sequence[str]) -> None:
+        """Raise OSError where a component of this folder is there and is no folder."""
+        with contextlib.suppress(FileNotFoundError), self._folder_of(parts, create=False):
+            pass
+
+    def publish(self, parts: Sequence[str], source: Path) -> None:
+        """Put the plain files of `source` into a folder, each one whole in place of what has its name."""
+        with self._folder_of(parts, create=True) as folder:
+            for file in sorted(source.iterdir()):
+                if stat.S_ISREG(file.lstat().st_mode):
+                    _replace(folder, file.name, file.read_bytes())
+
+    @contextlib.contextmanager
+    def _opened(self, parts: Sequence[str], since: float) -> Iterator[int]:
+        with self._folder_of(parts[:-1], create=False) as folder:
+            descriptor = os.open(parts[-1], _FILE, dir_fd=folder)
+            try:
+                found = os.fstat(descriptor)
+                if not stat.S_ISREG(found.st_mode) or found.st_mtime < since:
+                    raise FileNotFoundError(parts[-1])
+                yield descriptor
+            finally:
+                os.close(descriptor)
+
+    @contextlib.contextmanager
+    def _folder_of(self, parts: Sequence[str], *, create: bool) -> Iterator[int]:
+        # The folder of the recordings is the user's own choice: it alone may be a link.
+        descriptor = os.open(self._folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+        try:
+            for name in (PAGES, *parts):
+                if create:
+                    with contextlib.suppress(FileExistsError):
+                        os.mkdir(name, dir_fd=descriptor)
+                below = os.open(name, _FOLDER, dir_fd=descriptor)
+                os.close(descriptor)
+                descriptor = below
+            yield descriptor
+        finally:
+            os.close(descriptor)
+
+
+def _replace(folder: int, name: str, content: bytes) -> None:
+    part = f".{secrets.token_hex(8)}.part"
+    try:
+        with os.fdopen(os.open(part, _NEW_FILE, 0o666, dir_fd=folder), "wb") as file:
+            file.write(content)
+        os.replace(part, name, src_dir_fd=folder, dst_dir_fd=folder)
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.unlink(part, dir_fd=folder)
+        raise
