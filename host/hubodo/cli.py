@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import errno
 import io
+import itertools
 import os
 import stat
 import sys
@@ -19,7 +20,7 @@ from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
 from hubodo.log.claims import memory_limit
 from hubodo.safe_text import json_text, printable
 from hubodo.verbs import VERBS, load
-from hubodo.verbs.parser import EXIT_REFUSED, Parser
+from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
 from hubodo.version import __version__
 
 if TYPE_CHECKING:
@@ -91,6 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
         with one_line_on_ctrl_c():
             args = build_parser(words).parse_args(words)
+    except UsageError as error:
+        _print_error(error.text, error.text, EXIT_REFUSED, as_json=_asks_for_json_log(words))
+        return EXIT_REFUSED
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
@@ -163,16 +167,29 @@ def _show(result: Result, *, as_json: bool) -> None:
 
 
 def _fail(args: argparse.Namespace, text: str, code: int) -> int:
-    if args.debug:
-        traceback.print_exc()
     line = printable(" ".join(text.split()))
-    if getattr(args, "log_format", None) == "json":
+    as_json = getattr(args, "log_format", None) == "json"
+    if args.debug and not as_json:
+        traceback.print_exc()
+    details = {"traceback": traceback.format_exc()} if args.debug else {}
+    _print_error(f"hubodo {args.verb}: {line}", line, code, as_json=as_json, details=details)
+    return code
+
+
+def _print_error(
+    text: str, line: str, code: int, *, as_json: bool, details: dict[str, Any] | None = None
+) -> None:
+    """One line on stderr: the text, or an object with `line` for programs."""
+    if as_json:
         from hubodo.ingest.live.view import json_line
 
-        print(json_line(time.time_ns(), "error", "failed", line, {"exit_code": code}), file=sys.stderr)
-    else:
-        print(f"hubodo {args.verb}: {line}", file=sys.stderr)
-    return code
+        text = json_line(time.time_ns(), "error", "failed", line, {"exit_code": code, **(details or {})})
+    print(text, file=sys.stderr)
+
+
+def _asks_for_json_log(words: Sequence[str]) -> bool:
+    """Return True where a command line that could not be parsed asks for a log of JSON lines."""
+    return "--log-format=json" in words or ("--log-format", "json") in itertools.pairwise(words)
 
 
 if __name__ == "__main__":

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import NoReturn
 
 EXIT_REFUSED = 2
+
+
+class UsageError(SystemExit):
+    """A command line that no verb accepts; ends the program with EXIT_REFUSED where nobody shows it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(EXIT_REFUSED)
+        self.text = text
 
 
 class Parser(argparse.ArgumentParser):
     """As argparse's, but for how it refuses."""
 
     def error(self, message: str) -> NoReturn:
-        """Says what is wrong and where help is, and ends."""
+        """Raise UsageError with what is wrong and where help is."""
         line = " ".join(message.split())
-        print(f"{self.prog}: {line}; see {self.prog} --help", file=sys.stderr)
-        raise SystemExit(EXIT_REFUSED)
+        raise UsageError(f"{self.prog}: {line}; see {self.prog} --help")

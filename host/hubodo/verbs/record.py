@@ -106,6 +106,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     # Not with the options: a shell that completes them need not wait for all of the odometry.
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
+    from hubodo.ingest.live.program_log import program_log
 
     raise_descriptor_limit()
     know_effects(args)
@@ -133,6 +134,8 @@ def run(args: argparse.Namespace) -> RecordResult:
         "log_format": args.log_format,
     }
     config = replace(config, **{key: value for key, value in given.items() if value is not None})
+    # An error is shown in the same form, wherever that was chosen.
+    args.log_format = config.log_format
     if output is None:
         raise InputError("no output file; give one with -o FILE.mcap")
     if not config.ports and config.gnss is None:
@@ -147,8 +150,11 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    gap_watched = watching_gap(args.watch_gap, output, vehicle_path)
-    with watched(args, output, vehicle) as audience, gap_watched as watch:
+    with (
+        program_log("record", config.log_format),
+        watched(args, output, vehicle) as audience,
+        watching_gap(args.watch_gap, output, vehicle_path) as watch,
+    ):
         return record(
             config,
             output,

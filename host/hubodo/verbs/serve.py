@@ -35,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Serves until ctrl-C. Raises InputError for a folder that is not there and where it cannot listen."""
+    from hubodo.ingest.live.program_log import program_log
     from hubodo.web.app import make_app
     from hubodo.web.config import make_site
     from hubodo.web.library import Library
@@ -48,7 +49,11 @@ def run(args: argparse.Namespace) -> None:
     site = make_site(config)
     assert site is not None
     app = make_app(site, Library(args.folder))
-    with stop_on_signals(threading.Event()) as stopping, serving(app, site) as port:
+    with (
+        program_log("serve"),
+        stop_on_signals(threading.Event()) as stopping,
+        serving(app, site) as port,
+    ):
         url = replace(site, address=replace(site.address, port=port)).url
         print(f"hubodo serve: {args.folder} at {url}; stop with ctrl-C", file=sys.stderr, flush=True)
         while not stopping.wait(_LOOK_S):

@@ -59,7 +59,7 @@ class PatientStream(io.TextIOBase):
             self._rest = self._rest[written:]
 
 
-def standard_error() -> TextIO:
+def standard_error(patience_s: float = _PATIENCE_S) -> TextIO:
     """Return a `PatientStream` on standard error, or `sys.stderr` itself where it is not descriptor 2."""
     stream = sys.stderr
     if stream is None:
@@ -71,4 +71,4 @@ def standard_error() -> TextIO:
     if not is_own:
         return stream
     stream.flush()
-    return PatientStream(2, stream.encoding)  # type: ignore[return-value]
+    return PatientStream(2, stream.encoding, patience_s)  # type: ignore[return-value]
