@@ -6,7 +6,7 @@ import argparse
 import platform
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
@@ -117,23 +117,7 @@ def run(args: argparse.Namespace) -> RecordResult:
         attachments["hubodo.toml"] = args.config.read_bytes()
     output = args.output or (folder / config.output if config.output is not None else None)
     vehicle_path = args.vehicle or (folder / config.vehicle if config.vehicle is not None else None)
-    given = {
-        "ports": tuple(args.ports) or None,
-        "gnss": args.gnss,
-        "baud": args.baud,
-        "gnss_baud": args.gnss_baud,
-        "duration": args.duration,
-        "wait": args.wait or None,
-        **udp_settings(args),
-        "time_scale": args.time_scale,
-        "rotate_after": args.rotate_after,
-        "rotate_at_mb": args.rotate_at_mb,
-        "disk_budget_mb": args.disk_budget_mb,
-        "metrics": args.metrics,
-        "quiet": args.quiet or None,
-        "log_format": args.log_format,
-    }
-    config = replace(config, **{key: value for key, value in given.items() if value is not None})
+    config = replace(config, **_options(args))
     # An error is shown in the same form, wherever that was chosen.
     args.log_format = config.log_format
     if output is None:
@@ -165,6 +149,27 @@ def run(args: argparse.Namespace) -> RecordResult:
             watch=watch,
             audience=audience,
         )
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings that are given on the command line."""
+    given: dict[str, Any] = {
+        "ports": tuple(args.ports) or None,
+        "gnss": args.gnss,
+        "baud": args.baud,
+        "gnss_baud": args.gnss_baud,
+        "duration": args.duration,
+        "wait": args.wait or None,
+        **udp_settings(args),
+        "time_scale": args.time_scale,
+        "rotate_after": args.rotate_after,
+        "rotate_at_mb": args.rotate_at_mb,
+        "disk_budget_mb": args.disk_budget_mb,
+        "metrics": args.metrics,
+        "quiet": args.quiet or None,
+        "log_format": args.log_format,
+    }
+    return {key: value for key, value in given.items() if value is not None}
 
 
 def _metadata(config: RecordConfig) -> dict[str, str]:
