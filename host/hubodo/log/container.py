@@ -69,7 +69,8 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._chunk_indexes: list[bytes] = []  # encoded: of a log of weeks there are millions
+        self._chunk_indexes = bytearray()  # encoded: of a log of weeks there are millions
+        self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
         self._start: int | None = None
@@ -86,17 +87,19 @@ class McapFile:
         """Messages in the chunks written so far."""
         return sum(self._counts.values())
 
-    def put(self, data: bytes) -> None:
-        """Append whole records. On failure (disk full) the file is cut back to its last whole record."""
-        view, done = memoryview(data), 0
+    def put(self, *parts: bytes | bytearray) -> None:
+        """Append complete records, all of them; on failure (disk full) none, the file is cut back."""
         try:
-            while done < len(data):
-                done += os.write(self._fd, view[done:])
+            for part in parts:
+                done = 0
+                while done < len(part):
+                    done += os.write(self._fd, memoryview(part)[done:])
         except OSError:
             os.ftruncate(self._fd, self.size)
             raise
-        self.size += len(data)
-        self._data_crc = zlib.crc32(data, self._data_crc)
+        for part in parts:
+            self.size += len(part)
+            self._data_crc = zlib.crc32(part, self._data_crc)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Write a schema record; returns its id."""
@@ -177,19 +180,18 @@ class McapFile:
             position += len(parts[-1])
         chunk_start = self.size
         self.put(b"".join(parts))
-        self._chunk_indexes.append(
-            _encode(
-                ChunkIndex(
-                    chunk_length=len(chunk),
-                    chunk_start_offset=chunk_start,
-                    compression=name,
-                    compressed_size=len(data),
-                    message_end_time=end,
-                    message_index_length=self.size - chunk_start - len(chunk),
-                    message_index_offsets=offsets,
-                    message_start_time=start,
-                    uncompressed_size=len(records),
-                )
+        self._chunk_count += 1
+        self._chunk_indexes += _encode(
+            ChunkIndex(
+                chunk_length=len(chunk),
+                chunk_start_offset=chunk_start,
+                compression=name,
+                compressed_size=len(data),
+                message_end_time=end,
+                message_index_length=self.size - chunk_start - len(chunk),
+                message_index_offsets=offsets,
+                message_start_time=start,
+                uncompressed_size=len(records),
             )
         )
         self._start = start if self._start is None else min(self._start, start)
@@ -209,7 +211,7 @@ class McapFile:
     def seal(self) -> None:
         """Write summary, footer and closing magic, all or, on failure (disk full), nothing of them."""
         end = _encode(DataEnd(data_section_crc=self._data_crc))
-        self.put(end + self._summary(self.size + len(end)))
+        self.put(end, *self._summary(self.size + len(end)))
 
     def whereabouts(self) -> Whereabouts:
         """Return what other programs have done to the file since it was opened."""
@@ -243,42 +245,42 @@ class McapFile:
             return "", data
         raise ValueError(f"compression {compression!r} is not one of zstd, lz4, none")
 
-    def _summary(self, start: int) -> bytes:
+    def _summary(self, start: int) -> list[bytes | bytearray]:
+        """Return summary and footer in parts, because the index of a long log is too large to be copied."""
         statistics = Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=dict(self._counts),
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunk_count,
             message_count=self.message_count,
             message_end_time=self._end,
             message_start_time=self._start or 0,
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self._schemas),
         )
-        groups: list[tuple[Opcode, bytes]] = [
+        groups: list[tuple[Opcode, bytes | bytearray]] = [
             (Opcode.SCHEMA, _encode_all(self._schemas.values())),
             (Opcode.CHANNEL, _encode_all(self._channels.values())),
             (Opcode.STATISTICS, _encode(statistics)),
-            (Opcode.CHUNK_INDEX, b"".join(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
             (Opcode.ATTACHMENT_INDEX, _encode_all(self._attachment_indexes)),
             (Opcode.METADATA_INDEX, _encode_all(self._metadata_indexes)),
         ]
-        summary, offsets = b"", b""
+        parts: list[bytes | bytearray] = [encoded for _, encoded in groups if encoded]
+        offsets, position = b"", start
         for opcode, encoded in groups:
             if encoded:
-                place = SummaryOffset(
-                    group_opcode=opcode,
-                    group_start=start + len(summary),
-                    group_length=len(encoded),
-                )
+                place = SummaryOffset(group_opcode=opcode, group_start=position, group_length=len(encoded))
                 offsets += _encode(place)
-            summary += encoded
-        offset_start = start + len(summary)
+                position += len(encoded)
+        offset_start = position
         # The summary CRC covers the footer up to its own field.
         head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
-        crc = zlib.crc32(head, zlib.crc32(summary + offsets))
+        crc = 0
+        for part in (*parts, offsets, head):
+            crc = zlib.crc32(part, crc)
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
-        return summary + offsets + _encode(footer) + MAGIC
+        return [*parts, offsets, _encode(footer) + MAGIC]
 
 
 def _encode(record: McapRecord) -> bytes:

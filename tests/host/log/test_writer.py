@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import struct
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -289,6 +290,24 @@ def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
     assert (tmp_path / "log.mcap").read_bytes() == b"precious"
     with pytest.raises(InputError, match="folder does not exist"):
         McapLog(tmp_path / "absent" / "log.mcap")
+
+
+def test_the_end_of_a_long_log_takes_no_memory_for_its_index(tmp_path):
+    """Of 6,000 chunks the index takes 0.6 MB; it is written as it is, not copied."""
+    log = McapLog(tmp_path / "a.mcap", clock=None, compression="none")
+    for k in range(6_000):
+        log.raw("usb0", k, b"frame")
+        log.flush()
+    tracemalloc.start()
+    try:
+        log.close()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 150_000
+    with open_log(tmp_path / "a.mcap") as read:
+        assert sum(1 for _ in read.messages()) == 6_000
+        assert read.warnings() == ()
 
 
 def test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log(tmp_path: Path, monkeypatch) -> None:
