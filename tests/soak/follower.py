@@ -8,6 +8,7 @@ Ends when its standard input is closed, and prints how many frames and how many 
 import sys
 import threading
 import time
+import urllib.error
 import urllib.request
 
 from websockets.exceptions import ConnectionClosed
@@ -31,12 +32,16 @@ class Follower:
                 return
 
     def read_metrics(self) -> None:
-        """Read /metrics and /healthz each second of the wall clock."""
+        """Read /metrics and /healthz each second of the wall clock, as soon as they are served."""
         while True:
-            for path in ("metrics", "healthz"):
-                with urllib.request.urlopen(f"http://127.0.0.1:{self._metrics}/{path}", timeout=60) as answer:
-                    answer.read()
-            self.readings += 1
+            try:
+                for path in ("metrics", "healthz"):
+                    address = f"http://127.0.0.1:{self._metrics}/{path}"
+                    with urllib.request.urlopen(address, timeout=60) as answer:
+                        answer.read()
+                self.readings += 1
+            except urllib.error.URLError:
+                pass  # not yet, or no longer
             time.sleep(1.0)
 
 

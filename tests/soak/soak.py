@@ -13,6 +13,7 @@ import argparse
 import gc
 import os
 import re
+import socket
 import subprocess
 import sys
 import tempfile
@@ -31,9 +32,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from fakes.steady_computer import SteadyComputer, SteadyNode
 from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.metrics_server import MetricsServer
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.snapshot import Watch, memory_in_use
+from hubodo.ingest.live.snapshot import memory_in_use
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.web.address import Address
 from hubodo.web.config import Site
@@ -88,6 +88,11 @@ class Follower:
         self.frames, self.readings = map(int, counts or (0, 0))
 
 
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=3.0)
@@ -107,30 +112,28 @@ def main() -> int:
     labels = [*LABELS, *(f"n{k}" for k in range(4, args.nodes))][: args.nodes]
     nodes = {label: SteadyNode(k + 1, args.rate, args.batch, ppm=20.0 * k) for k, label in enumerate(labels)}
     computer = SteadyComputer(nodes, hours.passed)
+    metrics = free_port()
     config = RecordConfig(
+        metrics=None if args.no_web else f"127.0.0.1:{metrics}",
         ports=tuple(f"{label}=/dev/{label}" for label in labels),
         duration=args.hours * 3600 + 1,
         rotate_after=None if args.one_log else 3600.0,
         disk_budget_mb=None if args.one_log else 1500.0,
     )
     page = follower = None
-    watch: list[Watch] = []
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-soak-")))
         nowhere = stack.enter_context(Path(os.devnull).open("w"))
         if not args.no_web:
             page = stack.enter_context(watching(Site(Address("127.0.0.1", 0)), None, folder, vehicle=VEHICLE))
-            metrics = stack.enter_context(MetricsServer("127.0.0.1:0", computer.now_ns))
-            watch.append(metrics.show)
             port = int(re.search(r":(\d+)/", page.greetings[0])[1])
-            follower = stack.enter_context(Follower(port, metrics.port))
+            follower = stack.enter_context(Follower(port, metrics))
         result = record(
             config,
             folder / "soak.mcap",
             vehicle=None if args.no_odometry else VEHICLE,
             computer=computer,
             console=Console(file=nowhere),
-            watch=watch,
             audience=page,
         )
     sent = sum(node.sent for node in nodes.values())
