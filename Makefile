@@ -34,7 +34,7 @@ bench: setup         ## speed and memory beside the peers, in the same run; the 
 		$(BIN)/python tests/bench/table.py || missed=1; exit $$missed
 
 HOURS := 3
-soak: setup          ## hours of recording in virtual time, memory at each; some twelve minutes (HOURS=24 SOAK=--no-odometry: twenty)
+soak: setup          ## hours of recording in virtual time, memory at each; some five minutes (HOURS=24: forty)
 	$(BIN)/python tests/soak/soak.py --hours $(HOURS) $(SOAK)
 
 papers: setup        ## four papers, their figures beside ours
