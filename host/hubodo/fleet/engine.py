@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from hubodo.errors import InputError, LinkError
+from hubodo.errors import LinkError
+from hubodo.extras import require_extra
 from hubodo.fleet.listing import LogPlace
 from hubodo.fleet.task import FAILED
 
@@ -31,11 +32,10 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
     workers: processes, memory_limit: of each, as "2GB"; of this computer's alone. Raises LinkError where the
     scheduler cannot be reached, InputError without Dask and for a limit that is none.
     """
-    try:
-        import dask
-        from distributed import Client, LocalCluster
-    except ImportError:
-        raise InputError("batch needs Dask: pip install 'hubodo[batch]'") from None
+    require_extra("batch", "hubodo batch")
+    import dask
+    from distributed import Client, LocalCluster
+
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=_CONNECT_S)

@@ -11,7 +11,7 @@ from typing import Any
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.absolute import absolute_track
-from hubodo.fuse.track import Score, Track, score
+from hubodo.fuse.track import Score, Track, error_words, score
 from hubodo.fuse.wheels import Method, wheel_odometry
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_units
@@ -58,7 +58,9 @@ class Fused:
         }
         if self.score is not None:
             made["truth"] = {
-                k: v for k, v in asdict(self.score).items() if v is not None and math.isfinite(v)
+                name: value
+                for name, value in asdict(self.score).items()
+                if value is not None or name.endswith("_percent")
             }
         return made
 
@@ -77,9 +79,9 @@ class Fused:
         if self.score is not None:
             found = self.score
             rows += [
-                ("final error", f"{found.final_error:.3f} m, {found.final_percent:.2f} % of path"),
-                ("rms error", f"{found.rms_error:.3f} m, {found.rms_percent:.2f} %"),
-                ("largest error", f"{found.maximum_error:.3f} m, {found.maximum_percent:.2f} %"),
+                ("final error", error_words(found.final_error, found.final_percent, " of path")),
+                ("rms error", error_words(found.rms_error, found.rms_percent)),
+                ("largest error", error_words(found.maximum_error, found.maximum_percent)),
             ]
             if found.heading_rms is not None:
                 rows.append(("heading rms", f"{math.degrees(found.heading_rms):.2f}°"))

@@ -34,14 +34,17 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Distance of a track from the truth: m, the same in % of the path, and rad."""
+    """Distance of a track from the truth: m, the same in % of the path, and rad.
+
+    The percentages are None where the truth does not move.
+    """
 
     final_error: float
     rms_error: float
     maximum_error: float
-    final_percent: float
-    rms_percent: float
-    maximum_percent: float
+    final_percent: float | None
+    rms_percent: float | None
+    maximum_percent: float | None
     heading_rms: float | None
 
 
@@ -75,9 +78,18 @@ def score(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> 
     path = float(np.sum(np.hypot(np.diff(x), np.diff(y))))
     rms = float(np.sqrt(np.mean(error**2)))
     final, maximum = float(error[-1]), float(error.max())
-    share = 100.0 / path if path > 0.0 else float("nan")
     turn_rms = None
     if heading is not None:
         off = track.heading[common] - np.interp(at, t, np.unwrap(heading))
         turn_rms = float(np.sqrt(np.mean((np.mod(off + np.pi, 2 * np.pi) - np.pi) ** 2)))
-    return Score(final, rms, maximum, final * share, rms * share, maximum * share, turn_rms)
+
+    def percent(value: float) -> float | None:
+        return 100.0 * value / path if path > 0.0 else None
+
+    return Score(final, rms, maximum, percent(final), percent(rms), percent(maximum), turn_rms)
+
+
+def error_words(error: float, percent: float | None, of: str = "") -> str:
+    """Return an error in m and in % of the path; of: words behind the per cent sign."""
+    share = "the vehicle does not move" if percent is None else f"{percent:.2f} %{of}"
+    return f"{error:.3f} m, {share}"

@@ -12,7 +12,7 @@ import numpy as np
 from hubodo.calibration.apply import Applied, apply_calibration
 from hubodo.calibration.file import Calibration, node_serial
 from hubodo.errors import InputError
-from hubodo.fuse.track import score
+from hubodo.fuse.track import error_words, score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.summary import Summary
 from hubodo.recording import Recording
@@ -278,7 +278,9 @@ def _drive(
     if found is None:
         missing.append("drive: its error, because the log holds no truth")
     else:
-        facts.append(f"error at the end {found.final_error:.3f} m, {found.final_percent:.2f} % of the path")
+        facts.append(
+            f"error at the end {error_words(found.final_error, found.final_percent, ' of the path')}"
+        )
     return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
 
 

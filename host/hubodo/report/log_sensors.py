@@ -49,7 +49,14 @@ def sensor_report(
     sections: list[Section] = []
     missing: list[str] = []
     facts: list[str] = []
-    samples = np.column_stack([table[channel] for channel in CHANNELS])
+    # What a log without an accelerometer has measured is examined, and the rest is named as missing.
+    measured = tuple(channel for channel in CHANNELS if np.isfinite(table[channel]).any())
+    absent = [channel for channel in CHANNELS if channel not in measured]
+    if not measured:
+        return SensorReport((), (f"{name}: the log holds no samples of it",), ())
+    if absent:
+        missing.append(f"{name}: {', '.join(absent)}: the log holds no samples")
+    samples = np.column_stack([table[channel] for channel in measured])
     finite: Mask = np.asarray(np.isfinite(samples).all(axis=1))
     t, gyro, accel = table.t[finite], table.gyro[finite], table.accel[finite]
     span, words = _still_part(t, gyro, accel)
@@ -65,10 +72,13 @@ def sensor_report(
             missing.append(f"{name}: noise terms and warm-up: {error}")
         else:
             step = None if temperature is None else temperature_step(t[span], temperature)
-            sections += _allan(name, t[span], still, step, missing, facts)
+            sections += _allan(name, measured, t[span], still, step, missing, facts)
             age = _age(events, name, float(t[span][0]), t_zero_ns)
-            sections += _warmup(name, t[span], still, temperature, step, age, missing, facts)
-    sections += _poses(name, t, gyro, accel, gravity, missing, facts)
+            sections += _warmup(name, measured, t[span], still, temperature, step, age, missing, facts)
+    if absent:
+        missing.append(f"{name}: scale and cross-axis of the triads: all six channels are needed")
+    else:
+        sections += _poses(name, t, gyro, accel, gravity, missing, facts)
     if "temperature" not in table:
         missing.append(f"{name}: temperature: none in the log")
     return SensorReport(tuple(sections), tuple(missing), tuple(facts))
@@ -77,15 +87,17 @@ def sensor_report(
 def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]:
     """The longest rest: all of it where nothing moved."""
     if len(t) < 2:
-        return None, "there are no samples"
-    if moved(t, np.column_stack([gyro, accel])) is None and not np.any(
-        np.abs(np.median(gyro, axis=0)) > _TURNS
-    ):
+        return None, "no two samples have all channels that are measured"
+    samples = np.column_stack([gyro, accel])
+    samples = samples[:, np.isfinite(samples).all(axis=0)]
+    if moved(t, samples) is None and not np.any(np.abs(np.median(gyro, axis=0)) > _TURNS):
         try:
             check_units(gyro, accel)
         except InputError as error:
             return None, str(error)
         return slice(0, len(t)), f"at rest all the time, {duration_words(float(t[-1] - t[0]))}"
+    if samples.shape[1] < len(CHANNELS):
+        return None, "the node moved, and rests within a movement are found with all six channels only"
     try:
         rests = find_rests(t, gyro, accel)
     except CalibrationError as error:
@@ -104,6 +116,7 @@ def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]
 
 def _allan(
     name: str,
+    measured: tuple[str, ...],
     t: Array,
     still: Array,
     step: TemperatureStep | None,
@@ -113,6 +126,8 @@ def _allan(
     rows: list[tuple[str, ...]] = []
     detail: list[Section] = []
     for k, channel in enumerate(CHANNELS):
+        if channel not in measured:
+            continue
         try:
             report = characterise(t, still[:, k].copy(), channel, step=step)
         except InputError as error:
@@ -142,6 +157,7 @@ def _allan(
 
 def _warmup(
     name: str,
+    measured: tuple[str, ...],
     t: Array,
     still: Array,
     temperature: Array | None,
@@ -152,6 +168,8 @@ def _warmup(
 ) -> list[Section]:
     rows, detail = [], []
     for k, channel in enumerate(CHANNELS[:3]):
+        if channel not in measured:
+            continue
         try:
             report = characterise_warmup(
                 t, still[:, k].copy(), channel, temperature=temperature, age=age or 0.0, step=step

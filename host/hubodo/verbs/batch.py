@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
+from hubodo.extras import require_extra
 from hubodo.fleet.names import CALIBRATION, PRIORS
 from hubodo.log.claims import memory_limit
 from hubodo.progress import progress_line
@@ -156,6 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> BatchDone:
     """Find the logs, examine each, gather."""
+    require_extra("batch", "hubodo batch")
     from hubodo.fleet.engine import engine
     from hubodo.fleet.listing import find_logs
     from hubodo.fleet.place import opened, url_of

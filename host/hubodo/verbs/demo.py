@@ -28,7 +28,7 @@ from hubodo.emulator.interpreters.interpreter import Kind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError
 from hubodo.fuse.fused import score_against_truth
-from hubodo.fuse.track import Score
+from hubodo.fuse.track import Score, error_words
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.mcap import read_recording
 from hubodo.log.summary import Summary, summarise
@@ -67,8 +67,8 @@ class Demo:
         return {
             "firmware ran on": INTERPRETERS[self.interpreter],
             "length of the path": f"{self.fused.learnt['distance']:.2f} m (truth {self.true_length:.2f} m)",
-            "error at the end": f"{off.final_error:.3f} m, {off.final_percent:.2f} % of the path",
-            "largest error": f"{off.maximum_error:.3f} m, {off.maximum_percent:.2f} %",
+            "error at the end": error_words(off.final_error, off.final_percent, " of the path"),
+            "largest error": error_words(off.maximum_error, off.maximum_percent),
             "heading error, rms": "-" if off.heading_rms is None else f"{math.degrees(off.heading_rms):.2f}°",
             "seed": str(self.seed),
         }
@@ -187,8 +187,8 @@ def run(args: argparse.Namespace) -> Demo:
     )
     lead = (
         f"{demo.true_length:.0f} m, driven by two virtual wheel nodes running the real firmware; "
-        f"the fused track ends {demo.score.final_error:.2f} m from the truth "
-        f"({demo.score.final_percent:.2f} % of the path)."
+        f"the error of the fused track at its end is "
+        f"{error_words(demo.score.final_error, demo.score.final_percent, ' of the path')}."
     )
     facts = facts_grid(demo.facts())
     write_whole(demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS))

