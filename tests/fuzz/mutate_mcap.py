@@ -10,7 +10,11 @@ import lz4.frame
 import zstandard
 
 MAGIC = b"\x89MCAP0\r\n"
-CHUNK, ATTACHMENT, DATA_END, FOOTER = 6, 9, 15, 2
+SCHEMA, CHUNK, ATTACHMENT, DATA_END, FOOTER = 3, 6, 9, 15, 2
+TYPES = (
+    b"sensor_msgs/msg/Imu", b"sensor_msgs/msg/JointState", b"nav_msgs/msg/Odometry",
+    b"sensor_msgs/msg/NavSatFix", b"std_msgs/msg/Float64MultiArray", b"sensor_msgs/msg/Temperature", b"std_msgs/msg/String", b"x", b"",
+)  # fmt: skip
 NUMBERS = (
     0,
     1,
@@ -110,6 +114,8 @@ def _change(rng: random.Random, records: list[Record]) -> None:
         records[at], records[other] = records[other], records[at]
     elif way < 0.19:
         records[at] = (rng.randrange(1, 0x12), content)
+    elif opcode == SCHEMA and way < 0.9:
+        records[at] = (opcode, _retyped(rng, content))
     elif opcode == CHUNK and way < 0.95:
         records[at] = (opcode, _rechunked(rng, content))
     else:
@@ -117,6 +123,25 @@ def _change(rng: random.Random, records: list[Record]) -> None:
     if at < len(records) and records[at][0] == ATTACHMENT:
         body = records[at][1][:-4]
         records[at] = (ATTACHMENT, body + struct.pack("<I", zlib.crc32(body)))
+
+
+def _retyped(rng: random.Random, content: bytes) -> bytes:
+    """The schema with the name of another type, or with a definition that is cut off or not text."""
+    try:
+        (size,) = struct.unpack_from("<I", content, 2)
+        name, rest = content[6 : 6 + size], content[6 + size :]
+        (size,) = struct.unpack_from("<I", rest)
+        encoding, text = rest[4 : 4 + size], rest[8 + size :]
+    except struct.error:
+        return content
+    if rng.random() < 0.5:
+        name = rng.choice(TYPES)
+    else:
+        text = rng.choice(
+            (text[: rng.randrange(len(text) + 1)], b"float64[" + b"9" * 5000 + b"] x", b"\xff", b"")
+        )
+    parts = b"".join(struct.pack("<I", len(part)) + part for part in (name, encoding, text))
+    return content[:2] + parts
 
 
 def _rechunked(rng: random.Random, content: bytes) -> bytes:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import io
 import random
 import sqlite3
+import struct
 import tomllib
 from contextlib import closing
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as Bag1
+from rosbags.typesys import Stores, get_typestore
 
 from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.log import ros2
@@ -197,6 +202,24 @@ def bag_database(n_messages: int = 30) -> bytes:
                 base.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
         base.commit()
         return bytes(base.serialize())
+
+
+@cache
+def ros1_bag() -> bytes:
+    """A bag of ROS 1: Imu and Odometry, compressed by bz2."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with TemporaryDirectory(prefix="hubodo-fuzz-") as folder:
+        path = Path(folder) / "x.bag"
+        writer = Bag1(path)
+        writer.set_compression(Bag1.CompressionFormat.BZ2)
+        with writer as bag:
+            # Behind the header an Imu has 37 numbers, a Temperature two.
+            for topic, kind, numbers in (("/imu", ros2.IMU, 37), ("/t", ros2.TEMPERATURE, 2)):
+                link = bag.add_connection(topic, kind, typestore=store)
+                for k in range(20):
+                    header = struct.pack("<IIII", k, T0 // 10**9 + k, 0, 0)
+                    bag.write(link, T0 + k * 10**9, header + bytes(8 * numbers))
+        return path.read_bytes()
 
 
 def wild_frame(rng: random.Random) -> bytes:

@@ -18,6 +18,7 @@ from functools import cache
 from pathlib import Path
 
 from fuzz import seeds
+from fuzz.mutate_bag import mutated_database, mutated_rosbag1, packed_database
 from fuzz.mutate_mcap import mutated, torn
 from fuzz.mutate_text import mutated_csv, mutated_toml
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
@@ -122,10 +123,39 @@ def mcap_case(rng: random.Random) -> Case:
     """A log of ours, or another writer's, changed."""
     data = mutated(rng, rng.choice(_logs()))
     words = rng.choice((
-        *READERS[:3] * 2, *READERS,
+        *READERS[:3] * 2, *READERS, ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
         ("recover", "LOG", "-o", "FOLDER/out.mcap"), ("import", "LOG", "-o", "FOLDER/out.mcap"),
     ))  # fmt: skip
     return Case(_at(words, "FOLDER/log.mcap"), {**SETTINGS, "log.mcap": data})
+
+
+BAG_READERS = (
+    ("info", "LOG", "--json"),
+    ("info", "LOG"),
+    ("export", "LOG", "-o", "FOLDER/out"),
+    ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
+    ("import", "LOG", "-o", "FOLDER/out.mcap"),
+    ("report", "LOG", "-o", "FOLDER/r.html"),
+)
+
+
+def bag_case(rng: random.Random) -> Case:
+    """A rosbag2 folder or a bag of ROS 1, changed."""
+    words = rng.choice(BAG_READERS)
+    if rng.random() < 0.3:
+        data = mutated_rosbag1(rng, seeds.ros1_bag())
+        return Case(_at(words, "FOLDER/log.bag"), {**SETTINGS, "log.bag": data})
+    data, mode, suffix = seeds.bag_database(), "", ""
+    if rng.random() < 0.2:
+        mode, data = packed_database(rng, data)
+        suffix = ".zstd" if mode == "FILE" else ""
+    else:
+        data = mutated_database(rng, data)
+    metadata = seeds.BAG_METADATA.format(mode=mode, form="zstd" if mode else "").encode()
+    if rng.random() < 0.1:
+        metadata = bytes(torn(rng, metadata))
+    files = {f"bag/bag_0.db3{suffix}": data, "bag/metadata.yaml": metadata}
+    return Case(_at(words, "FOLDER/bag"), {**SETTINGS, **files})
 
 
 def csv_case(rng: random.Random) -> Case:
@@ -238,6 +268,7 @@ VALUES = (
 
 TARGETS: dict[str, Callable[[random.Random], Case]] = {
     "mcap": mcap_case,
+    "bag": bag_case,
     "csv": csv_case,
     "toml": toml_case,
     "frames": frames_case,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from fuzz.kept import kept
 from fuzz.targets import TARGETS, judge
 
-SHORT = {"mcap": 70, "csv": 50, "toml": 50, "frames": 25, "nmea": 60, "options": 15}
+SHORT = {"mcap": 70, "bag": 60, "csv": 50, "toml": 50, "frames": 25, "nmea": 60, "options": 15}
 
 
 @pytest.mark.parametrize("name", TARGETS)

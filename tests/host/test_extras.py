@@ -25,6 +25,7 @@ PLAIN = """
 import json, sys
 sys.modules.update(dict.fromkeys(json.loads(sys.argv[1])))
 from in_process import hubodo
+from hubodo.log.any_log import read_log
 from pathlib import Path
 said = [[done.code, done.err] for done in (hubodo(*words) for words in json.loads(sys.argv[2]))]
 try:
@@ -33,7 +34,7 @@ except Exception as error:
     said.append([0, str(error)])
 print(json.dumps(said))
 """
-"""Runs commands where no module of an extra can be imported; in a process of its own, as Dask keeps threads."""
+"""Runs commands where no module of an extra can be imported, in a process of its own: Dask keeps threads."""
 
 
 @pytest.fixture(scope="module")
