@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import stat
 import tomllib
 from collections.abc import Iterable
 from dataclasses import MISSING, fields
@@ -16,6 +17,8 @@ from hubodo.errors import ConfigError
 
 _T = TypeVar("_T")
 _DEEPEST = 20
+_MOST_BYTES = 1 << 20  # a thousand nodes with all effects need half of it
+_LONGEST_SHOWN = 60  # characters of a value in an error
 
 LARGEST = 1e12
 """In SI units, of whatever: beyond it nothing was meant."""
@@ -27,7 +30,8 @@ def toml_key(name: str) -> str:
 
 
 def toml_text(text: str) -> str:
-    """A basic string, all of it on one line."""
+    """Return a basic string on one line; TOML has no lone surrogates, which become their escapes."""
+    text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     escaped = "".join(
         f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else f"\\{c}" if c in '\\"' else c for c in text
     )
@@ -65,30 +69,40 @@ def _value(value: object, hint: Any, where: str) -> Any:
     if hint == tuple[str, ...]:
         if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
             return tuple(value)
-        raise ConfigError(f"{where} = {value!r}: must be a list of texts")
+        raise ConfigError(f"{where} = {shown(value)}: must be a list of texts")
     if get_origin(hint) is Literal:
         if value in get_args(hint):
             return value
+        options = get_args(hint)
         raise ConfigError(
-            f"{where} = {value!r}: write {' or '.join(get_args(hint))}{near(str(value), get_args(hint))}"
+            f"{where} = {shown(value)}: write {' or '.join(options)}{near(str(value), options)}"
         )
     text = str(hint)
     if isinstance(value, bool) or hint is bool:
         if isinstance(value, bool) and "bool" in text:
             return value
+    elif isinstance(value, int | float) and ("float" in text or "int" in text) and not abs(value) <= LARGEST:
+        raise ConfigError(f"{where} = {shown(value)}: must be a finite number of {LARGEST:g} at most")
     elif isinstance(value, int | float) and "float" in text:
         return float(value)
     elif (isinstance(value, int) and "int" in text) or (isinstance(value, str) and "str" in text):
         return value
     names = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
     wanted = next(words for name, words in names.items() if name in text)
-    raise ConfigError(f"{where} = {value!r}: must be {wanted}")
+    raise ConfigError(f"{where} = {shown(value)}: must be {wanted}")
 
 
 def load_toml(path: Path) -> dict[str, Any]:
     """A TOML document. Raises ConfigError: no such file, not readable, not TOML."""
     try:
-        text = path.read_text("utf-8")
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise ConfigError(f"{path}: is a folder, a pipe or a device; name a TOML file")
+        if status.st_size > _MOST_BYTES:
+            raise ConfigError(
+                f"{path}: has {status.st_size} bytes, settings {_MOST_BYTES} at most; check the path"
+            )
+        text = path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the path") from None
     except (OSError, UnicodeDecodeError) as error:
@@ -130,7 +144,13 @@ def as_table(value: object, where: str) -> dict[str, Any]:
     """The value itself; raises ConfigError when it is no table. where: file and table, for the error."""
     if isinstance(value, dict):
         return value
-    raise ConfigError(f"{where} = {value!r}: must be a table")
+    raise ConfigError(f"{where} = {shown(value)}: must be a table")
+
+
+def shown(value: object) -> str:
+    """Return a value of a file as an error quotes it: the beginning of what may be very long."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 def only_keys(table: object, known: Iterable[str], where: str) -> None:
@@ -138,7 +158,8 @@ def only_keys(table: object, known: Iterable[str], where: str) -> None:
     names = list(known)
     for key in as_table(table, where):
         if key not in names:
-            raise ConfigError(f"{where}: unknown key {key!r}{near(key, names)}; known are {', '.join(names)}")
+            hint = near(key, names)
+            raise ConfigError(f"{where}: unknown key {shown(key)}{hint}; known are {', '.join(names)}")
 
 
 def above_zero(value: float, where: str) -> None:
@@ -154,5 +175,5 @@ def above_zero(value: float, where: str) -> None:
 
 def near(word: str, known: Iterable[str]) -> str:
     """ ", did you mean ...?" for an error about a word that is not known; "" where none is like it."""
-    close = difflib.get_close_matches(word, list(known), 1, 0.5)
+    close = difflib.get_close_matches(word[:_LONGEST_SHOWN], list(known), 1, 0.5)
     return f", did you mean {close[0]!r}?" if close else ""

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from hubodo.errors import ConfigError
-from hubodo.toml_file import above_zero, as_table, load_toml, only_keys, read_table
+from hubodo.toml_file import above_zero, as_table, load_toml, only_keys, read_table, shown
 
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
@@ -17,6 +16,7 @@ Facing = Literal["left", "right"]
 RANGES = ("gyro_range", "accel_range")
 _MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
 _LONGEST_NAME = 80
+_FARTHEST = 1000.0  # m, of an antenna from the axle
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,8 @@ def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     topics = as_table(table.get("topics", {}), f"{path}: [topics]")
     for name, topic in topics.items():
         if not isinstance(topic, str) or not topic:
-            raise ConfigError(f'{path}: [topics] {name} = {topic!r}: write a topic, such as "/imu/{name}"')
+            here = f"{path}: [topics] {shown(name)} = {shown(topic)}"
+            raise ConfigError(f'{here}: write a topic, such as "/imu/left"')
     return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics), called)
 
 
@@ -120,7 +121,7 @@ def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
     if "antenna" not in body:
         return None
     match body["antenna"]:
-        case [int() | float() as x, int() | float() as y] if math.isfinite(x) and math.isfinite(y):
+        case [int() | float() as x, int() | float() as y] if abs(x) <= _FARTHEST and abs(y) <= _FARTHEST:
             return float(x), float(y)
     raise ConfigError(f"{where}: give [forward, left] in metres, such as [0.5, 0.0]")
 
@@ -142,7 +143,7 @@ def _ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:
         if key in table:
             value = table[key]
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ConfigError(f"{where} {key} = {value!r}: give a number in rad/s or m/s²")
+                raise ConfigError(f"{where} {key} = {shown(value)}: give a number in rad/s or m/s²")
             found[key] = float(value)
             above_zero(found[key], f"{where} {key}")
     return found

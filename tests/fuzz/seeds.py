@@ -59,7 +59,7 @@ temperature_min = 10.0
 temperature_max = 30.0
 x = { value = 0.001, sigma = 0.0001 }
 z = { value = 0.002, sigma = 0.0001 }
-[nodes.left.effects.gyro_scale]
+[nodes.left.effects.gyro_scale_factor]
 z = { value = 0.01, sigma = 0.001 }
 [nodes.left.effects.gyro_warmup]
 z = { value = 0.01, sigma = 0.001 }

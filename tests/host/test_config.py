@@ -53,7 +53,7 @@ def test_a_model_file_is_also_a_vehicle_file(tmp_path):
         ),
         ("wheel_radius = 0.31\n", "", "wheel_radius is missing"),
         ("wheel_radius = 0.31", "wheel_radius = -1", "above 0"),
-        ("wheel_radius = 0.31", "wheel_radius = nan", "above 0"),
+        ("wheel_radius = 0.31", "wheel_radius = nan", "finite number"),
         ("wheel_radius = 0.31", "wheel_radius = '0.31'", "must be a number"),
         ("wheel_radius = 0.31", "wheel_radius = true", "must be a number"),
         ("[vehicle]", "[vehicel]", "did you mean 'vehicle'"),

@@ -37,6 +37,7 @@ from hubodo.toml_file import (
     only_keys,
     parse_toml,
     read_table,
+    shown,
     toml_key,
     toml_number,
     toml_text,
@@ -141,9 +142,10 @@ def _calibration(document: Mapping[str, Any], path: Path) -> Calibration:
         refused: dict[Level, str] = {
             "vehicle": "this is an effect of the vehicle; move it to [vehicle.effects.{name}]"
         }
-        nodes[name] = NodeCalibration(
-            dict(_found(body, f"{where}.effects", refused)), str(body.get("serial", ""))
-        )
+        serial = body.get("serial", "")
+        if not isinstance(serial, str):
+            raise ConfigError(f"{where}] serial = {shown(serial)}: must be a text")
+        nodes[name] = NodeCalibration(dict(_found(body, f"{where}.effects", refused)), serial)
     vehicle = as_table(document.get("vehicle", {}), f"{path}: [vehicle]")
     only_keys(vehicle, ("effects",), f"{path}: [vehicle]")
     return Calibration(nodes, dict(_found(vehicle, f"{path}: [vehicle.effects", {})))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +11,7 @@ from hubodo.errors import ConfigError, HubodoError, InputError
 from hubodo.flash.install import Flashed, RolledBack
 from hubodo.flash.order import Order, node_id
 from hubodo.ingest.link.ports import list_devices
+from hubodo.toml_file import load_toml, shown
 
 BOARD_VENDORS = {
     0x2E8A: "Raspberry Pi",
@@ -74,18 +74,15 @@ def found_ports(lister: Callable[[], Iterable[Any]] = list_devices) -> list[str]
 
 def read_fleet(path: Path) -> dict[str, int]:
     """Node ids by serial of the board: ``[nodes]`` serial = "left". Raises InputError and ConfigError."""
-    try:
-        table = tomllib.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError(
-            f'{path}: no such file; write [nodes] with lines such as e6614103e7452d2f = "left"'
-        ) from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigError(f"{path}: not TOML: {error}") from None
+    if not path.exists():
+        raise InputError(f'{path}: no such file; write [nodes] with lines such as e6614103e7452d2f = "left"')
+    table = load_toml(path)
     rows = table.get("nodes")
     if set(table) != {"nodes"} or not isinstance(rows, dict):
         raise ConfigError(f'{path}: wants one table [nodes] with SERIAL = "NAME" and nothing else')
-    fleet = {str(serial).lower(): node_id(str(name), f"{path}: {serial} =") for serial, name in rows.items()}
+    fleet = {
+        str(serial).lower(): node_id(str(name), f"{path}: {shown(serial)} =") for serial, name in rows.items()
+    }
     twice = {number for number in fleet.values() if list(fleet.values()).count(number) > 1}
     if twice:
         raise ConfigError(f"{path}: node {min(twice)} is there twice; each board has a name of its own")

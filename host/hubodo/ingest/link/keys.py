@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import re
 import secrets
-import tomllib
 from pathlib import Path
 
 from hubodo.errors import ConfigError, InputError
-from hubodo.private_files import read_private
+from hubodo.private_files import check_private
+from hubodo.toml_file import load_toml, shown
 from hubodo.whole_files import whole_files
 
 KEY_BYTES = 32
@@ -27,24 +27,20 @@ class KeyRing:
         """
         self.path = path
         self.keys: dict[str, bytes] = {}
-        try:
-            table = tomllib.loads(read_private(path, "the keys"))
-        except FileNotFoundError:
+        if not path.exists():
             if create:
                 return
-            raise InputError(
-                f"{path}: no such file; `hubodo flash PORT --key-file {path}` makes it"
-            ) from None
-        except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ConfigError(f"{path}: not TOML: {error}") from None
+            raise InputError(f"{path}: no such file; `hubodo flash PORT --key-file {path}` makes it")
+        table = load_toml(path)
+        check_private(path, "the keys")
         rows = table.get("keys", {})
         if set(table) - {"keys"} or not isinstance(rows, dict):
             raise ConfigError(f'{path}: wants one table [keys] with SERIAL = "KEY" and nothing else')
         for serial, key in rows.items():
             if not _SERIAL.fullmatch(serial) or not isinstance(key, str) or not _KEY.fullmatch(key):
                 raise ConfigError(
-                    f"{path}: [keys] {serial}: wants the serial of a board, 16 hexadecimal digits, and a key "
-                    f"of {2 * KEY_BYTES}"
+                    f"{path}: [keys] {shown(serial)}: wants the serial of a board, 16 hexadecimal digits, "
+                    f"and a key of {2 * KEY_BYTES}"
                 )
             self.keys[serial] = bytes.fromhex(key)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hubodo.errors import ConfigError, InputError
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.ieee952 import ACCEL, GYRO
-from hubodo.toml_file import load_toml
+from hubodo.toml_file import LARGEST, load_toml, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -85,16 +85,18 @@ def read_datasheet(name: str) -> Datasheet:
     if not path.is_file():
         raise InputError(f"--datasheet {name}: no such file, and no chip of {', '.join(CHIPS)}")
     content = load_toml(path)
-    label = str(content.pop("name", path.stem))
+    label = content.pop("name", path.stem)
+    if not isinstance(label, str):
+        raise ConfigError(f"{name}: name = {shown(label)}: must be a text")
     for sensor, entries in content.items():
         known = {_DENSITY[sensor][0], *_KEYS[sensor]} if sensor in _KEYS else set()
         if not isinstance(entries, dict) or not known:
-            raise ConfigError(f"{name}: {sensor!r} is none of name, [gyro], [accel]")
+            raise ConfigError(f"{name}: {shown(sensor)} is none of name, [gyro], [accel]")
         for key, value in entries.items():
             if key not in known:
-                raise ConfigError(f"{name}: [{sensor}] {key!r} is none of {', '.join(sorted(known))}")
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
-                raise ConfigError(f"{name}: [{sensor}] {key} = {value!r}: give a number above 0")
+                raise ConfigError(f"{name}: [{sensor}] {shown(key)} is none of {', '.join(sorted(known))}")
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LARGEST:
+                raise ConfigError(f"{name}: [{sensor}] {key} = {shown(value)}: give a number above 0")
         if _DENSITY[sensor][0] in entries and next(iter(_KEYS[sensor])) in entries:
             raise ConfigError(f"{name}: [{sensor}] gives the white noise twice; leave one out")
     return _sheet(label, content)
