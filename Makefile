@@ -91,8 +91,8 @@ faults: setup        ## the table of faults, each done and judged, two hundred k
 	$(BIN)/python tests/faults/floods_udp.py --seconds 60
 
 SECONDS ?= 600
-fuzz: setup          ## logs, CSV, TOML, streams, NMEA, options made from chance, SECONDS each (600)
-	$(BIN)/python tests/fuzz/fuzz.py --seconds $(SECONDS)
+fuzz: setup          ## each reader on changed files, SECONDS each (600), within limits of memory and time (FUZZ="--reader hdf5 --files 1000")
+	$(BIN)/python tests/fuzz/fuzz.py --seconds $(SECONDS) $(FUZZ)
 
 load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
 	$(BIN)/python tests/load/load.py

@@ -1,65 +1,103 @@
-"""Fuzzing for as long as one likes: `python tests/fuzz/fuzz.py mcap csv --seconds 600 --seed 1`; not a test.
+"""Fuzz the readers for as long as one likes: `fuzz.py --reader hdf5 --seconds 600`; not a test.
 
-A case that breaks what must hold is made smaller, kept in tests/fuzz/corpus and told; exit code 1 then.
+Each case runs in a process of its own within limits of memory and processor time. A case is a defect when it
+ends by a traceback, as "a defect of hubodo" or by a signal, beyond 30 s or beyond the memory limit. The first
+case of each new kind is saved in tests/fuzz/corpus, which test_fuzz.py replays; exit code 1 then.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import sys
 import time
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads do not survive a fork
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from fuzz.kept import keep
-from fuzz.targets import TARGETS, judge
+from fuzz.corpus import save_case
+from fuzz.isolated import run_isolated
+from fuzz.nmea_cases import sentences
+from fuzz.targets import TARGETS
+from hubodo.ingest.gnss.nmea import NmeaDecoder
 
-_MOST_FOUND = 20
+_MOST_KINDS = 20
+_SPACING = 1_000_003  # between the first cases of two seeds
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("target", nargs="*", metavar="TARGET", help="default: all")
-    parser.add_argument("--seconds", type=float, default=600.0, help="for each target (default 600)")
-    parser.add_argument("--seed", type=int, default=None, help="of the first case (default: by the clock)")
-    parser.add_argument("--keep", action="store_true", help="put what is found into the corpus")
+    """Fuzz the readers that the command line names."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--reader", action="append", choices=TARGETS, help="repeatable (default: all)")
+    parser.add_argument("--seconds", type=float, default=600.0, help="for each reader (default 600)")
+    parser.add_argument("--files", type=int, help="cases of each reader, in place of a time")
+    parser.add_argument(
+        "--sentences", type=int, help="decode so many changed NMEA sentences, and nothing else"
+    )
+    parser.add_argument("--seed", type=int, help="of the first case (default: the date, as in 20261124)")
+    parser.add_argument("--no-save", action="store_true", help="leave the corpus as it is")
     args = parser.parse_args()
-    seed = int(time.time()) if args.seed is None else args.seed
-    found = sum(hunt(name, args.seconds, seed, keeping=args.keep) for name in args.target or TARGETS)
-    return 1 if found else 0
+    seed = int(datetime.now(UTC).strftime("%Y%m%d")) if args.seed is None else args.seed
+    print(f"seed {seed}", flush=True)
+    if args.sentences:
+        return decode_sentences(args.sentences, seed)
+    defects = 0
+    for name in args.reader or TARGETS:
+        defects += fuzz_reader(name, seed, args.seconds, args.files, saving=not args.no_save)
+    return 1 if defects else 0
 
 
-def hunt(name: str, seconds: float, seed: int, *, keeping: bool) -> int:
-    """Runs cases of one target until the time is over; how many different ones broke something."""
-    codes: Counter[int] = Counter()
-    found: dict[str, int] = {}
-    end, case_seed = time.monotonic() + seconds, seed * 1_000_003
-    while time.monotonic() < end and len(found) < _MOST_FOUND:
-        case_seed += 1
-        case = TARGETS[name](random.Random(case_seed))
+def fuzz_reader(name: str, seed: int, seconds: float, files: int | None, *, saving: bool) -> int:
+    """Run cases of one reader until the time or their number is over; return how many were defects."""
+    outcomes, codes, kinds = Counter[str](), Counter[str](), set[str]()
+    end, first, peak = time.monotonic() + seconds, seed * _SPACING, 0
+    number = 0
+    while (number < files if files else time.monotonic() < end) and len(kinds) < _MOST_KINDS:
+        number += 1
+        case = TARGETS[name](random.Random(first + number))
+        outcome = run_isolated(case)
+        outcomes[outcome.kind] += 1
+        peak = max(peak, outcome.peak)
+        if outcome.kind == "passed":
+            codes[outcome.text[5]] += 1
+        elif (signature := _signature(outcome.text)) not in kinds:
+            kinds.add(signature)
+            print(f"{name}: case {first + number}: {outcome.text[:600]}", flush=True)
+            if saving:
+                print(f"    saved as {save_case(name, case)}", flush=True)
+    counts = ", ".join(f"{count} ended with {code}" for code, count in sorted(codes.items()))
+    print(
+        f"{name}: {number} files, {outcomes['defect']} defects, {outcomes['slow']} over 30 s, "
+        f"{outcomes['memory']} over memory ({len(kinds)} kinds; peak {peak >> 20} MB; {counts})",
+        flush=True,
+    )
+    return number - outcomes["passed"]
+
+
+def decode_sentences(count: int, seed: int) -> int:
+    """Feed changed NMEA sentences to the decoder; print the number of exceptions."""
+    errors, fixes = Counter[str](), 0
+    decoder = NmeaDecoder()
+    for number, line in enumerate(sentences(random.Random(seed), count)):
         try:
-            codes[judge(case).code] += 1
-        except Exception as error:  # noqa: BLE001 what is hunted
-            kind = _kind(error)
-            if kind not in found:
-                found[kind] = case_seed
-                print(f"{name}: case {case_seed}: {kind}", flush=True)
-                print(f"    {str(error)[:600]}", flush=True)
-                if keeping:
-                    print(f"    kept as {keep(name, case)}")
-    done = ", ".join(f"{count} ended with {code}" for code, count in sorted(codes.items()))
-    cases = case_seed - seed * 1_000_003
-    print(f"{name}: {seconds:.0f} s, {cases} cases from seed {seed}: {done}; {len(found)} broke")
-    return len(found)
+            fixes += len(list(decoder.feed(line, number * 50_000_000)))
+        except Exception as error:  # noqa: BLE001 - what is counted
+            errors[type(error).__name__] += 1
+    print(f"{count} sentences, {fixes} fixes, {errors.total()} exceptions {dict(errors) or ''}".rstrip())
+    return 1 if errors else 0
 
 
-def _kind(error: Exception) -> str:
-    """What makes two finds the same: the words without numbers."""
-    words = "".join("0" if c.isdigit() else c for c in str(error).partition(": ")[2])[:90]
-    return f"{type(error).__name__}: {words.partition(': ')[2] or words}"
+def _signature(text: str) -> str:
+    """Return what two cases with one cause share: the end of the error without numbers and paths."""
+    cause = text.partition("\n")[0]
+    words = [word for word in cause.split() if "/" not in word and "FOLDER" not in word]
+    return "".join("0" if c.isdigit() else c for c in " ".join(words[-25:]))
 
 
 if __name__ == "__main__":

@@ -13,7 +13,8 @@ MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHUNK, ATTACHMENT, DATA_END, FOOTER = 3, 6, 9, 15, 2
 TYPES = (
     b"sensor_msgs/msg/Imu", b"sensor_msgs/msg/JointState", b"nav_msgs/msg/Odometry",
-    b"sensor_msgs/msg/NavSatFix", b"std_msgs/msg/Float64MultiArray", b"sensor_msgs/msg/Temperature", b"std_msgs/msg/String", b"x", b"",
+    b"sensor_msgs/msg/NavSatFix", b"std_msgs/msg/Float64MultiArray", b"sensor_msgs/msg/Temperature",
+    b"std_msgs/msg/String", b"x", b"",
 )  # fmt: skip
 NUMBERS = (
     0,

@@ -89,6 +89,17 @@ compression = "zstd"
 odometry_rate_hz = 50.0
 clock_request_period = 1.0
 time_scale = 1.0
+[web]
+hosts = ["recorder.lan"]
+"""
+KEYS = f"""
+[keys]
+e6614103e7452d2f = "{"ab" * 32}"
+"""
+FLEET = """
+[nodes]
+e6614103e7452d2f = "left"
+e6614103e7452d30 = "right"
 """
 NMEA = (
     b"$GPGGA,123519.00,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*59\r\n"

@@ -1,116 +1,23 @@
-"""What is fuzzed: an input made from chance, the verbs that get it, and what must hold whatever it is.
-
-Each target makes a `Case` from a random source; `judge` runs it. A command ends with 0, 1 or 2 and at most
-one line of error, which never speaks of a defect of hubodo; one that fails leaves nothing behind.
-"""
+"""The readers that are fuzzed, each with what makes a case of it from a random source."""
 
 from __future__ import annotations
 
 import random
 import shutil
-import signal
 import tempfile
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from fuzz import seeds
-from fuzz.mutate_bag import mutated_database, mutated_rosbag1, packed_database
+from fuzz import bag_cases, bag_value_cases, numbers_cases, seeds
+from fuzz.case import Case
+from fuzz.http_cases import http_case
 from fuzz.mutate_mcap import mutated, torn
 from fuzz.mutate_text import mutated_csv, mutated_toml
-from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
-from hubodo.ingest.live.recorder import Recorder
-from hubodo.log.mcap import read_recording
-from hubodo.log.writer import McapLog
-from hubodo.vehicle import load_vehicle
-from in_process import Done, hubodo
-
-LONGEST_S = 60
-"""A case that takes longer hangs."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """An input: files by name, beside each other, and the command, in which FOLDER stands for theirs."""
-
-    words: tuple[str, ...]
-    files: dict[str, bytes]
-
-
-class Found(AssertionError):
-    """A case that breaks what must hold."""
-
-
-def judge(case: Case) -> Done:
-    """Runs a case in a folder of its own. Raises Found."""
-    with tempfile.TemporaryDirectory(prefix="hubodo-fuzz-") as name, patience(case):
-        folder = Path(name)
-        for path, content in case.files.items():
-            (folder / path).parent.mkdir(parents=True, exist_ok=True)
-            (folder / path).write_bytes(content)
-        before = {path for path in folder.rglob("*") if path.is_file()}
-        if case.words[0] == "frames":
-            _receive(case, folder)
-            return Done(0, "", "")
-        words = [word.replace("FOLDER", name) for word in case.words]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            done = hubodo(*words)
-        said = done.err.strip().splitlines()
-        if done.code not in (0, 1, 2) or "defect of hubodo" in done.err or "Traceback" in done.err:
-            raise Found(f"{' '.join(case.words)}: {done.err}")
-        errors = [line for line in said if line.startswith("hubodo") and ": warning: " not in line]
-        if done.code and len(errors) != 1:
-            raise Found(f"{' '.join(case.words)}: code {done.code}, said {said}")
-        left = {path for path in folder.rglob("*") if path.is_file()} - before
-        if done.code and left:
-            raise Found(f"{' '.join(case.words)}: failed, and left {sorted(map(str, left))}")
-        return done
-
-
-@contextmanager
-def patience(case: Case) -> Iterator[None]:
-    """Ends a case that hangs."""
-
-    def late(*_: object) -> None:
-        raise Found(f"{' '.join(case.words)}: takes more than {LONGEST_S} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(LONGEST_S)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-
-
-READERS: tuple[tuple[str, ...], ...] = (
-    ("info", "LOG", "--json"),
-    ("info", "LOG"),
-    ("export", "LOG", "-o", "FOLDER/out"),
-    ("fuse", "LOG", "--vehicle", "FOLDER/v.toml", "-o", "FOLDER/out"),
-    ("fuse", "LOG", "--vehicle", "FOLDER/v.toml", "-o", "FOLDER/out", "--smooth"),
-    ("fuse", "LOG", "--vehicle", "FOLDER/v.toml", "-o", "FOLDER/out", "--method", "differential"),
-    ("allan", "LOG", "--node", "left", "--channel", "gz", "--as-is", "--trust-units", "--json"),
-    ("allan", "LOG", "--node", "left", "--channel", "gz", "--trust-still", "--trust-units"),
-    ("warmup", "LOG", "--node", "left", "--channel", "gz", "--trust-still", "--trust-units"),
-    ("heading", "LOG", "--node", "left", "--axis", "y", "-o", "FOLDER/h.csv"),
-    ("calibrate", "wheels", "LOG", "--vehicle", "FOLDER/v.toml", "-o", "FOLDER/c.toml"),
-    ("calibrate", "imu", "LOG", "--node", "left", "-o", "FOLDER/c.toml"),
-    ("north", "LOG", "--node", "left", "--axis", "x", "--latitude-deg", "47"),
-    ("play", "LOG", "--speed", "0"),
-    ("gap", "FOLDER/m.toml", "LOG", "-o", "FOLDER/out"),
-    ("report", "LOG", "-o", "FOLDER/r.html"),
-    ("simulate", "FOLDER/m.toml", "--drive", "reference", "--from", "LOG", "-o", "FOLDER/s.mcap"),
-    ("simulate", "FOLDER/m.toml", "--drive", "gnss", "--from", "LOG", "-o", "FOLDER/s.mcap"),
-)
-"""The verbs that read a log; the quick ones come more often."""
-OFTEN = 6
-
-SETTINGS = {"m.toml": seeds.MODEL.encode(), "v.toml": seeds.VEHICLE.encode()}
+from fuzz.nmea_cases import nmea_case
+from fuzz.settings import SETTINGS
+from fuzz.words import LOG_READERS, QUICK, at
+from in_process import hubodo
 
 
 @cache
@@ -123,39 +30,10 @@ def mcap_case(rng: random.Random) -> Case:
     """A log of ours, or another writer's, changed."""
     data = mutated(rng, rng.choice(_logs()))
     words = rng.choice((
-        *READERS[:3] * 2, *READERS, ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
+        *LOG_READERS[:3] * 2, *LOG_READERS, ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
         ("recover", "LOG", "-o", "FOLDER/out.mcap"), ("import", "LOG", "-o", "FOLDER/out.mcap"),
     ))  # fmt: skip
-    return Case(_at(words, "FOLDER/log.mcap"), {**SETTINGS, "log.mcap": data})
-
-
-BAG_READERS = (
-    ("info", "LOG", "--json"),
-    ("info", "LOG"),
-    ("export", "LOG", "-o", "FOLDER/out"),
-    ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
-    ("import", "LOG", "-o", "FOLDER/out.mcap"),
-    ("report", "LOG", "-o", "FOLDER/r.html"),
-)
-
-
-def bag_case(rng: random.Random) -> Case:
-    """A rosbag2 folder or a bag of ROS 1, changed."""
-    words = rng.choice(BAG_READERS)
-    if rng.random() < 0.3:
-        data = mutated_rosbag1(rng, seeds.ros1_bag())
-        return Case(_at(words, "FOLDER/log.bag"), {**SETTINGS, "log.bag": data})
-    data, mode, suffix = seeds.bag_database(), "", ""
-    if rng.random() < 0.2:
-        mode, data = packed_database(rng, data)
-        suffix = ".zstd" if mode == "FILE" else ""
-    else:
-        data = mutated_database(rng, data)
-    metadata = seeds.BAG_METADATA.format(mode=mode, form="zstd" if mode else "").encode()
-    if rng.random() < 0.1:
-        metadata = bytes(torn(rng, metadata))
-    files = {f"bag/bag_0.db3{suffix}": data, "bag/metadata.yaml": metadata}
-    return Case(_at(words, "FOLDER/bag"), {**SETTINGS, **files})
+    return Case(at(words, "FOLDER/log.mcap"), {**SETTINGS, "log.mcap": data})
 
 
 def csv_case(rng: random.Random) -> Case:
@@ -168,18 +46,18 @@ def csv_case(rng: random.Random) -> Case:
         return Case(words, files)
     words = rng.choice((
         ("import", "LOG", "-o", "FOLDER/out.mcap"), ("import", "LOG", "--repair", "-o", "FOLDER/out.mcap"),
-        *READERS[:OFTEN], *READERS,
+        *LOG_READERS[:QUICK], *LOG_READERS,
     ))  # fmt: skip
-    return Case(_at(words, "FOLDER/log"), {**SETTINGS, **files})
+    return Case(at(words, "FOLDER/log"), {**SETTINGS, **files})
 
 
 def toml_case(rng: random.Random) -> Case:
     """A model, vehicle or calibration file changed."""
     files = {name: text for name, text in unchanged().items() if name.startswith("log/")}
-    kind = rng.choice(("m.toml", "v.toml", "c.toml", "h.toml", "d.toml"))
+    kind = rng.choice(("m.toml", "v.toml", "c.toml", "h.toml", "d.toml", "k.toml", "f.toml"))
     source = {
         "m.toml": seeds.MODEL, "v.toml": seeds.VEHICLE, "c.toml": seeds.CALIBRATION, "h.toml": seeds.RECORD,
-        "d.toml": seeds.DATASHEET,
+        "d.toml": seeds.DATASHEET, "k.toml": seeds.KEYS, "f.toml": seeds.FLEET,
     }[kind]  # fmt: skip
     files.update(SETTINGS)
     files[kind] = mutated_toml(rng, seeds.document(source))
@@ -199,7 +77,12 @@ def toml_case(rng: random.Random) -> Case:
             ("heading", "FOLDER/log", "--node", "left", "--axis", "y", "--calibration", "FOLDER/c.toml"),
             ("calibrate", "imu", "FOLDER/log", "--node", "left", "-o", "FOLDER/c.toml"),
         ),
-        "h.toml": (("record", "FOLDER/tty", "--config", "FOLDER/h.toml", "-o", "FOLDER/r.mcap"),),
+        "h.toml": (
+            ("record", "FOLDER/tty", "--config", "FOLDER/h.toml", "-o", "FOLDER/r.mcap"),
+            ("config", "check", "FOLDER/h.toml"),
+        ),
+        "k.toml": (("record", "FOLDER/tty", "--key-file", "FOLDER/k.toml", "-o", "FOLDER/r.mcap"),),
+        "f.toml": (("flash", "--all", "--fleet", "FOLDER/f.toml"),),
         "d.toml": (
             ("allan", "FOLDER/log", "--node", "left", "--as-is", "--trust-units",
              "--datasheet", "FOLDER/d.toml"),
@@ -231,16 +114,10 @@ def frames_case(rng: random.Random) -> Case:
     return Case(("frames", str(rng.randrange(1 << 30))), {"stream": b"".join(wires), **SETTINGS})
 
 
-def nmea_case(rng: random.Random) -> Case:
-    """A receiver's lines changed."""
-    data = bytes(torn(rng, seeds.NMEA * 3))
-    return Case(("frames", str(rng.randrange(1 << 30)), "gnss"), {"stream": data, **SETTINGS})
-
-
 def option_case(rng: random.Random) -> Case:
     """A verb with a value of an option that cannot be meant."""
     files = {name: text for name, text in unchanged().items() if name.startswith("log/")}
-    words = list(_at(rng.choice(READERS), "FOLDER/log"))
+    words = list(at(rng.choice(LOG_READERS), "FOLDER/log"))
     if rng.random() < 0.5:
         words = ["simulate", "FOLDER/m.toml", "--duration", "6", "-o", "FOLDER/s.mcap"]
     options = {
@@ -268,17 +145,22 @@ VALUES = (
 
 TARGETS: dict[str, Callable[[random.Random], Case]] = {
     "mcap": mcap_case,
-    "bag": bag_case,
+    "rosbag1": bag_cases.rosbag1_case,
+    "rosbag2": bag_cases.rosbag2_case,
+    "bag_values": bag_value_cases.bag_value_case,
     "csv": csv_case,
+    "text": numbers_cases.text_case,
+    "npy": numbers_cases.npy_case,
+    "npz": numbers_cases.npz_case,
+    "mat": numbers_cases.mat_case,
+    "hdf5": numbers_cases.hdf5_case,
     "toml": toml_case,
     "frames": frames_case,
     "nmea": nmea_case,
     "options": option_case,
+    "http": http_case,
 }
-
-
-def _at(words: tuple[str, ...], log: str) -> tuple[str, ...]:
-    return tuple(log if word == "LOG" else word for word in words)
+"""By the name of the reader, as `--reader` takes it."""
 
 
 @cache
@@ -317,34 +199,3 @@ def drive() -> dict[str, str]:
     files["heading.csv"] = "t,heading,sigma\n" + "".join(f"{t},0.1,0.05\n" for t in rows)
     files["table.csv"] = "t,angle,moving\n" + "".join(f"{t},{t // 5},{int(t % 5 == 4)}\n" for t in rows)
     return files
-
-
-def _receive(case: Case, folder: Path) -> None:
-    """The stream through link, node, odometry into a log, which then reads without a complaint."""
-    rng, label = random.Random(int(case.words[1])), "gnss" if "gnss" in case.words else "left"
-    now = seeds.T0
-    with McapLog(folder / "log.mcap", t_zero_ns=seeds.T0, clock=lambda: now) as log:
-        recorder = Recorder(
-            {"left": None},
-            log,
-            lambda link, data, to: True,
-            lambda: now,
-            gnss=["gnss"],
-            vehicle=load_vehicle(folder / "v.toml"),
-            t_zero_ns=seeds.T0,
-        )
-        recorder.handle(LinkUp(label, now, "/dev/x", False))
-        data, at = case.files["stream"], 0
-        while at < len(data):
-            size = rng.choice((1, 7, 60, 500, 4096))
-            recorder.handle(Chunk(label, now, data[at : at + size], ""))
-            at += size
-            now += rng.choice((0, 1_000_000, 40_000_000))
-            if rng.random() < 0.05:
-                recorder.tick(now)
-            if rng.random() < 0.01:
-                recorder.handle(LinkLost(label, now, "unplugged"))
-                recorder.handle(LinkUp(label, now, "/dev/y", False))
-        recorder.close()
-    if warned := read_recording(folder / "log.mcap").warnings:
-        raise Found(f"the log of a damaged stream is not whole: {warned}")

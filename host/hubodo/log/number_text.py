@@ -56,6 +56,8 @@ def read_text(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
             values = np.loadtxt(rows(), delimiter=form.delimiter, ndmin=2, comments=None)
         except ValueError:
             raise InputError(_fault(path, form)) from None
+        if values.shape[1] != form.width:  # all rows differ from the header in the same way
+            raise InputError(_fault(path, form))
     except (EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
     return values, form.names

@@ -162,6 +162,7 @@ def test_rows_of_text_are_read_within_the_limit(tmp_path) -> None:
     for content, says in (
         (b"t,gz\n0,1\n1,2020-01-02\n", "row 3: '2020-01-02' is not a number"),
         (b"t,gz\n0,1\n1,\xff\n", "not UTF-8"),
+        (b"t,gx,gz\n0,1\n1,2\n", "row 2 has 2 columns, the first 3"),
         (gzip.compress(b"t,gz\n0,1\n")[:-9], "cannot be unpacked"),
         (gzip.compress(npy("(100,)")), "compressed file of another kind"),
         (b"1," * 600_000 + b"1\n", "row 1 is longer than"),

@@ -1,4 +1,4 @@
-"""The corpus: cases that once broke something, each the files that were changed and its command."""
+"""The corpus: cases that once showed a defect, each as its command and the files that were changed."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ import zlib
 from base64 import b64decode, b64encode
 from pathlib import Path
 
-from fuzz.targets import SETTINGS, Case, unchanged
+from fuzz.case import Case
+from fuzz.settings import SETTINGS
+from fuzz.targets import unchanged
 
 CORPUS = Path(__file__).parent / "corpus"
 
 
-def keep(target: str, case: Case) -> Path:
-    """Writes a case down, packed; returns its path."""
+def save_case(target: str, case: Case) -> Path:
+    """Write a case down, compressed; return its path."""
     files = {
         name: b64encode(zlib.compress(content, 9)).decode()
         for name, content in case.files.items()
@@ -27,12 +29,12 @@ def keep(target: str, case: Case) -> Path:
     return path
 
 
-def kept() -> list[tuple[str, Case]]:
-    """All of them by name."""
-    found = []
+def load_cases() -> list[tuple[str, Case]]:
+    """Return all of them by name."""
+    cases = []
     for path in sorted(CORPUS.glob("*.json")):
-        told = json.loads(path.read_text())
-        files = {name: zlib.decompress(b64decode(text)) for name, text in told["files"].items()}
+        content = json.loads(path.read_text())
+        files = {name: zlib.decompress(b64decode(text)) for name, text in content["files"].items()}
         beside = unchanged() if any(name.startswith("log/") for name in files) else SETTINGS
-        found.append((path.stem, Case(tuple(told["words"]), {**beside, **files})))
-    return found
+        cases.append((path.stem, Case(tuple(content["words"]), {**beside, **files})))
+    return cases
