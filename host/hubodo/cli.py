@@ -11,6 +11,7 @@ import stat
 import sys
 import time
 import traceback
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -84,6 +85,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _prepare_standard_streams()
+    if argv is None and not sys.warnoptions:
+        # numpy's remarks about NaN are for developers; a verb reports what it could not compute.
+        warnings.simplefilter("ignore", RuntimeWarning)
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
         from hubodo.verbs.completers import complete, typed_words
 

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.io
 
 from fuzz.case import Case
-from fuzz.mutate_mcap import NUMBERS, torn
+from fuzz.mutate_mcap import DOUBLES, NUMBERS, torn
 from fuzz.mutate_text import mutated_csv
 
 _ROWS = 300
@@ -51,7 +51,7 @@ WORDS = (
 def _case(rng: random.Random, name: str, data: bytes) -> Case:
     if rng.random() < 0.05:
         data, name = gzip.compress(data, 1), f"{name}.gz"
-    words = rng.choice((*WORDS[:3], *WORDS))
+    words = rng.choice((*WORDS[:3] * 3, *WORDS))
     return Case(tuple(f"FOLDER/{name}" if word == "FILE" else word for word in words), {name: data})
 
 
@@ -133,6 +133,10 @@ def _npy(shape: str, description: str, body: bytes, order: str = "False") -> byt
 
 
 def _mutated_npy(rng: random.Random, data: bytes) -> bytes:
+    if rng.random() < 0.2:
+        rows = np.frombuffer(data, "<f8", 300, 128).copy()
+        rows[rng.sample(range(300), 4)] = rng.choices(DOUBLES, k=4)
+        return _npy("(300,)", "'<f8'", rows.tobytes())
     if rng.random() < 0.6:
         shape = rng.choice(SHAPES) if rng.random() < 0.7 else "(300,)"
         description = rng.choice(DESCRIPTIONS) if rng.random() < 0.5 else "'<f8'"
@@ -180,8 +184,8 @@ def _unusual_hdf5(rng: random.Random) -> bytes:
         with h5py.File(path, "w", libver=rng.choice(("earliest", "latest"))) as file:
             for name in ("gz", "t")[: rng.randint(1, 2)]:
                 _unusual_dataset(rng, file, name)
-            if rng.random() < 0.3:
-                file["gz" if "gz" in file else "t"].attrs["units"] = rng.choice(
+            if rng.random() < 0.3 and isinstance(file.get("gz", getlink=True), h5py.HardLink):
+                file["gz"].attrs["units"] = rng.choice(
                     ("deg/s", b"\xff", 5, np.arange(3), "x" * 9999, h5py.Empty("f8"))
                 )
         return path.read_bytes()

@@ -23,6 +23,8 @@ _OUTLIER_BLOCK = 200
 _LONGEST_OUTLIER = 3
 # A grid of which so little is filled comes from a wild stamp, and would not fit into memory.
 _MOST_EMPTY, _ALWAYS_FITS = 20, 4_000_000
+# In any unit. Variances of variances stay within the range of float64.
+_SMALLEST_SPAN, _LARGEST_SPAN = 1e-70, 1e70
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,10 @@ def _check(t: FloatArray, values: FloatArray) -> None:
         raise InputError(
             f"all {len(values)} samples equal {values[0]:.6g}: the sensor is stuck or not connected, or the "
             "channel is not measured; a sensor at rest shows noise"
+        )
+    if not _SMALLEST_SPAN <= np.ptp(values) <= _LARGEST_SPAN:
+        raise InputError(
+            f"the samples span {np.ptp(values):.3g}, which no sensor shows; check the unit of the channel"
         )
     steps = np.diff(t)
     if not bool((steps > 0).all()):

@@ -180,3 +180,11 @@ def test_a_pipe_in_place_of_a_file_of_numbers_is_refused(tmp_path) -> None:
     done = hubodo("allan", tmp_path / "x.csv", "--rate", 100, "--unit", "rad/s")
     assert done.code == 2
     assert "not a regular file" in done.err
+
+
+def test_a_span_whose_square_vanishes_is_no_sensor(tmp_path) -> None:
+    np.save(tmp_path / "x.npy", 1e-300 * np.arange(300.0))
+    words = ("--rate", 100, "--unit", "rad/s", "--trust-units", "--as-is")
+    done = hubodo("allan", tmp_path / "x.npy", *words)
+    assert done.code == 2
+    assert "check the unit" in done.err
