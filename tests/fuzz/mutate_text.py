@@ -136,7 +136,10 @@ def _change_table(rng: random.Random, table: dict[str, Any]) -> None:
             table = inner
             continue
         way = rng.random()
-        if way < 0.7:
+        if isinstance(inner, float) and way < 0.5:
+            # Another size or sign is still a number: it reaches what computes with it.
+            table[key] = inner * rng.choice((1e-9, 1e-3, 0.1, 10.0, 1e3, 1e9, -1.0))
+        elif way < 0.7:
             table[key] = copy.deepcopy(rng.choice(VALUES))
         elif way < 0.8:
             del table[key]

@@ -63,6 +63,7 @@ z = { value = 0.002, sigma = 0.0001 }
 z = { value = 0.01, sigma = 0.001 }
 [nodes.left.effects.gyro_warmup]
 z = { value = 0.01, sigma = 0.001 }
+time_constant = { value = 300.0, sigma = 10.0 }
 [nodes.left.effects.wheel_radius]
 error = { value = 0.01, sigma = 0.001 }
 [vehicle.effects.track_width]
