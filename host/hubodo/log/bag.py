@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import heapq
-import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from hubodo.log.logfile import Log, open_log
 from hubodo.log.message_records import message_record
 from hubodo.log.number_file import kind_of
 from hubodo.log.source import Facts, Stream
-from hubodo.log.sqlite_bag import iterate_messages, read_facts
+from hubodo.log.sqlite_bag import READ_ERRORS, iterate_messages, read_facts
 
 METADATA_FILE = "metadata.yaml"
 _PORTION = 4 << 20
@@ -40,7 +39,7 @@ class Bag:
         *,
         notes: Callable[[], Sequence[str]] = tuple,
         close: Callable[[], None] = _nothing,
-        read_errors: tuple[type[Exception], ...] = (sqlite3.Error, OSError, ValueError),
+        read_errors: tuple[type[Exception], ...] = (*READ_ERRORS, OSError),
     ) -> None:
         self.path, self._facts = path, facts
         self.streams = {stream.id: stream for stream in streams}
@@ -130,7 +129,7 @@ def _sqlite(
     """Read topics and messages of SQLite files; a killed recorder never writes metadata.yaml."""
     try:
         facts = [read_facts(file) for file in files]
-    except sqlite3.Error as error:
+    except READ_ERRORS as error:
         raise _unreadable(path, error) from None
     streams = _numbered(topic[1:] for fact in facts for topic in fact.topics)
 
@@ -176,11 +175,11 @@ def _mcap_parts(path: Path, parts: Sequence[Path], unpack: Expander | None, clos
 
 def _rosbag1(path: Path) -> Bag:
     """Read a bag of ROS 1."""
-    from hubodo.log.rosbag1 import READ_ERRORS, Rosbag1
+    from hubodo.log import rosbag1
 
     try:
-        bag = Rosbag1(path)
-    except READ_ERRORS as error:
+        bag = rosbag1.Rosbag1(path)
+    except rosbag1.READ_ERRORS as error:
         raise _unreadable(path, error) from None
     streams = {
         topic: Stream(number, topic.topic, topic.type, "cdr" if topic.is_cdr else "ros1", {})
@@ -196,4 +195,4 @@ def _rosbag1(path: Path) -> Bag:
 
     facts = Facts(_size(path), "rosbag", "ros1", True)
     streams_found = list(streams.values())
-    return Bag(path, facts, streams_found, rows, bag.n_messages, notes=notes, read_errors=READ_ERRORS)
+    return Bag(path, facts, streams_found, rows, bag.n_messages, notes=notes, read_errors=rosbag1.READ_ERRORS)

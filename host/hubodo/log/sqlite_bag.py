@@ -11,6 +11,8 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log.claims import check_claim, check_regular, file_budget, limit_bytes
 
+READ_ERRORS = (sqlite3.Error, ValueError)
+"""What reading a damaged database raises; its words may themselves be no text."""
 _TABLES = {
     "topics": ("id", "name", "type", "serialization_format"),
     "messages": ("topic_id", "timestamp", "data"),
@@ -41,7 +43,7 @@ class DatabaseFacts:
 def read_facts(file: Path) -> DatabaseFacts:
     """Read topics and count messages.
 
-    Raises sqlite3.Error for what is no database of a rosbag2, InputError for one that claims more than its
+    Raises one of READ_ERRORS for what is no database of a rosbag2, InputError for one that claims more than its
     file can hold or whose tables are views, virtual or generated.
     """
     with _connected(file) as base:
@@ -57,7 +59,7 @@ def read_facts(file: Path) -> DatabaseFacts:
             ).fetchone()
             n_rows = base.execute("SELECT COUNT(*) FROM messages").fetchone()[0]
             sortable = True
-        except sqlite3.DatabaseError:  # a damaged page; the rows before it can still be read
+        except READ_ERRORS:  # a damaged page; the rows before it can still be read
             n_rows = n_usable = base.execute("SELECT COUNT(*) FROM messages").fetchone()[0]
             n_bytes, largest, sortable = 0, 0, False
         file_budget(file, _stored_bytes(file)).claim(n_bytes or 0, "the sum of its messages")
@@ -69,7 +71,7 @@ def read_facts(file: Path) -> DatabaseFacts:
 def iterate_messages(file: Path, facts: DatabaseFacts) -> Iterator[tuple[int, int, bytes]]:
     """Yield (topic id, time in ns, message) of all usable rows, by time where the database can be sorted.
 
-    Raises sqlite3.Error where the file is damaged, InputError where messages overlap in it.
+    Raises one of READ_ERRORS where the file is damaged, InputError where messages overlap in it.
     """
     order = "ORDER BY timestamp" if facts.sorted_by_time else ""
     budget = file_budget(file, _stored_bytes(file))
