@@ -43,8 +43,8 @@ class DatabaseFacts:
 def read_facts(file: Path) -> DatabaseFacts:
     """Read topics and count messages.
 
-    Raises one of READ_ERRORS for what is no database of a rosbag2, InputError for one that claims more than its
-    file can hold or whose tables are views, virtual or generated.
+    Raises one of READ_ERRORS for what is no database of a rosbag2, InputError for one that claims more than
+    its file can hold or whose tables are views, virtual or generated.
     """
     with _connected(file) as base:
         _check_tables(base, file)
