@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import bz2
 import functools
+import io
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import lz4.frame
 from rosbags.interfaces import Connection
@@ -18,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from hubodo.log import ros2
-from hubodo.log.claims import MemoryBudget, check_claim, file_budget, limit_bytes, room_of
+from hubodo.log.claims import MemoryBudget, check_claim, file_budget, limit_bytes, open_regular, room_of
 
 READ_ERRORS = (
     *(ReaderError, SerdeError, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError),
@@ -95,11 +96,40 @@ class Rosbag1:
         return Rosbag1Topic(connection.topic, connection.msgtype, is_cdr)
 
 
+class _BoundedFile(io.BufferedReader):
+    """A file that is never asked for more bytes than it has left, whatever length a record claims."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(open_regular(path))
+        self._size = path.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = max(0, self._size - self.tell())
+        return super().read(left if size is None or size < 0 else min(size, left))
+
+
+class _BoundedPath:
+    """The path of a bag as the package's reader uses it."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __str__(self) -> str:
+        return str(self._path)
+
+    def exists(self) -> bool:
+        return self._path.exists()
+
+    def open(self, mode: str) -> _BoundedFile:
+        del mode
+        return _BoundedFile(self._path)
+
+
 class _BoundedReader(Reader):
     """The package's reader, which decompresses and indexes no more than a bag of this size can hold."""
 
     def __init__(self, path: Path) -> None:
-        super().__init__(path)
+        super().__init__(cast(Any, _BoundedPath(path)))
         self.file = path
         size = path.stat().st_size
         self._index_budget = MemoryBudget(path)

@@ -3,6 +3,8 @@
 import json
 import os
 import sqlite3
+import struct
+import tracemalloc
 from contextlib import closing
 from pathlib import Path
 
@@ -182,6 +184,22 @@ def test_a_chunk_of_a_ros1_bag_expands_only_up_to_the_limit(tmp_path, monkeypatc
     # 24 kB of the index, 16 times that in memory, and 110 kB in the chunk.
     monkeypatch.setattr("hubodo.log.rosbag1._INDEX_ENTRY_RATIO", 1)
     assert "a chunk needs" in info(path, "--max-memory", "0.1").err
+
+
+def test_a_record_of_a_ros1_bag_reads_no_more_than_the_file_has(tmp_path):
+    path = ros1_bag(tmp_path / "x.bag")
+    data = bytearray(path.read_bytes())
+    index = struct.unpack_from("<Q", data, data.index(b"index_pos=") + 10)[0]
+    data[index : index + 4] = b"\xff" * 4  # the length of a header: 4 GB
+    path.write_bytes(data)
+    tracemalloc.start()
+    try:
+        error = info(path).err
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert "cannot be read as a rosbag" in error
+    assert peak < 100e6
 
 
 def test_messages_that_do_not_fit_their_type_are_counted(tmp_path):
