@@ -39,7 +39,7 @@ def parquet_case(rng: random.Random, files: dict[str, str]) -> Case:
         choice = rng.random()
         if choice < 0.5:
             table = table.set_column(place, label, rng.choice(COLUMNS)(table.num_rows))
-        elif choice < 0.7:
+        elif choice < 0.7 and pa.types.is_float64(table[label].type):
             values = table[label].to_pylist()
             values[rng.randrange(len(values) or 1) : 1] = rng.choices(DOUBLES, k=1)
             table = table.set_column(place, label, pa.array(values[: table.num_rows]))

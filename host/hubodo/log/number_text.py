@@ -21,6 +21,7 @@ _GZIP = b"\x1f\x8b"
 _DELIMITERS = (",", ";", "\t")
 _LONGEST_ROW = 1 << 20  # characters; a longer one is no row of numbers
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
+_PORTION = 1 << 20  # bytes
 Row = tuple[int, str]
 """Number of a row in the file, counted from 1, and its text."""
 
@@ -45,15 +46,10 @@ def read_text(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """
     try:
         form = _form(path)
-        budget = MemoryBudget(path)
-
-        def rows() -> Iterator[str]:
-            for _, text in _rows(path, form.first):
-                budget.claim(_BYTES_PER_CELL * form.width, "its table")
-                yield text
-
+        _claim_table(path, form.width)
+        rows = (text for _, text in _rows(path, form.first))
         try:
-            values = np.loadtxt(rows(), delimiter=form.delimiter, ndmin=2, comments=None)
+            values = np.loadtxt(rows, delimiter=form.delimiter, ndmin=2, comments=None)
         except ValueError:
             raise InputError(_fault(path, form)) from None
         if values.shape[1] != form.width:  # all rows differ from the header in the same way
@@ -61,6 +57,17 @@ def read_text(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     except (EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
     return values, form.names
+
+
+def _claim_table(path: Path, width: int) -> None:
+    """Compare the number of rows with the memory limit before they are parsed.
+
+    Counting takes seconds where parsing what a compressed file expands to would take minutes.
+    """
+    budget = MemoryBudget(path)
+    with _stream(path) as stream:
+        while part := stream.read(_PORTION):
+            budget.claim(_BYTES_PER_CELL * width * max(part.count(b"\n"), part.count(b"\r")), "its table")
 
 
 def _form(path: Path) -> _Form:
