@@ -66,12 +66,12 @@ class Session:
         self.count = self._newest = self._seen = 0
 
     def proves(self, view, end):
-        """Whether the host has sealed view[:end], of which the tag follows, and for the first time."""
+        """Return True when the tag behind view[:end] is the host's, for a number that is new."""
         tag = self.hmac.digest(b"h", view[1 + _ID : end])
         return _same(tag, view, end) and self._fresh(struct.unpack_from("<I", view, 1 + _ID)[0])
 
     def _fresh(self, count):
-        """Whether this number comes for the first time; datagrams may overtake each other by some."""
+        """Return True when this number is new; datagrams may overtake each other by some."""
         ahead = count - self._newest
         if ahead > 0:
             self._seen = (self._seen << ahead | 1) & ((1 << _WINDOW) - 1) if ahead < _WINDOW else 1
@@ -112,9 +112,9 @@ class SealedUdpLink(UdpLink):
                 nonce = _random()
                 tag = self._hmac.digest(b"opening", nonce)[:_TAG]
                 self._opening = bytes((_FROM_NODE, _OPENING)) + nonce + tag
-            self._say(self._opening)
+            self._send_packet(self._opening)
 
-    def _say(self, packet):
+    def _send_packet(self, packet):
         try:
             _write(self._socket, packet, 0, len(packet))
         except OSError:
@@ -144,20 +144,20 @@ class SealedUdpLink(UdpLink):
         """Which part of the datagram in `_raw` are frames: (from, to)."""
         kind = self._raw[0]
         if kind == _DATA and size >= _HEAD + _TAG:
-            session = self._of()
+            session = self._named_session()
             if session is not None and session.proves(self._raw_view, size - _TAG):
                 self._heard_ms = ticks_ms()
                 if session is self._next:
                     self._session = session
                     self._next = self._opening = None
                 return _HEAD, size - _TAG
-        elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._answered():
+        elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._take_answer():
             return 0, 0
         self.reader.damaged += 1
         return 0, 0
 
-    def _of(self):
-        """The session that the datagram in `_raw` names, or None."""
+    def _named_session(self):
+        """Return the session that the datagram in `_raw` names, or None."""
         ident = bytes(self._raw_view[1 : 1 + _ID])
         if self._next is not None and ident == self._next.id:
             return self._next
@@ -165,8 +165,8 @@ class SealedUdpLink(UdpLink):
             return self._session
         return None
 
-    def _answered(self):
-        """Proves the key to a host that has proven it; whether it has."""
+    def _take_answer(self):
+        """Prove the key to a host that has proven it; return True when it has."""
         view = self._raw_view
         if view[1] != _ANSWER or self._opening is None:
             return False
@@ -176,7 +176,7 @@ class SealedUdpLink(UdpLink):
         if not _same(self._hmac.digest(b"answer", nonces), view, _NONCES_END):
             return False
         self._next = Session(self._hmac.digest(b"session", nonces))
-        self._say(bytes((_FROM_NODE, _PROOF)) + nonces + self._next.hmac.digest(b"proof")[:_TAG])
+        self._send_packet(bytes((_FROM_NODE, _PROOF)) + nonces + self._next.hmac.digest(b"proof")[:_TAG])
         return True
 
 

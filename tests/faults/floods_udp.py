@@ -110,7 +110,7 @@ def _run(
             _wait_for(bank)
             before = _memory(process.pid)
             until(lambda: min(node.samples_sent for node in bank.nodes) > 200)
-            datagrams = _pour(
+            datagrams = _send_flood(
                 flood
                 if isinstance(flood, Iterator)
                 else flood([d for node in bank.nodes for d in node.sent]),
@@ -138,7 +138,9 @@ def _wait_for(bank: UdpNodes) -> float | None:
     return bank.nodes[-1].joined_s
 
 
-def _pour(flood: Flood, to: tuple[str, int], per_second: float, in_the_middle: Callable[[], None]) -> int:
+def _send_flood(
+    flood: Flood, to: tuple[str, int], per_second: float, in_the_middle: Callable[[], None]
+) -> int:
     """Send a flood, evenly; how many datagrams it had. From 127.0.0.1 all come from one socket."""
     datagrams = list(flood)
     begun = time.monotonic()

@@ -200,14 +200,17 @@ def test_a_bridge_that_accepts_and_closes_is_tried_less_and_less_often():
 
 def test_pauses_double_to_eight_seconds_and_a_valid_frame_resets_them():
     backoff = Backoff()
-    pauses = [backoff.lost(was_valid=False) for _ in range(20)]
+    pauses = [backoff.pause_after_loss(was_valid=False) for _ in range(20)]
     assert pauses[:4] == [0.1, 0.2, 0.4, 0.8] and pauses[-1] == 8.0
     assert (
         sum(1 for _ in itertools.takewhile(lambda t: t < 86400, itertools.accumulate(pauses + [8.0] * 20000)))
         < 11000
     )
-    assert backoff.lost(was_valid=True) == 0.05
-    assert backoff.not_opened() <= 0.2 and max(backoff.not_opened() for _ in range(50)) == 1.0
+    assert backoff.pause_after_loss(was_valid=True) == 0.05
+    assert (
+        backoff.pause_after_failed_open() <= 0.2
+        and max(backoff.pause_after_failed_open() for _ in range(50)) == 1.0
+    )
 
 
 @pytest.mark.parametrize(

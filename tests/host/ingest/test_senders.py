@@ -8,6 +8,7 @@ from dataclasses import replace
 from faults.line import HELLO, Line, Node, S
 from hubodo.ingest.link.link import Chunk
 from hubodo.ingest.node.naming import free_name, unique_name
+from hubodo.ingest.node.questions import identification_request
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, SenderTable
 from hubodo.recording import Event
 from hubowire import FrameDecoder
@@ -120,6 +121,13 @@ def test_a_line_has_64_nodes_at_most_too():
         line.says(Node(node_id=node_id).says_hello(), seconds=0.01)
     assert len(line.recorder.nodes) == MAX_NODES
     assert line.link().senders.refused == len(ids) - MAX_NODES
+
+
+def test_what_asks_a_stranger_for_its_hello_is_computed_once_and_has_no_byte_that_stops_a_board():
+    """A flood of strangers asks for it each time, and such a frame is searched for through dozens."""
+    for node_id in (0, 1, 3, 255):
+        request = identification_request(node_id)
+        assert identification_request(node_id) is request and b"\x03" not in request
 
 
 def test_names_never_run_out():

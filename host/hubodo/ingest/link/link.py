@@ -176,7 +176,7 @@ class PortLink:
         except LinkError as error:
             if backoff.is_first:
                 self._lost(str(error))
-            return backoff.not_opened()
+            return backoff.pause_after_failed_open()
         except LinkDown as down:
             # Closed before it is looked for: while the old descriptor lives, the kernel gives the device
             # that comes back another name.
@@ -185,7 +185,7 @@ class PortLink:
         except Exception as error:  # noqa: BLE001 a driver may raise anything
             self._close()
             self._lost(f"unexpected error: {_in_words(error)}", unexpected=True)
-        return backoff.lost(was_valid=self._check.is_valid(self._now_ns()))
+        return backoff.pause_after_loss(was_valid=self._check.is_valid(self._now_ns()))
 
     def _read_until_stopped(self) -> None:
         transport, writer = self._transport, self._writer

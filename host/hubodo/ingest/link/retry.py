@@ -59,12 +59,12 @@ class Backoff:
         """True before the first attempt to open that failed since the last connection."""
         return not self._absent
 
-    def not_opened(self) -> float:
+    def pause_after_failed_open(self) -> float:
         """Return the pause after an attempt to open that failed."""
         self._absent += 1
         return _pause(self._absent, _ABSENT_S)
 
-    def lost(self, *, was_valid: bool) -> float:
+    def pause_after_loss(self, *, was_valid: bool) -> float:
         """Return the pause after a connection; was_valid: whether it carried something valid."""
         self._absent = 1
         self._useless = 0 if was_valid else self._useless + 1

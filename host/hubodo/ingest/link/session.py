@@ -125,7 +125,7 @@ class LinkSession:
         if len(self._strange) < _SAMPLE_BYTES:
             self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
 
-    def intruders(self, news: Intruders) -> Event:
+    def report_intruders(self, news: Intruders) -> Event:
         """Count and report datagrams that no key proved."""
         self.refused += sum(news.refused.values())
         named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
@@ -159,12 +159,12 @@ class LinkSession:
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.event(event)
             yield event
-        yield from self._refused_nodes(now_ns)
+        yield from self._report_refusals(now_ns)
         if now_ns >= self._next_report:
             self._next_report = now_ns + _DAMAGE_EVERY_NS
             self._report(now_ns)
 
-    def _refused_nodes(self, now_ns: int) -> Iterator[Event]:
+    def _report_refusals(self, now_ns: int) -> Iterator[Event]:
         """Report frames of nodes beyond the limit, and senders that were dropped unidentified."""
         senders = self.senders
         total = senders.refused + senders.evicted

@@ -113,7 +113,7 @@ class Recorder:
             case LinkLost():
                 link.lost(news)
             case Intruders():
-                self.notices.append(link.intruders(news))
+                self.notices.append(link.report_intruders(news))
         self.notices += link.connection.take_notices()
 
     def _from_receiver(self, gnss: GnssSession, news: LinkNews) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.node.bias_filter import filter_json
 from hubodo.log.series import LogSeries
@@ -162,18 +163,7 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
             "battery_mv": health.battery_mv if health is not None else None,
             "clock": node.clock.estimate().as_json(),
         }
-    links = {
-        label: {
-            "where": link.where,
-            "frames": link.frames,
-            "bytes": link.bytes,
-            "frames_damaged": sum(link.damage.values()),
-            "damage": dict(link.damage),
-            "frames_cut": link.cut,
-            "disconnections": link.connection.downs,
-        }
-        for label, link in recorder.links.items()
-    }
+    links = {label: _link_json(link) for label, link in recorder.links.items()}
     gnss = {
         label: {
             "fixes": session.decoder.counts.fixes,
@@ -235,3 +225,18 @@ def _map(recorder: Recorder) -> dict[str, Any] | None:
             "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
         }
     return found
+
+
+def _link_json(link: LinkSession) -> dict[str, Any]:
+    return {
+        "where": link.where,
+        "frames": link.frames,
+        "bytes": link.bytes,
+        "frames_damaged": sum(link.damage.values()),
+        "damage": dict(link.damage),
+        "frames_cut": link.cut,
+        "disconnections": link.connection.downs,
+        "faults": link.connection.faults,
+        "refused": link.refused + link.senders.refused,
+        "senders_evicted": link.senders.evicted,
+    }
