@@ -15,7 +15,7 @@ MAX_NODES = 64
 """Nodes on one link; Hellos of further ones are refused."""
 MAX_SENDERS = 256
 """Addresses that speak for identified nodes, and as many that have not identified themselves."""
-_MAX_HELD = 2048  # frames of unidentified senders, which is 0.5 MB
+_MAX_HELD = 2048  # frames of unidentified senders, which is about 1 MB
 _ASK_EVERY_NS = 500_000_000
 _HELLO_HEAD_BYTES = 7
 _SERIAL = slice(7, 15)
