@@ -126,14 +126,14 @@ def _private(path: Path) -> Path:
 def _target(path: Path) -> Path:
     """Return what is to be replaced: the file itself, or that to which a link of the user leads.
 
-    Raises InputError for a link that somebody else made: it could lead to any file of the user.
+    Raises InputError for a link of somebody else: it could lead to any file of the user.
     """
     try:
         owner = path.lstat().st_uid if path.is_symlink() else None
     except FileNotFoundError:
         owner = None
     if owner is not None and hasattr(os, "geteuid") and owner not in (0, os.geteuid()):
-        raise InputError(f"{path}: is a link that another user made; remove it or choose another name")
+        raise InputError(f"{path}: is a link of another user; remove it or choose another name")
     return path.resolve()
 
 

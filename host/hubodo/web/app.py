@@ -164,7 +164,7 @@ class Pages:
 
     def _page(self, request: Request, *parts: str) -> Response:
         entry = self._entry(request.path_params["name"])
-        page = self._library.made.read((*entry.parts, *parts), entry.changed)
+        page = self._library.derived.read((*entry.parts, *parts), entry.changed)
         if page is None:
             raise NotServed(404, "it has not been made yet, or the recording has changed since")
         return HTMLResponse(page, headers={"content-security-policy": _PAGE_RULES})
@@ -195,9 +195,9 @@ class Pages:
             words, into = ["gap", str(model.absolute()), file, "-o", SCRATCH], (*entry.parts, "gap")
         else:
             raise NotServed(400, "kind is info, report or gap")
-        publish = None if kind == "info" else functools.partial(self._library.made.publish, into)
+        publish = None if kind == "info" else functools.partial(self._library.derived.publish, into)
         try:
-            self._library.made.check(into)
+            self._library.derived.check(into)
         except OSError:
             raise NotServed(409, "a link stands where its files would be written; remove it") from None
         job = self._jobs.start(kind, entry.name, words, publish)

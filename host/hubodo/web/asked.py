@@ -1,4 +1,4 @@
-"""What a visitor sends, read in bounds; and the error that is told back."""
+"""What a visitor sends, read in bounds; and the error that answers it."""
 
 from __future__ import annotations
 

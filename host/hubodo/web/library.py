@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo.web.made_files import PAGES, MadeFiles
+from hubodo.web.derived_files import PAGES, DerivedFiles
 
 _DEEPEST = 3
 _MOST_MODEL_BYTES = 1 << 20
@@ -35,7 +35,7 @@ class Library:
     def __init__(self, folder: Path, models: dict[str, Path] | None = None) -> None:
         """models: for `gap`, besides the TOML files of the folder."""
         self.folder = folder
-        self.made = MadeFiles(folder)
+        self.derived = DerivedFiles(folder)
         self._models = models or {}
 
     def entries(self) -> list[RecordingFile]:
@@ -70,8 +70,8 @@ class Library:
                     "size": entry.size,
                     "changed": round(entry.changed, 1),
                     "current": entry.path.resolve() == now,
-                    "report": self.made.is_fresh((*entry.parts, "report.html"), entry.changed),
-                    "gap": self.made.is_fresh((*entry.parts, "gap", "report.html"), entry.changed),
+                    "report": self.derived.is_fresh((*entry.parts, "report.html"), entry.changed),
+                    "gap": self.derived.is_fresh((*entry.parts, "gap", "report.html"), entry.changed),
                 }
                 for entry in self.entries()
             ],

@@ -1,4 +1,4 @@
-"""What visitors must know: the token, a session made from it, and the secret of the server's own pages."""
+"""What visitors must know: the token, a session derived from it, and the secret of the server's own pages."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ from hubodo.log.writer import McapLog
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
+from hubodo.web.derived_files import DerivedFiles
 from hubodo.web.jobs import Job
 from hubodo.web.library import Library
-from hubodo.web.made_files import MadeFiles
 from waiting import until
 
 SITE = Site(Address("127.0.0.1", 8642))
@@ -161,7 +161,7 @@ def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, fo
 
 
 def test_a_link_that_appears_while_a_job_runs_is_not_followed(tmp_path):
-    made, source, victim = MadeFiles(tmp_path / "rides"), tmp_path / "scratch", tmp_path / "victim"
+    made, source, victim = DerivedFiles(tmp_path / "rides"), tmp_path / "scratch", tmp_path / "victim"
     for path in (source, victim, tmp_path / "rides" / "pages"):
         path.mkdir(parents=True)
     (source / "report.html").write_text("report")

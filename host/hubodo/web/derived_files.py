@@ -1,4 +1,4 @@
-"""The files made of a recording, below `pages/` of its folder: reached without following a link.
+"""The files derived from a recording, below `pages/` of its folder: reached without following a link.
 
 The folder may be written to by others at any time. So each component of a path is opened by itself, relative
 to the one before, and refused where it is a link: no change of a path can come between its check and its use.
@@ -14,13 +14,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 PAGES = "pages"
-"""Folder beside the recordings: one of the recording's name for each, with the files made of it."""
+"""Folder beside the recordings: one of the recording's name for each, with the files derived from it."""
 _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0) | getattr(os, "O_NOFOLLOW", 0)
 _FILE = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_NOFOLLOW", 0)
 
 
-class MadeFiles:
+class DerivedFiles:
     """Reads and replaces them. parts: names of the components below `pages/`."""
 
     def __init__(self, folder: Path) -> None:
@@ -59,8 +59,8 @@ class MadeFiles:
         with self._folder_of(parts[:-1], create=False) as folder:
             descriptor = os.open(parts[-1], _FILE, dir_fd=folder)
             try:
-                found = os.fstat(descriptor)
-                if not stat.S_ISREG(found.st_mode) or found.st_mtime < since:
+                status = os.fstat(descriptor)
+                if not stat.S_ISREG(status.st_mode) or status.st_mtime < since:
                     raise FileNotFoundError(parts[-1])
                 yield descriptor
             finally:
