@@ -52,7 +52,9 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> bool:
         ExitStack() as stack,
     ):
         assert nodes.stdin is not None and nodes.stdout is not None
-        ports = [f"n{place}={path}" for place, path in enumerate(json.loads(nodes.stdout.readline()))]
+        paths = json.loads(nodes.stdout.readline())
+        names = [f"n{place}" for place in range(len(paths))]
+        ports = [f"{name}={path}" for name, path in zip(names, paths, strict=True)]
         command = [
             sys.executable,
             "-m",
@@ -92,9 +94,11 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> bool:
         with suppress(OSError):
             nodes.stdin.close()
         sent = json.loads(nodes.stdout.readline())["batches"] * BATCH
+        # At once: another program may be given a terminal of the name that a node had.
+        recorder.terminate()
         out, _ = recorder.communicate(timeout=60)
     result: dict[str, Any] = json.loads(out) if out.strip() else {"nodes": {}}
-    recorded = sum(node["samples"] for node in result["nodes"].values())
+    recorded = sum(node["samples"] for name, node in result["nodes"].items() if name in names)
     answered = [taken for taken in times if taken is not None]
     print(
         f"{option}: {len(idle)} {'slow' if slow else 'idle'} connections: {recorded} of {sent} samples "
