@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import select
 from collections import Counter
 from collections.abc import Callable
 
@@ -13,6 +12,7 @@ import serial
 
 from hubodo.errors import LinkError
 from hubodo.ingest.link.down import TerminalError, Transport, down
+from hubodo.ingest.readiness import can_read
 
 try:
     import termios
@@ -74,8 +74,7 @@ class SerialTransport(_Port):
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         with down(self.where):
-            ready, _, _ = select.select([self._fd], [], [], timeout)
-            if not ready:
+            if not can_read(self._fd, timeout):
                 return b"", ""
             try:
                 data = os.read(self._fd, _READ_BYTES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import select
 import socket
 from collections import Counter
 
@@ -14,6 +13,7 @@ from hubodo.ingest.link.keys import KeyRing
 from hubodo.ingest.link.ports import Finder, PortName
 from hubodo.ingest.link.sealed import Sealer
 from hubodo.ingest.link.serial_port import open_serial
+from hubodo.ingest.readiness import can_read
 
 _READ_BYTES = 65536
 _WRITE_S = 0.1
@@ -40,7 +40,7 @@ class TcpTransport:
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         with down(self.where):
-            if not select.select([self._socket], [], [], timeout)[0]:
+            if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             data = self._socket.recv(_READ_BYTES)
             if not data:
@@ -80,7 +80,7 @@ class UdpTransport:
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         with down(self.where):
-            if not select.select([self._socket], [], [], timeout)[0]:
+            if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             try:
                 data, sender = self._socket.recvfrom(_READ_BYTES)

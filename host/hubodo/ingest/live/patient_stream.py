@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import os
-import select
 import sys
 from pathlib import Path
 from typing import TextIO
+
+from hubodo.ingest.readiness import can_write
 
 _PATIENCE_S = 5.0
 _PIECE = 512
@@ -53,7 +54,7 @@ class PatientStream(io.TextIOBase):
 
     def _drain(self) -> None:
         while self._rest:
-            if not select.select([], [self._descriptor], [], self._patience_s)[1]:
+            if not can_write(self._descriptor, self._patience_s):
                 raise TimeoutError(f"nobody has read standard error for {self._patience_s:g} s")
             written = os.write(self._descriptor, self._rest[:_PIECE])
             self._rest = self._rest[written:]

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Self
 
 from hubodo.errors import InputError
+from hubodo.ingest.readiness import can_read, can_write
 from hubodo.ingest.replay.replay import TimedFrame
 from hubowire import Frame, FrameDecoder, Message, decode, encode, encode_frame
 from hubowire.messages import GetHello, Hello, ImuBatch, Nack, Reason, TimeReply, TimeRequest
@@ -146,10 +147,10 @@ class PtyPlayer:
                 rest = rest[os.write(self._master, rest) :]
             except BlockingIOError:
                 self._listen(0.0)
-                select.select([], [self._master], [], _POLL_S)
+                can_write(self._master, _POLL_S)
 
     def _listen(self, wait: float) -> None:
-        if not select.select([self._master], [], [], wait)[0]:
+        if not can_read(self._master, wait):
             return
         try:
             data = os.read(self._master, 4096)
