@@ -60,6 +60,13 @@ class BoundedListener(socket.socket):
         listener._clock, listener._pending, listener._admitted = clock, {}, {}
         return listener
 
+    def duplicate(self) -> Self:
+        """Return a listener on the same socket, with the same connections and a descriptor of its own."""
+        twin = type(self)(self.family, self.type, self.proto, socket.dup(self.fileno()))
+        twin.capacity, twin._clock = self.capacity, self._clock
+        twin._pending, twin._admitted = self._pending, self._admitted
+        return twin
+
     def listen(self, backlog: int = _KERNEL_QUEUE, /) -> None:
         """Listen with the long queue of the kernel: asyncio calls this with the size of its own batches."""
         super().listen(_KERNEL_QUEUE)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import threading
+from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,6 +15,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from hubodo.listening.listener import ACCEPT_BATCH, BoundedListener
 
 _STOP_S = 3.0
+_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
+_MAX_ERRORS = 16
 _LONGEST_HEAD = 16_384
 """B of a request before its body."""
 _ADMIT = "hubodo.admit"
@@ -55,15 +58,59 @@ def server_config(app: ASGIApp, listener: BoundedListener, **settings: Any) -> u
     return uvicorn.Config(application, **{**defaults, **settings})
 
 
+class ServerEnded(Exception):
+    """A server has ended although nobody asked it to."""
+
+
+class ServerFaults:
+    """Errors that ended a server, until the thread that reports them takes them."""
+
+    def __init__(self) -> None:
+        self._errors: deque[BaseException] = deque(maxlen=_MAX_ERRORS)
+
+    def add(self, error: BaseException) -> None:
+        """Keep an error; from any thread."""
+        self._errors.append(error)
+
+    def raise_next(self) -> None:
+        """Raise ServerEnded for the oldest error that has not been reported, if there is one."""
+        if self._errors:
+            error = self._errors.popleft()
+            raise ServerEnded(f"the server has ended and was started again: {error!r}") from error
+
+
 @contextlib.contextmanager
-def server_thread(config: uvicorn.Config, listener: BoundedListener, name: str) -> Iterator[int]:
-    """Serve inside the block; gives the port. The socket is closed afterwards."""
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name=name, daemon=True)
+def server_thread(
+    config: uvicorn.Config, listener: BoundedListener, name: str, faults: ServerFaults | None = None
+) -> Iterator[int]:
+    """Serve inside the block; gives the port. The socket is closed afterwards.
+
+    A server that fails is started again after 1 s, later after up to 60 s; `faults` gets the error.
+    """
+    stopping, servers = threading.Event(), [uvicorn.Server(config)]
+
+    def serve() -> None:
+        pause_s = _MIN_PAUSE_S
+        while not stopping.is_set():
+            # A server closes the sockets that it was given.
+            error: BaseException = ServerEnded("without an error")
+            try:
+                servers[0].run(sockets=[listener.duplicate()])
+            except BaseException as raised:  # noqa: BLE001 uvicorn exits where it cannot start
+                error = raised
+            if stopping.is_set():
+                return
+            (faults or ServerFaults()).add(error)
+            stopping.wait(pause_s)
+            pause_s = min(2.0 * pause_s, _MAX_PAUSE_S)
+            servers[0] = uvicorn.Server(config)
+
+    thread = threading.Thread(target=serve, name=name, daemon=True)
     thread.start()
     try:
         yield listener.getsockname()[1]
     finally:
-        server.should_exit = True
+        stopping.set()
+        servers[0].should_exit = True
         thread.join(_STOP_S)
         listener.close()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.ingest.live.snapshot import Audience
+from hubodo.listening.server_thread import ServerFaults
 from hubodo.vehicle import Vehicle
 from hubodo.version import __version__
 from hubodo.web.actions import Actions
@@ -47,10 +48,10 @@ def watching(
                 live.greetings = greetings
             yield live
             return
-        hub = Hub(_about(vehicle))
-        page = LivePage(hub.put, live)
+        hub, faults = Hub(_about(vehicle)), ServerFaults()
+        page = LivePage(hub.put, live, faults)
         app = make_app(site, Library(folder, models), hub, Actions(page))
-        port = stack.enter_context(serving(app, site))
+        port = stack.enter_context(serving(app, site, faults))
         greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
         page.greetings = greetings
         yield page

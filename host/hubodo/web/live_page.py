@@ -11,6 +11,7 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, Snapshot
 from hubodo.ingest.live.tee_sink import Listener
+from hubodo.listening.server_thread import ServerFaults
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
@@ -28,8 +29,10 @@ Wish = Callable[[Recorder], None]
 class LivePage:
     """An `Audience`; all but `wish`, `file` and `newest` is for the thread of the recording."""
 
-    def __init__(self, put: Callable[[Frame], None], other: Audience | None = None) -> None:
-        """put: gets each frame. other: who else watches the recording."""
+    def __init__(
+        self, put: Callable[[Frame], None], other: Audience | None = None, server: ServerFaults | None = None
+    ) -> None:
+        """put: gets each frame. other: who else watches. server: errors that ended the page's server."""
         self.newest: Snapshot | None = None
         self.greetings: list[str] = []
         """Lines for the user of the recorder, told once."""
@@ -37,6 +40,7 @@ class LivePage:
         self._log: McapLog | None = None
         self._series: LogSeries | None = None
         self._other = other
+        self._server = server or ServerFaults()
         self._ear = Ear(_MOST_EVENTS)
         self._wishes: queue.Queue[Wish] = queue.Queue(_MOST_WISHES)
         self._begin_ns: int | None = None
@@ -77,8 +81,9 @@ class LivePage:
         return {"page": self._ear.hear, **others}
 
     def show(self, snapshot: Snapshot) -> None:
-        """See `Audience`."""
+        """See `Audience`. Raises ServerEnded, once, where the page's server had to be restarted."""
         self.newest = self._slow = snapshot
+        self._server.raise_next()
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:
         """See `Audience`."""

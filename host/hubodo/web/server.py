@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from starlette.types import ASGIApp
 
 from hubodo.errors import InputError
-from hubodo.listening.server_thread import server_config, server_thread
+from hubodo.listening.server_thread import ServerFaults, server_config, server_thread
 from hubodo.web.config import Site
 
 _LARGEST_MESSAGE = 4096
@@ -16,8 +16,8 @@ _LARGEST_MESSAGE = 4096
 
 
 @contextlib.contextmanager
-def serving(app: ASGIApp, site: Site) -> Iterator[int]:
-    """Serve inside the block; gives the port.
+def serving(app: ASGIApp, site: Site, faults: ServerFaults | None = None) -> Iterator[int]:
+    """Serve inside the block; gives the port. faults: get what ends the server meanwhile.
 
     Raises InputError where it cannot listen or use the certificate.
     """
@@ -36,5 +36,5 @@ def serving(app: ASGIApp, site: Site) -> Iterator[int]:
     except OSError as error:
         listener.close()
         raise InputError(f"{site.cert}, {site.key}: no certificate and key in PEM: {error}") from None
-    with server_thread(config, listener, "hubodo web") as port:
+    with server_thread(config, listener, "hubodo web", faults) as port:
         yield port

@@ -14,7 +14,7 @@ from hubodo.errors import InputError
 from hubodo.ingest.live.metrics import CONTENT_TYPE, health, metrics_text
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.listening.listener import BoundedListener
-from hubodo.listening.server_thread import server_config, server_thread
+from hubodo.listening.server_thread import ServerFaults, server_config, server_thread
 
 
 class MetricsServer:
@@ -31,6 +31,7 @@ class MetricsServer:
         self._now_ns = now_ns
         self._newest: Snapshot | None = None
         self._running = ExitStack()
+        self._faults = ServerFaults()
         try:
             self._listener = BoundedListener.listen_on(host.strip("[]"), int(port))
         except OSError as error:
@@ -45,12 +46,13 @@ class MetricsServer:
         return int(self._listener.getsockname()[1])
 
     def show(self, snapshot: Snapshot) -> None:
-        """Serve this snapshot from now on."""
+        """Serve this snapshot from now on. Raises ServerEnded, once, where the server had to be restarted."""
         self._newest = snapshot
+        self._faults.raise_next()
 
     def __enter__(self) -> Self:
         config = server_config(self._answer, self._listener, ws="none", lifespan="off")
-        self._running.enter_context(server_thread(config, self._listener, "metrics"))
+        self._running.enter_context(server_thread(config, self._listener, "metrics", self._faults))
         return self
 
     def __exit__(
