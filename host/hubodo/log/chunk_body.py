@@ -117,7 +117,7 @@ class Messages:
 
     def by_channel(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
         """Yield each channel id and the indices of its messages, in one pass over the chunk."""
-        channels = self.heads["channel"]
+        channels = np.ascontiguousarray(self.heads["channel"])
         order = np.argsort(channels, kind="stable")
         ids, starts = np.unique(channels[order], return_index=True)
         yield from zip(ids.tolist(), np.split(order, starts[1:]), strict=False)

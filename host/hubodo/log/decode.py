@@ -94,7 +94,7 @@ def column_names(text: str) -> list[str]:
 
 MOST_LAYOUTS = 100_000
 """Changes of layout, each of which is parsed by itself, after which a channel is no longer decoded."""
-_LEAST_WINDOW = 64  # messages
+_LEAST_WINDOW, _LARGEST_WINDOW = 64, 1 << 20  # messages
 _ROW_BYTES = 150  # of memory per message besides its numbers: head, stamps, order, and their copies in `rows`
 
 
@@ -111,6 +111,7 @@ class Decoder:
     label: str = ""
     _form: ros2.Form | None = None
     _n_measured: int = 0
+    _window: int = _LARGEST_WINDOW
     _fed: int = 0
     _parts: list[_Part] = field(default_factory=list)
 
@@ -134,19 +135,20 @@ class Decoder:
 
     def _feed_run(self, messages: Messages, chosen: NDArray[np.intp], order: NDArray[np.intp]) -> None:
         """Decode messages of one size. order: their places among all messages of the channel."""
-        done, window = 0, _LEAST_WINDOW
+        done = 0
         while done < len(chosen):
             # The window doubles while the layout fits: a change of layout must not cost a pass over the rest.
-            part = chosen[done : done + window]
+            part = chosen[done : done + self._window]
             heads = messages.heads[part]
             starts = messages.places[part] + PREFIX.itemsize
             count = self._fitting(messages, starts, heads["length"].astype(np.int64) - 22)
             if count:
                 self._decode(messages, heads[:count], starts[:count], order[done : done + count])
                 done += count
-                window = 2 * window if count == len(part) else _LEAST_WINDOW
+                grown = min(2 * self._window, _LARGEST_WINDOW)
+                self._window = grown if count == len(part) else _LEAST_WINDOW
                 continue
-            window = _LEAST_WINDOW
+            self._window = _LEAST_WINDOW
             if self._n_measured >= MOST_LAYOUTS:
                 self.undecodable += len(chosen) - done
                 return
