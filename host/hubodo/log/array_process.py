@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, limit_bytes, open_regular
+from hubodo.log.claims import MemoryBudget, check_regular, limit_bytes
 from hubodo.log.tables_of_arrays import as_rows, shape_only
 from hubodo.safe_text import json_text
 
@@ -36,9 +36,8 @@ def read_isolated(
     wanted: which, () for all; of the others only the shape is read. Raises InputError: damaged, data in
     another file, more than the memory limit, more processor time than a file of its size can need. OSError.
     """
-    with open_regular(path) as file:
-        size = path.stat().st_size
-        file.read(1)  # raises IsADirectoryError for a folder
+    check_regular(path)
+    size = path.stat().st_size
     budget = MemoryBudget(path)
     order = {
         "path": str(path.absolute()),
