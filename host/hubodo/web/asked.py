@@ -10,6 +10,8 @@ from urllib.parse import parse_qsl
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
+from hubodo.safe_text import json_text
+
 _MOST_BODY = 4096
 _BODY_S = 10.0
 
@@ -52,14 +54,14 @@ async def json_of(request: Request) -> dict[str, Any]:
 
 
 def form_of(body: bytes) -> dict[str, str]:
-    """The fields of a form."""
+    """Return the fields of a form. Raises NotServed for more than a form of ours has."""
     try:
         return dict(parse_qsl(body.decode("utf-8", "replace"), max_num_fields=8))
-    except ValueError:  # more fields
-        return {}
+    except ValueError:
+        raise NotServed(400, "that form has too many fields") from None
 
 
 def json_answer(content: object, status: int = 200) -> Response:
     """Return JSON in ASCII: whatever a name or a verb's result holds, it can be sent."""
-    text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+    text = json_text(content, compact=True)
     return Response(text, status, media_type="application/json")
