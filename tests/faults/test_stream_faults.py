@@ -228,3 +228,15 @@ def test_a_second_reader_of_ours_is_refused(port):
     with pytest.raises(Exception, match="busy"):
         SerialTransport(transport.where, 115200)
     os.close(master)
+
+
+def test_a_line_that_says_ever_other_names_is_one_conflict_of_bounded_length():
+    line, node = Line(), Node()
+    line.says(node.says_hello())
+    for number in range(2000):
+        node.hello = replace(node.hello, serial=b"%08d" % number)
+        line.says(node.says_hello(), seconds=0.001)
+    (decoder,) = (node.decoder for node in line.recorder.nodes.values())
+    assert len(decoder._heard) <= 8
+    events = [event for event in line.close().events if event.kind == "conflict"]
+    assert len(events) == 1

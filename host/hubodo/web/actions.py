@@ -26,6 +26,10 @@ class Actions:
         """The newest snapshot."""
         return self._page.newest
 
+    def now_ns(self) -> int:
+        """Return the time of the recording's own clock."""
+        return self._page.now_ns()
+
     @property
     def file(self) -> Path | None:
         """The log that is being written."""

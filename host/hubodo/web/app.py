@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import functools
-import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -176,8 +175,9 @@ class Pages:
         return entry
 
     async def _machine(self, request: Request) -> Response:
-        newest = None if self._actions is None else self._actions.newest
-        status, kind, body = answer(request.url.path, newest, time.time_ns())
+        actions = self._actions
+        newest, now_ns = (None, 0) if actions is None else (actions.newest, actions.now_ns())
+        status, kind, body = answer(request.url.path, newest, now_ns)
         return Response(body, status, media_type=kind)
 
     async def _start_job(self, request: Request) -> Response:

@@ -44,8 +44,6 @@ async def json_of(request: Request) -> dict[str, Any]:
     """An object; nothing is an empty one. Raises NotServed."""
     try:
         asked = json.loads(await body_of(request) or b"{}")
-        # Half a surrogate pair cannot be written to a log: it is refused here, with a UnicodeEncodeError.
-        json.dumps(asked, ensure_ascii=False).encode()
     except (ValueError, RecursionError):
         asked = None
     if not isinstance(asked, dict):

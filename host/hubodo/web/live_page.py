@@ -34,6 +34,7 @@ class LivePage:
     ) -> None:
         """put: gets each frame. other: who else watches. server: errors that ended the page's server."""
         self.newest: Snapshot | None = None
+        self._shown = 0.0  # s, by the monotonic clock
         self.greetings: list[str] = []
         """Lines for the user of the recorder, told once."""
         self._put = put
@@ -53,6 +54,11 @@ class LivePage:
         """The log that is being written."""
         newest = self.newest
         return newest.log.path if newest is not None and newest.log.recording else None
+
+    def now_ns(self) -> int:
+        """Return the time of the recording's own clock, which is never set; from any thread."""
+        newest = self.newest
+        return 0 if newest is None else newest.t_ns + int((time.monotonic() - self._shown) * S)
 
     def wish(self, wish: Wish) -> bool:
         """Something to be done in the recording's own thread; False when too much waits already."""
@@ -83,6 +89,7 @@ class LivePage:
     def show(self, snapshot: Snapshot) -> None:
         """See `Audience`. Raises ServerEnded, once, where the page's server had to be restarted."""
         self.newest = self._slow = snapshot
+        self._shown = time.monotonic()
         self._server.raise_next()
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:

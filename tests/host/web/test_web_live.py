@@ -4,7 +4,9 @@ import asyncio
 import json
 import socket
 import threading
+import time
 from contextlib import ExitStack
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -247,3 +249,11 @@ def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own
     with pytest.raises(OSError):
         socket.create_connection(("127.0.0.1", port), timeout=2)
     assert "hubodo web" not in {thread.name for thread in threading.enumerate()}
+
+
+def test_the_age_of_a_snapshot_is_elapsed_time_whatever_the_wall_clock_is_set_to(monkeypatch):
+    page, elapsed = LivePage(lambda frame: None), iter((100.0, 112.5))
+    assert page.now_ns() == 0
+    monkeypatch.setattr(time, "monotonic", lambda: next(elapsed))
+    page.show(SimpleNamespace(t_ns=5_000_000_000))
+    assert page.now_ns() == 17_500_000_000

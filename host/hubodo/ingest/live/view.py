@@ -22,7 +22,7 @@ from hubodo.terminal import SafeConsole
 S = 1_000_000_000
 _LINE_NS = 10 * S
 _TROUBLE = (
-    *("damage", "disconnected", "fault", "foreign", "full", "gap_seen"),
+    *("clock", "damage", "disconnected", "fault", "foreign", "full", "gap_seen"),
     *("mismatch", "silent", "warning"),
 )
 """Kinds of events that are warnings; others are for information."""

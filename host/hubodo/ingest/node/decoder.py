@@ -61,6 +61,7 @@ from hubowire.messages import (
 _HELLO_HEAD = struct.Struct("<I3B")  # fixed for every version of the table
 _MAX_PENDING = 2048
 _REORDER = 64  # frames a datagram may come late
+_MAX_SERIALS = 8  # of two nodes that speak as one; a babbling line may say any number
 _GONE_NS = 15_000_000_000  # three of the periods in which a node says Hello by itself
 # Plain integers: an enumeration's members take as long to combine as the rest of a frame.
 _OVERRUN_FLAGS = int(BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN)
@@ -196,8 +197,10 @@ class NodeDecoder:
         """Notices two nodes that speak as one: which frame is whose, nobody can tell."""
         if link.downs != self._downs:
             self._heard, self._downs = {}, link.downs
-        self._heard[hello.serial] = t_ns
-        heard = sorted(serial.hex() for serial, at_ns in self._heard.items() if t_ns - at_ns < _GONE_NS)
+        self._heard = {serial: at_ns for serial, at_ns in self._heard.items() if t_ns - at_ns < _GONE_NS}
+        if len(self._heard) < _MAX_SERIALS or hello.serial in self._heard:
+            self._heard[hello.serial] = t_ns
+        heard = sorted(serial.hex() for serial in self._heard)
         shared = len(heard) > 1 and not self._datagrams
         if shared and not self._shared:
             self.counts.frames_unread += len(self._pending)
