@@ -86,9 +86,8 @@ gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelch
 mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; goes on where it was interrupted
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
-faults: setup        ## the table of faults, each done and judged, two hundred kills among them, and floods of UDP; some five minutes
+faults: setup        ## the table of faults, each done and judged, two hundred kills among them, floods and a thousand changed files; some twenty minutes
 	$(BIN)/python tests/faults/faults.py --kills 200
-	$(BIN)/python tests/faults/floods_udp.py --seconds 60
 
 SECONDS ?= 600
 fuzz: setup          ## each reader on changed files, SECONDS each (600), within limits of memory and time (FUZZ="--reader hdf5 --files 1000")

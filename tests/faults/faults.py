@@ -1,4 +1,4 @@
-"""`make faults`: the table of faults with what its tests say now, kills in full number; not a test."""
+"""`make faults`: the table of faults with what its tests say now, and figures; not a test."""
 
 from __future__ import annotations
 
@@ -15,8 +15,9 @@ TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 
 # The folder of the tests is to be found first.
-from faults.guessing import WAYS, measure  # noqa: E402
-from faults.table import FAULTS, Fault  # noqa: E402
+from faults.fault import Fault  # noqa: E402
+from faults.figures import print_figures  # noqa: E402
+from faults.table import FAULTS  # noqa: E402
 
 _WIDTHS = (36, 42, 34)
 
@@ -24,16 +25,23 @@ _WIDTHS = (36, 42, 34)
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument(
+        "--files", type=int, default=1000, help="changed files for the readers (default 1000)"
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="of the flood of handshakes (default 60)")
+    parser.add_argument("--seed", type=int, help="of files and sentences (default: the date)")
     args = parser.parse_args()
     wanted = sorted({test for fault in FAULTS for test in fault.tests})
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         words = [sys.executable, "-m", "pytest", "-q", f"--kills={args.kills}", f"--junit-xml={report}"]
         code = subprocess.run([*words, "--timeout=1800", *(str(TESTS / test) for test in wanted)]).returncode
-        found = outcomes(report)
+        found, figures = outcomes(report), properties(report)
     print(*(line for fault in FAULTS for line in rows(fault, found)), sep="\n")
-    print(*map(measure, WAYS), sep="\n")
-    return code
+    survived = sum(set(endings(fault, found)) == {"passed"} for fault in FAULTS)
+    print(f"\n{survived} of {len(FAULTS)} kinds of fault survived", *figures, sep="\n", flush=True)
+    complete = print_figures(args.files, args.seconds, args.seed)
+    return code or int(not complete)
 
 
 def outcomes(report: Path) -> dict[str, list[str]]:
@@ -45,9 +53,19 @@ def outcomes(report: Path) -> dict[str, list[str]]:
     return found
 
 
+def properties(report: Path) -> list[str]:
+    """Return the figures that tests have recorded."""
+    return [item.attrib["value"] for item in xml.parse(report).iter("property")]
+
+
+def endings(fault: Fault, found: dict[str, list[str]]) -> list[str]:
+    """Return what became of each test of a fault."""
+    return [word for test in fault.tests for word in found.get(test.partition("::")[2], ["not run"])]
+
+
 def rows(fault: Fault, found: dict[str, list[str]]) -> list[str]:
     """The row of a fault, broken to the widths of the columns."""
-    ended = [word for test in fault.tests for word in found.get(test.partition("::")[2], ["not run"])]
+    ended = endings(fault, found)
     counts = ", ".join(f"{ended.count(word)} {word}" for word in dict.fromkeys(sorted(ended)))
     texts = (fault.what, fault.expected, fault.told_by)
     columns = [textwrap.wrap(text, width) for text, width in zip(texts, _WIDTHS, strict=True)] + [[counts]]

@@ -2,18 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class Fault:
-    """tests: `file::test` below tests/, of which all must pass."""
-
-    what: str
-    expected: str
-    told_by: str
-    tests: tuple[str, ...]
-
+from faults.fault import Fault
+from faults.strangers_table import STRANGERS
 
 STREAM, DISK, FLIPPED, BOMBS = (
     "faults/test_stream_faults.py::", "faults/test_full_disk.py::", "faults/test_flipped_bytes.py::",
@@ -39,7 +29,7 @@ FLOODS, LINKS, SENDERS = (
     "faults/test_floods_udp.py::", "host/ingest/test_link_threads.py::", "host/ingest/test_senders.py::",
 )  # fmt: skip
 
-FAULTS = (
+RECORDING = (
     Fault(
         "unplugged at every byte of a frame", "that frame is lost, the rest comes",
         "frames cut; gap: link down",
@@ -324,4 +314,24 @@ FAULTS = (
         "a driver hangs in any call", "no other link waits for it", "the link's own silence",
         (LINKS + "test_a_transport_that_hangs_holds_up_neither_who_sends_nor_who_ends_nor_another_link",),
     ),
+    Fault(
+        "descriptors beyond 1,023", "ports are read whatever their number", "nothing",
+        ("host/ingest/test_readiness.py::test_a_descriptor_beyond_those_of_select_is_waited_for",),
+    ),
+    Fault(
+        "the wall clock is set", "the status is as old as time has passed", "/healthz 200",
+        ("host/web/test_web_live.py::"
+         "test_the_age_of_a_snapshot_is_elapsed_time_whatever_the_wall_clock_is_set_to",),
+    ),
+    Fault(
+        "a line that says ever other serials", "one conflict, bounded memory", "conflict; frames unread",
+        (STREAM + "test_a_line_that_says_ever_other_names_is_one_conflict_of_bounded_length",),
+    ),
+    Fault(
+        "SIGTERM while nothing is sent", "obeyed", "code 0",
+        ("host/ingest/test_computer.py::"
+         "test_a_signal_whose_handler_outlasts_the_wait_does_not_make_it_endless",),
+    ),
 )  # fmt: skip
+
+FAULTS = (*RECORDING, *STRANGERS)

@@ -85,7 +85,9 @@ def kills(request: pytest.FixtureRequest) -> int:
     return int(request.config.getoption("--kills"))
 
 
-def test_after_sigkill_all_that_came_until_one_second_before_is_there(kills: int, tmp_path: Path) -> None:
+def test_after_sigkill_all_that_came_until_one_second_before_is_there(
+    kills: int, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> None:
     seed = 7
     rng = random.Random(seed)
     lost_most = 0.0
@@ -108,11 +110,11 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(kills: int
             assert len(values) >= due, f"{len(values)} of {due} due, {where}"
             behind = [killed_ns - now for now, i in received if i > len(values)]
             lost_most = max(lost_most, max(behind, default=0) / 1e9)
-    print(f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
+    record_property("figure", f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
 
 
 def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole(
-    kills: int, tmp_path: Path
+    kills: int, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     """What was 0.5 s old at the end of the last step is in a log; half of them begin one at each step."""
     seed, lost_most, logs = 11, 0.0, 0
@@ -139,7 +141,8 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             assert len(values) >= due, f"{len(values)} of {due} due, {where}"
             behind = [last_step - now for now, i in reports if i > len(values)]
             lost_most = max(lost_most, max(behind, default=0) / 1e9)
-    print(f"{kills} kills in {logs} logs, seed {seed}: nothing older than {lost_most:.2f} s was lost")
+    figure = f"{kills} kills in {logs} logs, seed {seed}: nothing older than {lost_most:.2f} s was lost"
+    record_property("figure", figure)
 
 
 def is_whole(path: Path) -> bool:

@@ -46,7 +46,9 @@ def main() -> int:
     seed = int(datetime.now(UTC).strftime("%Y%m%d")) if args.seed is None else args.seed
     print(f"seed {seed}", flush=True)
     if args.sentences:
-        return decode_sentences(args.sentences, seed)
+        fixes, errors = decode_sentences(args.sentences, seed)
+        print(f"{args.sentences} sentences, {fixes} fixes, {errors.total()} exceptions", *errors.items())
+        return 1 if errors else 0
     defects = 0
     for name in args.reader or TARGETS:
         defects += fuzz_reader(name, seed, args.seconds, args.files, saving=not args.no_save)
@@ -80,8 +82,8 @@ def fuzz_reader(name: str, seed: int, seconds: float, files: int | None, *, savi
     return number - outcomes["passed"]
 
 
-def decode_sentences(count: int, seed: int) -> int:
-    """Feed changed NMEA sentences to the decoder; print the number of exceptions."""
+def decode_sentences(count: int, seed: int) -> tuple[int, Counter[str]]:
+    """Feed changed NMEA sentences to the decoder; return the number of fixes, and the exceptions by type."""
     errors, fixes = Counter[str](), 0
     decoder = NmeaDecoder()
     for number, line in enumerate(sentences(random.Random(seed), count)):
@@ -89,8 +91,7 @@ def decode_sentences(count: int, seed: int) -> int:
             fixes += len(list(decoder.feed(line, number * 50_000_000)))
         except Exception as error:  # noqa: BLE001 - what is counted
             errors[type(error).__name__] += 1
-    print(f"{count} sentences, {fixes} fixes, {errors.total()} exceptions {dict(errors) or ''}".rstrip())
-    return 1 if errors else 0
+    return fixes, errors
 
 
 def _signature(text: str) -> str:

@@ -17,6 +17,7 @@ import tempfile
 import time
 import urllib.request
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +36,44 @@ def main() -> int:
         "--slow", action="store_true", help="a byte of a request on each, four times a second"
     )
     args = parser.parse_args()
+    results = []
+    for option in PATHS:
+        results.append(run(option, args.connections, args.seconds, slow=args.slow))
+        print(results[-1], flush=True)
+    return int(not all(result.is_complete for result in results))
+
+
+@dataclass(frozen=True)
+class IdleResult:
+    """Samples sent and recorded, and the requests of a proper visitor meanwhile."""
+
+    option: str
+    connections: str
+    sent: int
+    recorded: int
+    code: int
+    descriptors: int
+    requests: int
+    answered: int
+    slowest_s: float
+
+    @property
+    def is_complete(self) -> bool:
+        """Return True if nothing was lost and every request answered."""
+        return self.recorded == self.sent and self.code == 0 and self.answered == self.requests
+
+    def __str__(self) -> str:
+        return (
+            f"{self.option}, {self.connections} connections: {self.recorded} of {self.sent} samples "
+            f"recorded, exit code {self.code}, at most {self.descriptors} descriptors; {self.answered} of "
+            f"{self.requests} requests answered, the slowest after {1e3 * self.slowest_s:.0f} ms"
+        )
+
+
+def run(option: str, connections: int, seconds: float, *, slow: bool) -> IdleResult:
+    """Record once with the server of `option`, beside idle or slow connections."""
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, args.connections + 500), hard))
-    results = [run(option, args.connections, args.seconds, slow=args.slow) for option in PATHS]
-    return int(not all(results))
-
-
-def run(option: str, connections: int, seconds: float, *, slow: bool) -> bool:
-    """Record once with the server of `option`; print what came of it, and return whether nothing was lost."""
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, connections + 500), hard))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     words = [sys.executable, str(HERE / "nodes.py"), str(NODES), str(RATE_HZ), str(BATCH)]
@@ -100,13 +131,17 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> bool:
     result: dict[str, Any] = json.loads(out) if out.strip() else {"nodes": {}}
     recorded = sum(node["samples"] for name, node in result["nodes"].items() if name in names)
     answered = [taken for taken in times if taken is not None]
-    print(
-        f"{option}: {len(idle)} {'slow' if slow else 'idle'} connections: {recorded} of {sent} samples "
-        f"recorded, exit code {recorder.returncode}, at most {held} descriptors; {len(answered)} of "
-        f"{len(times)} requests answered, the slowest after {1e3 * max(answered, default=0):.0f} ms",
-        flush=True,
+    return IdleResult(
+        option,
+        f"{len(idle)} {'slow' if slow else 'idle'}",
+        sent,
+        recorded,
+        recorder.returncode,
+        held,
+        len(times),
+        len(answered),
+        max(answered, default=0.0),
     )
-    return recorded == sent and recorder.returncode == 0 and len(answered) == len(times)
 
 
 def request_time(url: str) -> float | None:

@@ -1,0 +1,163 @@
+"""Faults that come with other people's files, texts and requests, and the tests that prove the outcome."""
+
+from __future__ import annotations
+
+from faults.fault import Fault
+
+BAGS, MCAP, CSV, NUMBERS = (
+    "host/log/test_hostile_bags.py::", "host/log/test_hostile_mcap.py::", "host/log/test_hostile_csv.py::",
+    "host/log/test_hostile_numbers.py::",
+)  # fmt: skip
+SETTINGS, TEXT, PRIVATE, CLAIMS = (
+    "host/test_hostile_settings.py::", "host/test_safe_text.py::", "host/test_private_files.py::",
+    "host/log/test_claims.py::",
+)  # fmt: skip
+LIBRARY, GUARD, REQUESTS, RESTART = (
+    "host/web/test_web_library.py::", "host/web/test_web_guard.py::", "host/web/test_web_fuzz.py::",
+    "host/web/test_server_restart.py::",
+)  # fmt: skip
+EXTRAS, PARTIAL, PROGRAM = (
+    "host/test_extras.py::", "host/test_partial_logs.py::", "host/ingest/test_program_log.py::",
+)  # fmt: skip
+
+STRANGERS = (
+    Fault(
+        "NULL, text or numbers where a bag holds bytes", "those rows are left out", "warning, with a count",
+        (BAGS + "test_rows_with_values_of_another_type_are_left_out_and_counted",
+         BAGS + "test_a_topic_without_a_text_is_left_out_with_its_messages",
+         BAGS + "test_messages_that_do_not_fit_their_type_are_counted"),
+    ),
+    Fault(
+        "views, triggers, generated columns in a bag", "only stored tables are read, within bounded work",
+        "refused, code 2",
+        (BAGS + "test_only_stored_tables_are_read",
+         BAGS + "test_a_query_that_a_manipulated_file_never_ends_is_ended"),
+    ),
+    Fault(
+        "a bag that claims or expands to gigabytes", "refused within --max-memory", "code 2",
+        (BAGS + "test_messages_that_claim_more_bytes_than_the_file_has_are_refused",
+         BAGS + "test_a_compressed_bag_is_read_and_one_that_expands_beyond_its_size_is_refused",
+         BAGS + "test_a_chunk_of_a_ros1_bag_expands_only_up_to_the_limit",
+         BAGS + "test_a_record_of_a_ros1_bag_reads_no_more_than_the_file_has"),
+    ),
+    Fault(
+        "a bag that names files outside its folder", "no such file is opened", "refused",
+        (BAGS + "test_no_file_outside_the_folder_is_opened",
+         BAGS + "test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled"),
+    ),
+    Fault(
+        "topics of ours with messages of another type", "no table is made of them", "warning",
+        (MCAP + "test_a_topic_of_ours_with_messages_of_another_type_is_no_table",),
+    ),
+    Fault(
+        "an incomplete schema on export", "that topic is left out of the rosbag2", "named",
+        (MCAP + "test_a_topic_whose_schema_is_no_type_is_left_out_of_a_rosbag2",),
+    ),
+    Fault(
+        "an MCAP file made to take time or memory", "bounded work and memory", "warning or code 2",
+        (MCAP + "test_messages_are_located_a_bounded_number_of_times",
+         MCAP + "test_what_is_decoded_stays_within_the_memory_limit",
+         MCAP + "test_chunks_that_overlap_in_time_stay_within_the_memory_limit",
+         MCAP + "test_damaged_chunks_and_what_is_between_them_are_read_once"),
+    ),
+    Fault(
+        "gzip bombs, endless lines, 100,000 columns of CSV", "refused within --max-memory", "code 2, the row",
+        (CSV + "test_a_gzipped_file_expands_only_to_what_one_of_its_size_can_hold",
+         CSV + "test_a_line_without_an_end_is_not_collected",
+         CSV + "test_columns_are_bounded_and_a_repeated_one_is_found_at_once",
+         CSV + "test_rows_stay_within_the_memory_limit"),
+    ),
+    Fault(
+        "numbers of 5,000 digits", "refused in one short line", "code 2, row or key",
+        (CSV + "test_a_cell_of_thousands_of_digits_is_named_shortly",
+         SETTINGS + "test_a_file_that_is_no_reasonable_toml_is_one_line"),
+    ),
+    Fault(
+        "pipes and devices in place of files", "refused at once, none is opened", "code 2",
+        (CLAIMS + "test_a_fifo_or_device_is_refused_at_once",
+         CSV + "test_a_fifo_in_a_folder_is_refused", BAGS + "test_a_fifo_in_a_bag_is_refused",
+         NUMBERS + "test_a_pipe_in_place_of_a_file_of_numbers_is_refused",
+         SETTINGS + "test_a_pipe_a_device_or_a_folder_is_no_file_of_settings"),
+    ),
+    Fault(
+        "headers of .npy and .npz that claim too much", "compared with the file first", "code 2",
+        (NUMBERS + "test_a_numpy_header_is_compared_with_the_file_before_memory_is_allocated",
+         NUMBERS + "test_an_archive_that_expands_beyond_the_limit_or_is_ambiguous_is_refused"),
+    ),
+    Fault(
+        "MATLAB and HDF5 bombs, links to other files", "a limited process, links refused", "code 2",
+        (NUMBERS + "test_a_matlab_file_is_decoded_within_the_limit",
+         NUMBERS + "test_hdf5_that_points_to_another_file_or_claims_too_much_is_refused",
+         NUMBERS + "test_a_library_that_crashes_takes_nothing_with_it"),
+    ),
+    Fault(
+        "settings with nan, 1e300, dates, deep nesting", "refused with the key", "code 2",
+        (SETTINGS + "test_each_number_of_each_file_is_finite_and_of_a_believable_size",
+         SETTINGS + "test_a_byte_order_mark_is_skipped"),
+    ),
+    Fault(
+        "marks with ESC or half a surrogate pair", "stored and shown escaped", "the escaped text",
+        (TEXT + "test_a_mark_is_stored_escaped",
+         TEXT + "test_each_verb_survives_a_hostile_mark_and_its_json_is_valid",
+         TEXT + "test_no_string_that_is_shown_steers_the_terminal"),
+    ),
+    Fault(
+        "a result that is not a number", "null in JSON", "null",
+        (TEXT + "test_json_has_null_for_what_is_not_finite_and_no_lone_surrogates",
+         TEXT + "test_one_function_of_the_package_writes_json",
+         PARTIAL + "test_the_error_of_a_vehicle_that_does_not_move_has_no_percentage"),
+    ),
+    Fault(
+        "a log with a gyro alone", "reported as far as it goes", "what is missing, by name",
+        (PARTIAL + "test_a_report_of_a_gyro_alone_shows_its_noise_and_names_what_is_missing",),
+    ),
+    Fault(
+        "a table of Parquet that is damaged or too large", "refused with its row", "code 2",
+        ("host/log/test_parquet.py::test_a_faulty_file_is_refused_with_its_row",
+         "host/log/test_parquet.py::test_a_table_beyond_the_memory_limit_is_not_read"),
+    ),
+    Fault(
+        "an optional package is not installed", "the extra is named", "code 2",
+        (EXTRAS + "test_a_plain_installation_names_the_extra_and_never_ends_as_a_defect",),
+    ),
+    Fault(
+        "links in a shared folder, where a file is written", "none of others is written through", "code 1",
+        (PRIVATE + "test_a_link_under_the_name_that_used_to_be_taken_is_not_written_through",
+         PRIVATE + "test_a_link_that_another_user_made_is_refused",
+         LIBRARY + "test_what_a_job_makes_is_put_into_pages_and_never_through_a_link",
+         LIBRARY + "test_a_link_that_appears_while_a_job_runs_is_not_followed"),
+    ),
+    Fault(
+        "secrets that others can read", "refused alike", "say chmod 600",
+        (PRIVATE + "test_token_keys_and_private_key_that_others_can_read_are_refused_alike",),
+    ),
+    Fault(
+        "names of recordings that are not UTF-8", "listed escaped, can be downloaded", "the escaped name",
+        (LIBRARY + "test_names_that_are_no_utf8_are_listed_escaped_and_downloaded_by_that_name",),
+    ),
+    Fault(
+        "requests made from chance", "refused, never status 500", "status 4xx",
+        (REQUESTS + "test_no_request_makes_the_server_fail",
+         REQUESTS + "test_what_once_made_it_fail_is_refused"),
+    ),
+    Fault(
+        "a job of the page that does not end", "stopped at its limit, or cancelled", "the job says so",
+        (LIBRARY + "test_a_job_is_stopped_at_its_time_limit_and_says_so",
+         LIBRARY + "test_a_job_that_is_cancelled_ends_with_all_that_it_started_and_the_next_one_runs"),
+    ),
+    Fault(
+        "a session that is over", "refused on the server, the live feed ends", "status 401",
+        (GUARD + "test_a_logout_ends_the_session_on_the_server_and_needs_a_page_of_its_own",
+         GUARD + "test_a_live_feed_ends_with_its_session"),
+    ),
+    Fault(
+        "the server of page or metrics fails", "started again", "event: fault of page or metrics",
+        (RESTART + "test_metrics_are_served_again_and_the_errors_reported_once_each",
+         RESTART + "test_the_page_is_served_again_and_the_errors_reported_once_each"),
+    ),
+    Fault(
+        "libraries that warn or raise in threads", "a line each, JSON where asked for", "event: program",
+        (PROGRAM + "test_what_libraries_say_is_one_line_each",
+         PROGRAM + "test_a_recording_with_the_page_tells_its_end_and_the_servers_errors_in_json"),
+    ),
+)  # fmt: skip
