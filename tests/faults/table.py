@@ -231,6 +231,7 @@ RECORDING = (
         "a part of the recorder raises at every call", "that part alone is lost, 16 kinds of part",
         "event: fault, with the bytes; metrics",
         (BULKHEADS + "test_a_part_that_raises_at_every_call_costs_no_sample_of_the_others",
+         BULKHEADS + "test_foxglove_that_raises_or_hangs_at_every_call_costs_no_sample",
          BULKHEADS + "test_the_bytes_that_a_node_failed_on_are_in_the_event_and_its_frames_are_in_the_log"),
     ),
     Fault(

@@ -30,6 +30,7 @@ from hubodo.ingest.node.session import NodeSession
 from hubodo.log.mcap import read_recording
 from hubodo.log.writer import McapLog
 from hubodo.vehicle import load_vehicle
+from hubodo.web.address import Address
 from hubodo.web.live_page import LivePage
 from hubodo.web.watch import Ear
 from hubowire import decode
@@ -93,7 +94,7 @@ def east(seconds):
     return float(latitude[0]), float(longitude[0]), 0.5
 
 
-def recording(folder, nodes, stack, computer=None, seconds=SECONDS, log_format="text", **settings):
+def recording(folder, nodes, stack, computer=None, seconds=SECONDS, log_format="text", page=None, **settings):
     """Record two nodes with everything switched on; return the result, the snapshots and what was shown."""
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
     shown, snapshots = (folder / "shown.txt").open("w"), []
@@ -105,7 +106,7 @@ def recording(folder, nodes, stack, computer=None, seconds=SECONDS, log_format="
         log_format=log_format,
         **settings,
     )
-    page = LivePage(lambda frame: None)
+    page = page or LivePage(lambda frame: None)
     page.greetings = ["live page at a place"]
     result = record(
         config,
@@ -225,6 +226,28 @@ def test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others(tmp_path,
         assert {event.source for event in faults} == {part}
         assert "no return within 0.3 s; interrupted" in faults[0].text
         assert faults[0].data["total"] == 1, "suspended for a second, not called again at once"
+
+
+@pytest.mark.parametrize("fault", [sleeps, None])
+def test_foxglove_that_raises_or_hangs_at_every_call_costs_no_sample(tmp_path, monkeypatch, fault):
+    pytest.importorskip("foxglove")
+    from hubodo.web.foxglove_live import FoxgloveLive
+
+    def raises(*_):
+        raise Injected("by the test")
+
+    monkeypatch.setattr(FoxgloveLive, "_write", (lambda *_: fault()) if fault else raises)
+    computer = VirtualComputer()
+    with ExitStack() as stack:
+        nodes = drive_nodes(stack, computer)
+        live = stack.enter_context(FoxgloveLive(Address("127.0.0.1", 0)))
+        result, *_ = recording(tmp_path, nodes, stack, computer, page=LivePage(lambda frame: None, live))
+    for name, node in nodes.items():
+        assert intact(result, name, node) > 208 * (SECONDS - 0.2)
+    faults = [
+        event.source for event in read_recording(tmp_path / "ride.mcap").events if event.kind == "fault"
+    ]
+    assert set(faults) == (set() if fault else {"foxglove"}), "a hang is found after five seconds"
 
 
 class Clock:
