@@ -34,8 +34,9 @@ SETS = (("left",), ("right",), ("left", "right"))
 
 
 def drives() -> dict[str, Recording]:
-    """The recordings by name."""
-    return {path.name: read_folder(path) for path in sorted(wanted.recording("car").iterdir())}
+    """Return the recordings of sensors near the rear axle, by name: rims and front wheels are others."""
+    folders = sorted(wanted.recording("car").glob("drive-[0-9]"))
+    return {path.name: read_folder(path) for path in folders}
 
 
 def truth_of(log: Recording) -> Table:

@@ -17,7 +17,7 @@ def test_three_hundred_nodes_cost_the_four_that_are_known_nothing(tmp_path):
 def test_thousands_of_addresses_cost_the_four_nodes_nothing_and_memory_little(tmp_path):
     result = flood_of_addresses(tmp_path, count=1500, per_second=1000)
     assert result.lost == 0 and result.sent > 2000
-    assert result.events["refused"] >= 1, "senders that were dropped are told"
+    assert result.events["refused"] >= 1, "senders that were dropped are reported"
     assert result.memory_mb < 40
 
 

@@ -14,28 +14,10 @@ from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption,
 from cryptography.x509.oid import NameOID
 
 from drive_model import DRIVE_MODEL, QUIET_INPUTS
+from example_effect import HUM
 from hubodo.ingest.link.keys import KeyRing
 from in_process import hubodo
 
-_EFFECT = '''"""An effect."""
-
-from dataclasses import dataclass
-from typing import ClassVar
-
-from hubodo.effects.base import Chain, Effect, parameter
-
-
-@dataclass(frozen=True)
-class Hum(Effect):
-    """gz reads k more."""
-
-    name: ClassVar[str] = "hum"
-    meaning: ClassVar[str] = "the gyro hums"
-    k: float = parameter("rad/s", 0.01)
-
-    def offset(self, chain: Chain) -> None:
-        chain.gyro[2] += self.k
-'''
 _IMU = DRIVE_MODEL.index("[imu]")
 _NODES, _INPUTS = DRIVE_MODEL.index("[nodes"), DRIVE_MODEL.index("[inputs]")
 
@@ -63,7 +45,7 @@ def _logs(
         "numbers.npz --variable gyro,accel --rate 100 --unit rad/s --unit m/s^2 --columns gx,gy,gz,ax,ay,az"
     )
     return (
-        Run(f"{verb} {numbers} {needs} --json --debug", code, says),
+        Run(f"{verb} {numbers} {needs} --max-memory 900 --json --debug", code, says),
         Run(f"{verb} bag --topic left=/left/imu --topic right=- {needs}", code if bag is None else bag, says),
     )
 
@@ -154,7 +136,7 @@ RUNS: tuple[Run, ...] = (
     Run("import csv --repair --vehicle vehicle.toml -o out-{n}.mcap"),
     *_logs("export", "-o out-{n}"),
     Run("export rest.mcap --format parquet --vehicle vehicle.toml -o out-{n}"),
-    Run("recover rest.mcap -o out-{n}.mcap --json --debug"),
+    Run("recover rest.mcap -o out-{n}.mcap --max-memory 900 --json --debug"),
     Run(
         "simulate model.toml --duration 6 --rate 50 --reference-rate 20 --seed 2 --temperature 10 20 "
         "--settle 5 --supply 3.3 --calibration calibration.toml --effects hum.py --candidates field "
@@ -164,7 +146,9 @@ RUNS: tuple[Run, ...] = (
         "simulate model.toml --drive turntable --duration 50 --latitude-deg 48 --azimuth-deg 10 "
         "--angles-deg 0 90 --stop 10 --turn 3 -o out-{n}.mcap"
     ),
-    Run("simulate model.toml --drive reference --from csv --topic left=- -o out-{n}.mcap", 2),
+    Run(
+        "simulate model.toml --drive reference --from csv --topic left=- --max-memory 900 -o out-{n}.mcap", 2
+    ),
     Run(
         "simulate model.toml --virtual-node --interpreter rp2040 --image missing --bootrom missing "
         "-o out-{n}.mcap",
@@ -246,7 +230,7 @@ def fill(folder: Path) -> None:
     )
     _done("import", f"{numbers} -o upright.mcap", folder)
     (folder / "allan.json").write_text(hubodo("allan", folder / "rest.mcap", "--node", "left", "--json").out)
-    (folder / "hum.py").write_text(_EFFECT)
+    (folder / "hum.py").write_text(HUM)
     (folder / "hubodo.toml").write_text(
         '[record]\nports = ["missing"]\n[web]\nlisten = "127.0.0.1:0"\ntoken_file = "token"\n'
     )

@@ -72,14 +72,17 @@ def wanted():
     every = set()
     for verb in VERBS:
         for words, parser in commands(of_verb(verb), (verb,)):
-            told = options(parser)
+            given_options = options(parser)
             if words[0] == BATCH and len(words) > 1:
                 elsewhere = {
                     dest for _, child in commands(of_verb(words[1]), words[1:]) for dest in options(child)
                 }
-                told = {dest: option for dest, option in told.items() if dest not in elsewhere}
+                given_options = {
+                    dest: option for dest, option in given_options.items() if dest not in elsewhere
+                }
             every |= {
-                (words[0] if words[0] == BATCH else words, dest, shown) for dest, (_, shown) in told.items()
+                (words[0] if words[0] == BATCH else words, dest, shown)
+                for dest, (_, shown) in given_options.items()
             }
     return every
 

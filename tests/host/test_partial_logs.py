@@ -25,19 +25,21 @@ def test_a_report_of_a_gyro_alone_shows_its_noise_and_names_what_is_missing(axes
     log = write(tmp_path / "gyro.csv", f"t,{names}", T, NOISE[:, : len(axes)])
     done = hubodo("report", log, "-o", tmp_path / "r.html", "--json")
     assert done.code == 0, done.err
-    told = json.loads(done.out)
-    assert "gyro: at rest all the time, 30 s" in told["facts"]
-    assert any(line.startswith("gyro gz: ") for line in told["facts"])
+    report = json.loads(done.out)
+    assert "gyro: at rest all the time, 30 s" in report["facts"]
+    assert any(line.startswith("gyro gz: ") for line in report["facts"])
     absent = [f"g{axis}" for axis in "xyz" if axis not in axes] + ["ax", "ay", "az"]
-    assert f"gyro: {', '.join(absent)}: the log holds no samples" in told["missing"]
-    assert "gyro: scale and cross-axis of the triads: all six channels are needed" in told["missing"]
+    assert f"gyro: {', '.join(absent)}: the log holds no samples" in report["missing"]
+    assert "gyro: scale and cross-axis of the triads: all six channels are needed" in report["missing"]
 
 
 def test_a_gyro_alone_that_was_turned_names_the_reason(tmp_path):
     turning = NOISE[:, 0] + np.where((T > 10.0) & (T < 20.0), np.sin(T), 0.0)
     log = write(tmp_path / "gyro.csv", "t,gz", T, turning)
-    told = json.loads(hubodo("report", log, "-o", tmp_path / "r.html", "--json").out)
-    assert any("rests within a movement are found with all six channels only" in it for it in told["missing"])
+    report = json.loads(hubodo("report", log, "-o", tmp_path / "r.html", "--json").out)
+    assert any(
+        "rests within a movement are found with all six channels only" in it for it in report["missing"]
+    )
 
 
 def test_the_error_of_a_vehicle_that_does_not_move_has_no_percentage(tmp_path):

@@ -297,12 +297,12 @@ class _Collected:
         table = self._ordered(topic, rows, dict(zip(NODE_COLUMNS[1:], values.T, strict=True)))
         columns = dict(table.columns)
         for what, (column, kind, value) in _TOLD_BESIDE.items():
-            told = self._get(_beside(topic, what), kind)
-            if told is None:
+            reported = self._get(_beside(topic, what), kind)
+            if reported is None:
                 continue
-            told = told.take(np.flatnonzero(np.isfinite(told.values[value])))
-            if len(told):
-                known = self._ordered("", told, {column: told.values[value]})
+            reported = reported.take(np.flatnonzero(np.isfinite(reported.values[value])))
+            if len(reported):
+                known = self._ordered("", reported, {column: reported.values[value]})
                 columns[column] = np.interp(table.t, known.t, known[column])
         return Table(columns)
 

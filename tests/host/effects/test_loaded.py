@@ -4,29 +4,10 @@ from importlib.metadata import EntryPoint
 
 import pytest
 
+from example_effect import HUM
 from hubodo.effects import BY_NAME, EFFECTS, loaded
 from hubodo.effects.loaded import free_name, read_effects, use_effects
 from hubodo.errors import ConfigError
-
-GOOD = '''"""An effect."""
-
-from dataclasses import dataclass
-from typing import ClassVar
-
-from hubodo.effects.base import Chain, Effect, parameter
-
-
-@dataclass(frozen=True)
-class Hum(Effect):
-    """gz reads k more."""
-
-    name: ClassVar[str] = "hum"
-    meaning: ClassVar[str] = "the gyro hums"
-    k: float = parameter("rad/s", 0.01)
-
-    def offset(self, chain: Chain) -> None:
-        chain.gyro[2] += self.k
-'''
 
 
 @pytest.fixture(autouse=True)
@@ -44,20 +25,20 @@ def written(tmp_path, text, name="hum.py"):
 
 
 def test_a_file_adds_its_effects_after_those_of_the_list(tmp_path):
-    use_effects([written(tmp_path, GOOD)])
+    use_effects([written(tmp_path, HUM)])
     assert list(BY_NAME)[:-1] == [effect.name for effect in EFFECTS]
     assert BY_NAME["hum"](0.5).k == 0.5
 
 
 def test_a_file_that_was_changed_counts_as_it_is_now(tmp_path):
-    use_effects([written(tmp_path, GOOD)])
-    use_effects([written(tmp_path, GOOD.replace("k more", "k now"))])
+    use_effects([written(tmp_path, HUM)])
+    use_effects([written(tmp_path, HUM.replace("k more", "k now"))])
     assert BY_NAME["hum"].__doc__ == "gz reads k now."
     assert len(BY_NAME) == len(EFFECTS) + 1
 
 
 def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
-    written(tmp_path, GOOD, "offered_hum.py")
+    written(tmp_path, HUM, "offered_hum.py")
     monkeypatch.syspath_prepend(str(tmp_path))
     entry = EntryPoint("hum", "offered_hum", loaded.GROUP)
     monkeypatch.setattr(loaded, "entry_points", lambda group: [entry] if group == loaded.GROUP else [])
@@ -83,8 +64,8 @@ def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(tmp_path, old, new, says):
-    assert old in GOOD
-    path = written(tmp_path, GOOD.replace(old, new))
+    assert old in HUM
+    path = written(tmp_path, HUM.replace(old, new))
     with pytest.raises(ConfigError, match=str(path)) as caught:
         use_effects([path])
     assert says in str(caught.value)
@@ -95,7 +76,7 @@ def test_a_file_that_is_not_there_or_no_python_is_said(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         read_effects(tmp_path / "none.py")
     with pytest.raises(ConfigError, match="name a Python file"):
-        read_effects(written(tmp_path, GOOD, "hum.txt"))
+        read_effects(written(tmp_path, HUM, "hum.txt"))
 
 
 def test_names_that_are_free():

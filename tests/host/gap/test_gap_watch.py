@@ -14,6 +14,7 @@ import pytest
 
 from hubodo.cli import main
 from hubodo.gap.watch import GapWatch
+from hubodo.ingest.live.view import JsonView
 from hubodo.log.any_log import read_log
 from hubodo.recording import Table
 from hubodo.vehicle import load_vehicle
@@ -68,30 +69,33 @@ def test_of_a_sound_vehicle_nothing_is_said(drives):
     assert watch.look(grown(drives / "sound.mcap", 36.0)) == []
 
 
-def first_said(drives, log_format, capsys):
-    """What stands on stderr when the process beside a recording has said something."""
-    second, said = SimpleNamespace(t_ns=1_000_000_000), ""
-    with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml", log_format) as (say,):
-        until = time.monotonic() + 500.0
-        while not said and time.monotonic() < until:
+def first_finding(drives):
+    """The first event of the process beside a recording."""
+    second, events = SimpleNamespace(t_ns=1_000_000_000), []
+    with watching_gap(True, drives / "arm.mcap", drives / "vehicle.toml") as watch:
+        end = time.monotonic() + 500.0
+        while not events and time.monotonic() < end:
             time.sleep(0.1)
-            say(second)
-            said = capsys.readouterr().err
-    return said
+            events += watch["gap"](second)
+    return events[0]
 
 
 @pytest.mark.real_time
-def test_the_process_beside_a_recording_says_it_and_ends_with_it(drives, capsys):
-    assert first_said(drives, "text", capsys) == "hubodo record: left: the IMU sits 0.15 m off the hub\n"
+def test_the_process_beside_a_recording_finds_it_and_ends_with_it(drives):
+    event = first_finding(drives)
+    assert (event.kind, event.text) == ("gap_seen", "left: the IMU sits 0.15 m off the hub")
 
 
 @pytest.mark.real_time
-def test_programs_get_it_as_json(drives, capsys, monkeypatch):
-    """Of any process that says a line."""
+def test_a_finding_is_a_warning_for_programs(drives, monkeypatch):
+    """Of any process that prints a line."""
     start = subprocess.Popen
     speaker = [sys.executable, "-c", "print('left: askew', flush=True); input()"]
     monkeypatch.setattr(watch_gap.subprocess, "Popen", lambda command, **options: start(speaker, **options))
-    assert json.loads(first_said(drives, "json", capsys))["text"] == "left: askew"
+    out = io.StringIO()
+    JsonView(out, lambda: 0, quiet=False).say(first_finding(drives))
+    line = json.loads(out.getvalue())
+    assert (line["level"], line["event"], line["text"]) == ("warning", "gap_seen", "left: askew")
 
 
 def test_the_log_that_is_being_written_is_found(tmp_path):

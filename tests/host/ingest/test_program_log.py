@@ -52,11 +52,11 @@ def test_what_libraries_say_is_one_line_each(capsys, log_format, recwarn):
         assert "Traceback" not in "".join(lines)
         texts = lines
     else:
-        told = [json.loads(line) for line in lines]
-        assert all(set(line) == KEYS for line in told)
-        assert [line["level"] for line in told] == ["error", "error", "warning", "error", "error"]
-        assert "Traceback" in told[0]["fields"]["traceback"]
-        texts = [line["text"] for line in told]
+        entries = [json.loads(line) for line in lines]
+        assert all(set(line) == KEYS for line in entries)
+        assert [line["level"] for line in entries] == ["error", "error", "warning", "error", "error"]
+        assert "Traceback" in entries[0]["fields"]["traceback"]
+        texts = [line["text"] for line in entries]
     says = (
         "RuntimeError: two lines",
         "accept",
@@ -98,19 +98,23 @@ def test_a_recording_with_the_page_tells_its_end_and_the_servers_errors_in_json(
         done = hubodo(*words, tmp_path / "a.mcap", computer=computer)
         again = hubodo(*words, tmp_path / "a.mcap", computer=computer)
     assert (done.code, again.code) == (0, 2) and asked
-    told = [json.loads(line) for line in (done.err + again.err).splitlines()]
-    assert all(set(line) == KEYS for line in told)
-    error = next(line for line in told if line["event"] == "program")
+    entries = [json.loads(line) for line in (done.err + again.err).splitlines()]
+    assert all(set(line) == KEYS for line in entries)
+    error = next(line for line in entries if line["event"] == "program")
     assert error["text"].endswith("RuntimeError: no such thing")
-    assert told[-1]["event"] == "failed" and "exists already" in told[-1]["text"]
-    assert told[-1]["fields"]["exit_code"] == 2 and "Traceback" in told[-1]["fields"]["traceback"]
+    assert entries[-1]["event"] == "failed" and "exists already" in entries[-1]["text"]
+    assert entries[-1]["fields"]["exit_code"] == 2 and "Traceback" in entries[-1]["fields"]["traceback"]
 
 
 @pytest.mark.parametrize("words", [("--log-format", "json"), ("--log_format=json",)])
 def test_a_command_line_that_is_refused_is_told_in_json_too(words):
     done = hubodo("record", "port", "--duration", "nan", *words)
     assert done.code == 2
-    told = json.loads(done.err)
-    assert told["event"] == "failed" and "--duration" in told["text"] and told["fields"] == {"exit_code": 2}
+    entries = json.loads(done.err)
+    assert (
+        entries["event"] == "failed"
+        and "--duration" in entries["text"]
+        and entries["fields"] == {"exit_code": 2}
+    )
     plain = hubodo("record", "port", "--duration", "nan")
     assert plain.code == 2 and plain.err.startswith("hubodo record: argument --duration")

@@ -51,16 +51,16 @@ COLUMNS = {"data": "blob", "timestamp": "integer", "topic_id": "integer"}
 )
 def test_rows_with_values_of_another_type_are_left_out_and_counted(column, value, tmp_path):
     done = info(bag(tmp_path, f"UPDATE messages SET {column} = {value} WHERE id % 9 = 0"))
-    told = json.loads(done.out)
-    assert told["messages"] == ROWS - ROWS // 9
-    assert any(f"{ROWS // 9} rows are not of the types" in line for line in told["warnings"])
+    summary = json.loads(done.out)
+    assert summary["messages"] == ROWS - ROWS // 9
+    assert any(f"{ROWS // 9} rows are not of the types" in line for line in summary["warnings"])
 
 
 @pytest.mark.parametrize("column", ["name", "type", "serialization_format"])
 def test_a_topic_without_a_text_is_left_out_with_its_messages(column, tmp_path):
-    told = json.loads(info(bag(tmp_path, f"UPDATE topics SET {column} = NULL WHERE id = 2")).out)
-    assert [stream["topic"] for stream in told["streams"]] == ["/left/imu", "/odom"]
-    assert any("1 rows are not of the types" in line for line in told["warnings"])
+    summary = json.loads(info(bag(tmp_path, f"UPDATE topics SET {column} = NULL WHERE id = 2")).out)
+    assert [stream["topic"] for stream in summary["streams"]] == ["/left/imu", "/odom"]
+    assert any("1 rows are not of the types" in line for line in summary["warnings"])
 
 
 COUNTING = "WITH RECURSIVE r(n) AS (SELECT 1 UNION ALL SELECT n + 1 FROM r)"
@@ -166,8 +166,8 @@ def ros1_bag(path: Path, count: int = 50) -> Path:
 
 def test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled(tmp_path):
     path = ros1_bag(tmp_path / "x.bag")
-    told = json.loads(info(path).out)
-    assert [(s["messages"], s["rate"]) for s in told["streams"]] == [(50, 1.0)]
+    summary = json.loads(info(path).out)
+    assert [(s["messages"], s["rate"]) for s in summary["streams"]] == [(50, 1.0)]
     data = path.read_bytes()
     digest = get_typestore(Stores.ROS1_NOETIC).generate_msgdef("sensor_msgs/msg/Temperature")[1].encode()
     assert data.count(digest) >= 1
@@ -208,5 +208,5 @@ def test_messages_that_do_not_fit_their_type_are_counted(tmp_path):
         link = made.add_connection("/t", "sensor_msgs/msg/Temperature", typestore=store)
         made.write(link, 10**18, b"\x00" * 7)
         made.write(link, 10**18 + 1, b"\xff" * 90)
-    told = json.loads(info(tmp_path / "short.bag").out)
-    assert any("2 messages do not fit their type" in line for line in told["warnings"])
+    summary = json.loads(info(tmp_path / "short.bag").out)
+    assert any("2 messages do not fit their type" in line for line in summary["warnings"])

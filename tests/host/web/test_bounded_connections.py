@@ -218,12 +218,12 @@ def test_the_soft_limit_of_descriptors_is_raised_and_shared_out():
         "resource.setrlimit(resource.RLIMIT_NOFILE, (256, {hard})); raise_descriptor_limit(); "
         "print(resource.getrlimit(resource.RLIMIT_NOFILE)[0], connection_capacity())"
     )
-    told = {}
+    limits = {}
     for hard in (256, 2000, 8000):
         if hard <= resource.getrlimit(resource.RLIMIT_NOFILE)[1]:
             run = [sys.executable, "-c", words.format(hard=hard)]
-            told[hard] = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
-    assert {hard: (int(soft), int(share)) for hard, (soft, share) in told.items()}.items() <= {
+            limits[hard] = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
+    assert {hard: (int(soft), int(share)) for hard, (soft, share) in limits.items()}.items() <= {
         256: (256, 32),
         2000: (2000, 128),
         8000: (descriptors.WANTED, 128),

@@ -15,6 +15,7 @@ from hubodo.web.config import Site
 from hubodo.web.library import Library
 from hubodo.web.live_page import LivePage
 from hubodo.web.server import serving
+from waiting import until
 
 
 @pytest.fixture
@@ -44,6 +45,7 @@ def status(port, path):
 
 def test_metrics_are_served_again_and_the_errors_reported_once_each(failing_twice):
     with MetricsServer("127.0.0.1:0", lambda: 0) as server:
+        until(lambda: len(server._faults._errors) == 2)
         assert status(server.port, "/healthz") == 503, "starting"
         for reason in ("no loop", "without an error"):
             with pytest.raises(ServerEnded, match=reason):
@@ -55,6 +57,7 @@ def test_the_page_is_served_again_and_the_errors_reported_once_each(tmp_path, fa
     place, faults = Site(Address("127.0.0.1", 0)), ServerFaults()
     live = LivePage(lambda frame: None, server=faults)
     with serving(make_app(place, Library(tmp_path)), place, faults) as port:
+        until(lambda: len(faults._errors) == 2)
         assert status(port, "/api/recordings") == 200
         for _ in range(2):
             with pytest.raises(ServerEnded):

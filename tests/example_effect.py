@@ -1,0 +1,21 @@
+"""A file with an effect of a user's own, as `--effects` reads it."""
+
+HUM = '''"""An effect."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hubodo.effects.base import Chain, Effect, parameter
+
+
+@dataclass(frozen=True)
+class Hum(Effect):
+    """gz reads k more."""
+
+    name: ClassVar[str] = "hum"
+    meaning: ClassVar[str] = "the gyro hums"
+    k: float = parameter("rad/s", 0.01)
+
+    def offset(self, chain: Chain) -> None:
+        chain.gyro[2] += self.k
+'''
