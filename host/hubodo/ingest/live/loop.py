@@ -110,13 +110,16 @@ class Loop:
             if now < next_tick:
                 continue
             next_tick = now + _TICK_NS
-            for event in host_clock.tick(now):
-                self.recorder.host_clock(event, host_clock.record)
+            self.recorder.bulkheads.run("clock", self._check_clock, host_clock, now)
             self._guarded(self._tick, now)
             verdict = self.recorder.verdict() if judged else None
             if verdict is not None or (end_ns is not None and now >= end_ns):
                 return verdict
         return None
+
+    def _check_clock(self, host_clock: HostClock, now_ns: int) -> None:
+        for event in host_clock.tick(now_ns):
+            self.recorder.host_clock(event, host_clock.record)
 
     def _guarded(self, action: Callable[[Any], None], argument: object) -> None:
         """Call `action`; an interruption that met a part just as it returned ends this call alone."""
@@ -155,11 +158,12 @@ class Loop:
     def _end(self, start_ns: int) -> float:
         self.notifier.stopping()
         hurry = self.stopping.is_set()
-        for link in self.links.values():
-            link.end()
+        run = self.recorder.bulkheads.run
+        for label, link in self.links.items():
+            run(f"link {label}", link.end)
         join_until = self.clock() + _JOIN_S
-        for link in self.links.values():
-            link.stop(max(join_until - self.clock(), 0.0))
+        for label, link in self.links.items():
+            run(f"link {label}", link.stop, max(join_until - self.clock(), 0.0))
         self._handle_rest(hurry)
         duration = (self.computer.now_ns() - start_ns) / S
         self.recorder.close()
