@@ -35,6 +35,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         words = [sys.executable, "-m", "pytest", "-q", f"--kills={args.kills}", f"--junit-xml={report}"]
+        words += ["-o", "junit_family=xunit1"]  # with properties of tests
         code = subprocess.run([*words, "--timeout=1800", *(str(TESTS / test) for test in wanted)]).returncode
         found, figures = outcomes(report), properties(report)
     print(*(line for fault in FAULTS for line in rows(fault, found)), sep="\n")
@@ -55,7 +56,8 @@ def outcomes(report: Path) -> dict[str, list[str]]:
 
 def properties(report: Path) -> list[str]:
     """Return the figures that tests have recorded."""
-    return [item.attrib["value"] for item in xml.parse(report).iter("property")]
+    found = xml.parse(report).iter("property")
+    return [item.attrib["value"] for item in found if item.attrib["name"] == "figure"]
 
 
 def endings(fault: Fault, found: dict[str, list[str]]) -> list[str]:

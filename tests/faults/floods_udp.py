@@ -162,7 +162,9 @@ def _send_flood(
 @contextmanager
 def _recorder(port: int, log: Path, words: list[str]) -> Iterator[subprocess.Popen[bytes]]:
     command = [sys.executable, "-m", "hubodo", "record", f"udp://127.0.0.1:{port}", "-o", str(log), *words]
-    with subprocess.Popen([*command, "--quiet"], stderr=subprocess.PIPE) as process:
+    with subprocess.Popen(
+        [*command, "--quiet"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as process:
         try:
             until(lambda: log.exists() or process.poll() is not None)
             yield process

@@ -37,6 +37,7 @@ class Outcome:
 def run_isolated(case: Case) -> Outcome:
     """Run a case in a forked process with limits of processor time and memory."""
     reading, writing = os.pipe()
+    idle = _resident_bytes()
     child = os.fork()
     if child == 0:
         os.close(reading)
@@ -46,7 +47,7 @@ def run_isolated(case: Case) -> Outcome:
     os.close(reading)
     _, status, usage = os.wait4(child, 0)
     seconds = usage.ru_utime + usage.ru_stime
-    peak = max(0, usage.ru_maxrss * 1024 - resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+    peak = max(0, usage.ru_maxrss * 1024 - idle)
     if hangs or (os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU):
         return Outcome("slow", f"slow: {' '.join(case.words)}: beyond {PROCESSOR_S} s", seconds, peak)
     if peak > PEAK_BYTES or "MemoryError" in text or "not enough memory" in text:
@@ -55,6 +56,10 @@ def run_isolated(case: Case) -> Outcome:
         name = signal.Signals(os.WTERMSIG(status)).name
         return Outcome("defect", f"signal: {' '.join(case.words)}: ended by {name}", seconds, peak)
     return Outcome("passed" if text.startswith("code ") else "defect", text, seconds, peak)
+
+
+def _resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
 def _run_child(case: Case, writing: int) -> None:

@@ -46,7 +46,7 @@ def parquet_case(rng: random.Random, files: dict[str, str]) -> Case:
         elif choice < 0.8:
             table = table.append_column(rng.choice(("t", "", "\x1b", "x" * 9999)), table[label])
         elif choice < 0.9 and table.num_columns > 1:
-            table = table.drop_columns([label])
+            table = table.remove_column(place)
         else:
             table = table.slice(0, rng.choice((0, 1)))
     data = bytearray(_bytes(table, rng.choice(("snappy", "zstd", "gzip", "none"))))
