@@ -121,7 +121,7 @@ class SteadyLink:
 
 
 class SteadyComputer:
-    """See `Computer`. passed: called with s of virtual time once an hour of it."""
+    """See `Computer`. passed: called with hours of virtual time once a minute of it."""
 
     def __init__(
         self, nodes: dict[str, SteadyNode], passed: Callable[[float], None] = lambda t: None
@@ -129,7 +129,7 @@ class SteadyComputer:
         """nodes: by the label of their port."""
         self.nodes, self._passed = nodes, passed
         self._start_ns = self._now_ns = time.time_ns()
-        self._next_hour = 3600.0
+        self._next_minute = 60.0
         self._news: deque[Any] = deque()
         self._due: list[tuple[int, int, str, Callable[[], bytes], int]] = []
         self._order = count()
@@ -168,9 +168,9 @@ class SteadyComputer:
             return None
         t_ns, _, label, said, _ = heapq.heappop(self._due)
         self._now_ns = max(t_ns, self._now_ns)
-        if (t_ns - self._start_ns) / S >= self._next_hour:
-            self._passed(self._next_hour / 3600)
-            self._next_hour += 3600.0
+        if (t_ns - self._start_ns) / S >= self._next_minute:
+            self._passed(self._next_minute / 3600)
+            self._next_minute += 60.0
         return Chunk(label, self._now_ns, said(), "")
 
     def _batch(self, label: str, node: SteadyNode, k: int) -> None:
