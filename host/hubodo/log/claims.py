@@ -22,6 +22,7 @@ DEFAULT_MEMORY_FRACTION = 0.25
 FALLBACK_MEMORY = 8 << 30  # bytes; assumed where the system does not report its memory
 _CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 _PORTION = 1 << 20  # bytes
+_UNBELIEVABLE = 10**18  # bytes
 _limit: ContextVar[int | None] = ContextVar("memory limit in bytes", default=None)
 
 
@@ -150,4 +151,6 @@ def check_regular(path: Path) -> None:
 
 
 def _megabytes(n_bytes: int) -> str:
+    if n_bytes >= _UNBELIEVABLE:  # a product of claimed lengths may have any number of digits
+        return "over an exabyte"
     return f"{n_bytes / 1e6:.0f} MB" if n_bytes >= 1e6 else f"{n_bytes} bytes"

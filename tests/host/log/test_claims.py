@@ -76,3 +76,10 @@ def test_every_verb_that_reads_a_log_has_max_memory() -> None:
     assert not reading
     for words in (("calibrate", "imu"), ("calibrate", "wheels"), ("batch", "info")):
         assert "--max-memory" in hubodo(*words, "--help").out
+
+
+@pytest.mark.parametrize("n_bytes", [10**18, 10**400, 10**5000], ids=["19 digits", "401", "5001"])
+def test_a_claim_of_any_number_of_digits_is_one_short_line(n_bytes, tmp_path):
+    with pytest.raises(InputError, match="needs over an exabyte of memory") as refused:
+        check_claim(n_bytes, tmp_path / "x.npy", "the array")
+    assert len(str(refused.value)) < 300 + len(str(tmp_path))
