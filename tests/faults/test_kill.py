@@ -42,7 +42,7 @@ def record_for_ever(path: Path, told: int, silent_after: float) -> None:
 
 
 def rotate_for_ever(out: Path, report: int, steps: int) -> None:
-    """Record into logs of so many steps each; the end of a step is reported with a number of -1."""
+    """Record into logs of `steps` steps each; the end of a step is reported with a number of -1."""
     series = LogSeries(out, SeriesRules(after=3600.0), time.time_ns)
     log, i, n = McapLog(series, clock=time.time_ns), 0, 8
     for step in itertools.count(1):

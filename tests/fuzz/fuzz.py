@@ -38,7 +38,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0, help="for each reader (default 600)")
     parser.add_argument("--files", type=int, help="cases of each reader, in place of a time")
     parser.add_argument(
-        "--sentences", type=int, help="decode so many changed NMEA sentences, and nothing else"
+        "--sentences", type=int, help="decode this number of changed NMEA sentences, and nothing else"
     )
     parser.add_argument("--seed", type=int, help="of the first case (default: the date, as in 20261124)")
     parser.add_argument("--no-save", action="store_true", help="leave the corpus as it is")

@@ -48,7 +48,7 @@ def mutated_sentence(rng: random.Random, sentence: bytes) -> bytes:
 
 
 def sentences(rng: random.Random, count: int) -> list[bytes]:
-    """Return so many changed sentences; every fifth is a valid one, so that a receiver's state matters."""
+    """Return `count` changed sentences; every fifth is a valid one, so that a receiver's state matters."""
     lines = NMEA.splitlines(keepends=True)
     return [
         rng.choice(lines) if rng.random() < 0.2 else mutated_sentence(rng, rng.choice(lines))

@@ -20,7 +20,7 @@ from hubodo.listening.descriptors import connection_capacity
 GRACE_S = 10.0
 """A connection that has not been admitted after this time is shut down."""
 ACCEPT_BATCH = 64
-"""Most connections that a server accepts in one turn of its loop: by so many the capacity may be exceeded."""
+"""Most connections that a server accepts in one turn of its loop, and beyond its capacity."""
 _KERNEL_QUEUE = 1024
 """Connections that wait in the kernel: a client that finds the queue full repeats its SYN after 1 s."""
 _OUT_OF_DESCRIPTORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)

@@ -35,7 +35,7 @@ LINK = LinkCounts()
 
 
 def batch(number, start_us):
-    """Batch number so many of a node at 416 Hz, whose clock started at start_us."""
+    """A batch, by its number, of a node at 416 Hz, whose clock started at start_us."""
     index = number * BATCH
     t_us = (start_us + index * PERIOD_NS // 1000) % PERIOD_US
     message = ImuBatch(t_us, PERIOD_NS, index & 0xFFFF, 0, 0, ((1, 2, 3, 4, 5, 6),) * BATCH)

@@ -215,8 +215,8 @@ def test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails(tmp_
     with FakeNode(computer=computer) as node:
         done = hubodo("record", node.path, "-o", out, "--duration", "4", "--json", computer=computer)
     assert done.code == 1
-    told = json.loads(done.out)
-    assert told["messages_lost"] > 100
+    summary = json.loads(done.out)
+    assert summary["messages_lost"] > 100
     assert "was deleted or replaced while it was written" in done.err
     recording = read_recording(out)
     assert any("was deleted" in event.text for event in recording.events)
@@ -229,10 +229,10 @@ def test_a_log_emptied_while_recording_is_reported_everywhere_and_the_run_fails(
     with FakeNode(computer=computer) as node:
         done = hubodo("record", node.path, "-o", out, "--duration", "4", "--json", computer=computer)
     assert done.code == 1
-    told = json.loads(done.out)
-    assert told["messages_lost"] > 100
+    summary = json.loads(done.out)
+    assert summary["messages_lost"] > 100
     assert "was shortened or written to by another program" in done.err
-    recording = read_recording(Path(told["file"]))
+    recording = read_recording(Path(summary["file"]))
     assert any("was shortened" in event.text for event in recording.events)
     assert recording.nodes["left"].t[0] > 1.0
 
@@ -247,8 +247,8 @@ def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_
         FakeNode(node_id=2, rows=rows, computer=computer) as right,
     ):
         config, shown = RecordConfig(ports=(left.path, right.path), duration=12.0), io.StringIO()
-        told = {"watch": {"test": seen.append}, "console": Console(file=shown, width=500)}
-        result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **told)
+        options = {"watch": {"test": seen.append}, "console": Console(file=shown, width=500)}
+        result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **options)
     assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
     assert "nothing is recorded" in health(seen[-1])[1]
     assert result.failed

@@ -69,9 +69,9 @@ class Interpreter:
 
     def begin(self, settings: Mapping[str, object]) -> bool:
         """Tells it of its next board; False when it is gone."""
-        told = json_text(settings).encode()
+        text = json_text(settings).encode()
         try:
-            os.write(self.responses, _LENGTH.pack(len(told)) + told)
+            os.write(self.responses, _LENGTH.pack(len(text)) + text)
         except BrokenPipeError:
             return False
         return True
