@@ -88,7 +88,7 @@ def wanted():
 
 
 def exercised(words):
-    """The same of those whose value a command line changes."""
+    """Yield (verb, destination, spelling) of each option whose value a command line changes."""
     verb = words[0]
     parsed = build_parser(words).parse_args(words)
     for below, parser in commands(of_verb(verb), (verb,)):

@@ -66,9 +66,9 @@ def job(browser, **asked):
 
 
 def test_recordings_are_listed_and_downloaded_by_their_names(browser, log):
-    told = browser.get("/api/recordings").json()
-    assert {one["name"] for one in told["recordings"]} == {"a.mcap", "may/b ü?.mcap"}
-    assert told["models"] == ["model.toml"]
+    answer = browser.get("/api/recordings").json()
+    assert {one["name"] for one in answer["recordings"]} == {"a.mcap", "may/b ü?.mcap"}
+    assert answer["models"] == ["model.toml"]
     for name in ("a.mcap", "may/b%20%C3%BC%3F.mcap"):
         assert browser.get(f"/api/recordings/{name}").content == log.read_bytes()
 
@@ -121,13 +121,13 @@ def test_what_was_made_is_shown_while_it_is_newer_than_the_recording_and_can_ask
 
 
 def test_a_verb_runs_at_a_visitors_wish_and_its_failure_is_told_in_its_own_line(browser, folder):
-    told = job(browser, kind="info", name="a.mcap")
-    assert told["state"] == "done", told
-    assert told["result"]["streams"][0]["messages"] == 199
+    answer = job(browser, kind="info", name="a.mcap")
+    assert answer["state"] == "done", answer
+    assert answer["result"]["streams"][0]["messages"] == 199
     (folder / "a.mcap").write_bytes(b"no log at all")
-    told = job(browser, kind="info", name="a.mcap")
-    assert told["state"] == "failed"
-    assert "a.mcap" in told["text"] and "Traceback" not in told["text"]
+    answer = job(browser, kind="info", name="a.mcap")
+    assert answer["state"] == "failed"
+    assert "a.mcap" in answer["text"] and "Traceback" not in answer["text"]
 
 
 def test_progress_is_read_from_what_people_would_see():
@@ -153,8 +153,8 @@ def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, fo
     page = folder / "pages" / "a.mcap" / "report.html"
     page.parent.mkdir(parents=True)
     page.symlink_to(victim / "report.html")
-    told = job(browser, kind="report", name="a.mcap")
-    assert told["state"] == "done", told
+    answer = job(browser, kind="report", name="a.mcap")
+    assert answer["state"] == "done", answer
     assert page.is_file() and not page.is_symlink()
     assert browser.get("/pages/report/a.mcap").text == page.read_text()
     assert list(victim.iterdir()) == []
@@ -179,10 +179,10 @@ def test_names_that_are_no_utf8_are_listed_escaped_and_downloaded_by_that_name(b
     raw = os.fsencode(folder)
     for name in (b"/caf\xe9.mcap", b"/back\\xe9.mcap", b"/line\n.mcap", b"/caf\xe9.toml"):
         shutil.copy(log, raw + name)
-    told = browser.get("/api/recordings").json()
-    listed = {one["name"] for one in told["recordings"]}
+    answer = browser.get("/api/recordings").json()
+    listed = {one["name"] for one in answer["recordings"]}
     assert {r"caf\xe9.mcap", r"back\\xe9.mcap", r"line\n.mcap", "a.mcap"} <= listed
-    assert r"caf\xe9.toml" in told["models"]
+    assert r"caf\xe9.toml" in answer["models"]
     for name in listed:
         answer = browser.get(f"/api/recordings/{quote(name)}")
         assert answer.status_code == 200 and answer.content == log.read_bytes(), name
@@ -234,6 +234,6 @@ def test_a_job_is_stopped_at_its_time_limit_and_says_so(folder, long_job):
     app = make_app(replace(SITE, job_limit=0.5), Library(folder))
     with TestClient(app, base_url="http://127.0.0.1:8642") as browser:
         browser.headers["x-hubodo-token"] = app.state.secrets.csrf
-        told = job(browser, kind="info", name="a.mcap")
-    assert told["state"] == "failed" and "time limit ([web] job_limit)" in told["text"]
+        answer = job(browser, kind="info", name="a.mcap")
+    assert answer["state"] == "failed" and "time limit ([web] job_limit)" in answer["text"]
     assert not any(map(runs, long_job()))

@@ -96,7 +96,12 @@ class Recorder:
             self.bulkheads.run(f"receiver {news.link}", self._from_receiver, gnss, news, cause=cause)
         elif not isinstance(news, Chunk):
             self.bulkheads.run(f"link {news.link}", self._link_changed, self.links[news.link], news)
-        elif not self.bulkheads.run(f"link {news.link}", self._split, news, cause=news.data):
+        else:
+            self._take_bytes(self._split, news)
+
+    def _take_bytes(self, action: Callable[[Chunk], None], news: Chunk) -> None:
+        """Pass bytes of a link to `action`; where it fails they are logged as they came."""
+        if not self.bulkheads.run(f"link {news.link}", action, news, cause=news.data):
             self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
 
     def _split(self, news: Chunk) -> None:
@@ -159,8 +164,7 @@ class Recorder:
 
     def host_clock(self, event: Event, record: Mapping[str, str]) -> None:
         """Note what has happened to the computer's clocks; record: the metadata `clock` from then on."""
-        self.notices.append(event)
-        self._sink.event(event)
+        self.report(event)
         if record:
             self._sink.add_metadata("clock", record)
         begin_ns = event.data.get("begin_ns")
@@ -174,8 +178,7 @@ class Recorder:
     def keep(self, news: LinkNews | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""
         if isinstance(news, Chunk) and news.link in self.links:
-            if not self.bulkheads.run(f"link {news.link}", self._keep, news, cause=news.data):
-                self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
+            self._take_bytes(self._keep, news)
         elif not isinstance(news, Answer):
             self.handle(news)
 
