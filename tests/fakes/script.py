@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 class Script:
@@ -18,7 +17,7 @@ class Script:
     path = ""
 
     def __init__(self, computer: VirtualComputer, *steps: tuple[float, Callable[[], None]]) -> None:
-        self._steps = [(computer.now_ns() + round(t * S), act) for t, act in steps]
+        self._steps = [(computer.now_ns() + round(t * NS_PER_S), act) for t, act in steps]
         computer.plug_in(self)
 
     def live_until(self, t_ns: int, heard: int | None) -> None:

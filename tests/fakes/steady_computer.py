@@ -15,10 +15,10 @@ import numpy as np
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.link.ports import Lister, PortName
 from hubodo.ingest.live.host_clock import ClockState
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame
 from hubowire.messages import Filter, GetHello, Health, Hello, ImuBatch, Message, TimeReply, TimeRequest
 
-S = 1_000_000_000
 TICKS = 1 << 30
 _DPS, _MG = 0.07, 0.488
 _HEAD = struct.Struct("<IIHhBB")
@@ -156,19 +156,19 @@ class SteadyComputer:
 
     def ask(self, label: str, node: SteadyNode, data: bytes) -> None:
         """Its answers come a little later."""
-        t = node.ticks((self._now_ns - self._start_ns) / S + 0.0005)
+        t = node.ticks((self._now_ns - self._start_ns) / NS_PER_S + 0.0005)
         self._at(self._now_ns + 1_000_000, label, lambda: node.answers(data, t))
 
     def news(self, seconds: float) -> Any:
         if self._news:
             return self._news.popleft()
-        until = self._now_ns + int(seconds * S)
+        until = self._now_ns + int(seconds * NS_PER_S)
         if not self._due or self._due[0][0] > until:
             self._now_ns = until
             return None
         t_ns, _, label, said, _ = heapq.heappop(self._due)
         self._now_ns = max(t_ns, self._now_ns)
-        if (t_ns - self._start_ns) / S >= self._next_minute:
+        if (t_ns - self._start_ns) / NS_PER_S >= self._next_minute:
             self._passed(self._next_minute / 3600)
             self._next_minute += 60.0
         return Chunk(label, self._now_ns, said(), "")
@@ -180,14 +180,14 @@ class SteadyComputer:
             self._batch(label, node, k + 1)
             return node.batch_at(k)
 
-        self._at(self._start_ns + int(t * S) + _LATE_NS, label, said)
+        self._at(self._start_ns + int(t * NS_PER_S) + _LATE_NS, label, said)
 
     def _report(self, label: str, node: SteadyNode, second: int) -> None:
         def said() -> bytes:
             self._report(label, node, second + 1)
             return node.reports(node.ticks(second))
 
-        self._at(self._start_ns + second * S + _LATE_NS, label, said)
+        self._at(self._start_ns + second * NS_PER_S + _LATE_NS, label, said)
 
     def _at(self, t_ns: int, label: str, said: Callable[[], bytes]) -> None:
         heapq.heappush(self._due, (t_ns, next(self._order), label, said, 0))

@@ -8,8 +8,7 @@ import tty
 from collections.abc import Callable
 
 from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 class Talker:
@@ -21,8 +20,8 @@ class Talker:
     def __init__(
         self, computer: VirtualComputer, period: float, say: Callable[[float], bytes], late: float = 0.0
     ) -> None:
-        self._computer, self._say, self._late_ns = computer, say, round(late * S)
-        self._start_ns, self._period_ns = computer.now_ns(), round(period * S)
+        self._computer, self._say, self._late_ns = computer, say, round(late * NS_PER_S)
+        self._start_ns, self._period_ns = computer.now_ns(), round(period * NS_PER_S)
         self._due_ns = self._start_ns + self._period_ns
         self._on_port: Sent = []
         self.heard: list[tuple[float, bytes]] = []
@@ -42,10 +41,11 @@ class Talker:
         left = heard or 0
         while left:
             select.select([self._master], [], [])
-            self.heard.append(((self._computer.now_ns() - self._start_ns) / S, os.read(self._master, left)))
+            t = (self._computer.now_ns() - self._start_ns) / NS_PER_S
+            self.heard.append((t, os.read(self._master, left)))
             left -= len(self.heard[-1][1])
         while self._due_ns + self._late_ns <= t_ns:
-            said = self._say((self._due_ns - self._start_ns) / S)
+            said = self._say((self._due_ns - self._start_ns) / NS_PER_S)
             if heard is not None and said:
                 self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, said)))
             self._due_ns += self._period_ns

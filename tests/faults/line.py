@@ -10,11 +10,11 @@ import numpy as np
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
 from hubowire.messages import Hello, ImuBatch
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 PERIOD_NS, BATCH = 4_807_692, 8
 HELLO = Hello(
     FINGERPRINT, (1, 2, 3), b"serial01", 77, 1, 1, 208_000, 2000, 16,
@@ -103,12 +103,16 @@ class Line:
         self.recorder.handle(LinkLost(label, self.now, "unplugged"))
 
     def says(
-        self, data: bytes, label: str = "usb0", seconds: float = BATCH * PERIOD_NS / S, sender: str = ""
+        self,
+        data: bytes,
+        label: str = "usb0",
+        seconds: float = BATCH * PERIOD_NS / NS_PER_S,
+        sender: str = "",
     ) -> None:
         """Bytes that came, and the time until the next."""
         if data:
             self.recorder.handle(Chunk(label, self.now, data, sender))
-        self.now += round(seconds * S)
+        self.now += round(seconds * NS_PER_S)
         self.recorder.tick(self.now)
 
     def waits(self, seconds: float) -> None:

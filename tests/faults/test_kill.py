@@ -21,10 +21,10 @@ from hubodo.log.mcap import open_log
 from hubodo.log.recover import recover
 from hubodo.log.series import LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
+from hubodo.units import NS_PER_S
 
 AT_ONCE = 10
 STEP_S = 0.01
-S = 1_000_000_000
 
 
 def record_for_ever(path: Path, told: int, silent_after: float) -> None:
@@ -131,7 +131,7 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             os.waitpid(child, 0)
             reports = heard(reader)
             last_step = max((now for now, i in reports if i < 0), default=0)
-            due = max((i for now, i in reports if now <= last_step - S // 2), default=0)
+            due = max((i for now, i in reports if now <= last_step - NS_PER_S // 2), default=0)
             paths = LogNames(tmp_path / f"{number}.mcap", plain=False).logs()
             logs += len(paths)
             where = f"seed {seed}, kill {number}"

@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import pytest
 
-from faults.line import BATCH, HELLO, Line, Node, S
+from faults.line import BATCH, HELLO, Line, Node
 from hubodo.ingest.link.down import LinkDown
 from hubodo.ingest.link.link import Chunk
 from hubodo.ingest.link.ports import Finder, parse_port
 from hubodo.ingest.link.serial_port import SerialTransport
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.gaps import LINK_DOWN
+from hubodo.units import NS_PER_S
 
 
 def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause():
@@ -133,7 +134,7 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
         line.recorder.handle(Chunk("usb1", line.now, noise[k % 20], ""))
         if k % 4 == 0:
             line.says(node.batch(), "usb0", 0.0)
-        line.now += S // 100
+        line.now += NS_PER_S // 100
         line.recorder.tick(line.now)
         if k == 20:
             tracemalloc.reset_peak()

@@ -26,6 +26,7 @@ from hubodo.ingest.live.live_table import draw
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.snapshot import LinkNow, LogNow, NodeNow, OdometryNow, Snapshot
 from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import NodeMount, Vehicle
 from in_process import hubodo
 
@@ -79,16 +80,15 @@ def test_what_happens_scrolls_by_as_a_line_that_stays(tmp_path):
     assert re.search(r"● left +down", shown.split("● recording ")[-1])
 
 
-S = 1_000_000_000
-
-
 def snapshot(seconds, nodes=(), size=10_000_000, free=40_000_000_000, file="ride.mcap", **more):
     log = LogNow(
         Path(file), size, size, 1000, more.get("trouble") is None, more.get("trouble"), 1, 0, free, free
     )
     links = tuple(LinkNow(node.link, "/dev/ttyACM0", 1, 1, 7, 7, 0, None) for node in nodes)
     odometry = OdometryNow(1.0, 2.0, 9.0, 1.2, 0.1, 0.05, 12.3, 100)
-    return Snapshot((100 + seconds) * S, 100 * S, log, links, nodes, (), odometry, (3.0, 4.0), None, {})
+    return Snapshot(
+        (100 + seconds) * NS_PER_S, 100 * NS_PER_S, log, links, nodes, (), odometry, (3.0, 4.0), None, {}
+    )
 
 
 def drawn(seen, width, colours=False):

@@ -23,6 +23,7 @@ from hubodo.flash.image import build, firmware_folder, sources
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import load_vehicle
 from hubodo.version import __version__
 from hubowire import FINGERPRINT
@@ -39,7 +40,6 @@ SETTLE = 4.0
 """s between power-on and the drive: a node boots in one or two."""
 _TAIL = 1.0
 _PICO = PicoSettings()
-_S = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def ride(
     ports = tuple(f"{name}={out / f'tty-{name}'}" for name in riders)
     with ExitStack() as stack:
         computer = VirtualComputer(
-            lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / _S / duration)), start_ns=start_ns, folder=out
+            lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / NS_PER_S / duration)), start_ns=start_ns, folder=out
         )
         zero_ns = computer.now_ns()
         nodes = {}
@@ -168,7 +168,7 @@ def ride(
     silent = [name for name in riders if name not in recorded.nodes]
     if silent:
         raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node")
-    return RideResult(log, vehicle, zero_ns + int(SETTLE * _S), recorded.as_json(), stats)
+    return RideResult(log, vehicle, zero_ns + int(SETTLE * NS_PER_S), recorded.as_json(), stats)
 
 
 def _node(rider: Rider, flash: Flash, board: BoardSettings, port: Path, seed: int) -> VirtualNode:

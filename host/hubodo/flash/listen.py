@@ -12,13 +12,13 @@ from hubodo.ingest.node.boot import NodeCounts
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.samples import HealthSeen, ImuBlock, TimeReplySeen
+from hubodo.units import NS_PER_S
 from hubowire import FrameDecoder, Message, encode, encode_frame
 from hubowire.framing import Frame
 from hubowire.messages import ANY_NODE, GetHello, Health, Hello, TimeRequest
 
-S = 1_000_000_000
 _PROMPTS = (b">>> ", b"raw REPL; CTRL-B to exit\r\n>")
-_ASK_AFTER_NS, _CLOCK_EVERY_NS = S // 2, S // 20
+_ASK_AFTER_NS, _CLOCK_EVERY_NS = NS_PER_S // 2, NS_PER_S // 20
 _TAIL = 4096
 
 
@@ -71,7 +71,7 @@ class _Listener:
         heard = self._heard
         begin = time.monotonic_ns()
         asked_ns = clock_ns = begin
-        while (now := time.monotonic_ns()) < begin + seconds * S:
+        while (now := time.monotonic_ns()) < begin + seconds * NS_PER_S:
             data, _ = self._link.read(0.01)
             arrived = time.monotonic_ns()
             if data:

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from hubodo.arrays import Array
 
 FALSE_SHARE = 0.01
 """Of the logs named as outliers so many are named by chance, at the most, on average."""

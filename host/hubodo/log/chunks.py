@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from hubodo.log import ros2, topics
 from hubodo.log.container import Compression, McapFile, MessageIndexes
 from hubodo.log.message_records import SLAB, BatchStream, message_record
+from hubodo.units import NS_PER_S
 
 _RAMP = np.arange(SLAB, dtype=np.uint32)
-_NS = 1_000_000_000
 
 
 class _Index:
@@ -91,12 +91,12 @@ class ChunkLog:
         pending_s: float = 0.5,
         clock: Callable[[], int] | None = time.monotonic_ns,
     ) -> None:
-        self.t_zero_ns = time.time_ns() // _NS * _NS if t_zero_ns is None else t_zero_ns
+        self.t_zero_ns = time.time_ns() // NS_PER_S * NS_PER_S if t_zero_ns is None else t_zero_ns
         self.compression: Compression = compression
         self._file: ChunkTarget = McapFile(path) if isinstance(path, Path) else path
         self._file.add_metadata(topics.METADATA, {**dict(metadata or {}), topics.T_ZERO: str(self.t_zero_ns)})
         self._chunk_bytes = chunk_bytes
-        self._pending_ns = int(pending_s * _NS)
+        self._pending_ns = int(pending_s * NS_PER_S)
         self._clock = clock
         self._deadline: int | None = None
         self._parts: list[bytes] = []
@@ -255,7 +255,7 @@ class ChunkLog:
         # uint32 wraps by itself, as the sequence field of the format does.
         stream.sequence[:count] = _RAMP[:count] + np.uint32(first & 0xFFFFFFFF)
         if stream.seconds is not None and stream.nanoseconds is not None:
-            seconds, nanoseconds = np.divmod(stream.publish_time[:count], _NS)
+            seconds, nanoseconds = np.divmod(stream.publish_time[:count], NS_PER_S)
             stream.seconds[:count], stream.nanoseconds[:count] = seconds, nanoseconds
         times = stream.log_time[:count].copy()
         self._index[stream.channel].batches.append((times, self._bytes, stream.record_size))

@@ -23,10 +23,11 @@ from hubodo.log import topics
 from hubodo.log.container import Compression
 from hubodo.log.csv_table import T_LIMIT
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
-from hubodo.log.timebase import NS, survives, to_ns
+from hubodo.log.timebase import survives, to_ns
 from hubodo.log.writer import McapLog
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 from hubodo.whole_files import free_path, whole_new_file
 
@@ -64,10 +65,10 @@ def write_recording(
     free_path(path)
     parts = _parts(recording)
     for part in parts:
-        if len(part.t_ns) and (part.t_ns.min() < 0 or part.t_ns.max() >= T_LIMIT * NS):
+        if len(part.t_ns) and (part.t_ns.min() < 0 or part.t_ns.max() >= T_LIMIT * NS_PER_S):
             raise InputError(
-                f"{part.name}: times from {part.t_ns.min() / NS} s to {part.t_ns.max() / NS} s do not fit a "
-                "log, which holds 0 to 2147483647 s; shift t"
+                f"{part.name}: times from {part.t_ns.min() / NS_PER_S} s to {part.t_ns.max() / NS_PER_S} s "
+                "do not fit a log, which holds 0 to 2147483647 s; shift t"
             )
     metadata = {key: text for key, text in recording.metadata.items() if not key.startswith("hubodo.")}
     with (

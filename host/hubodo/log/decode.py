@@ -15,8 +15,7 @@ from hubodo.log import ros2
 from hubodo.log.chunk_body import Messages
 from hubodo.log.claims import MemoryBudget
 from hubodo.log.message_records import PREFIX
-
-_NS = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 WANTED: Mapping[str, tuple[str, ...]] = {
     ros2.IMU: ("angular_velocity", "linear_acceleration"),
@@ -194,7 +193,7 @@ class Decoder:
         if "header.stamp.sec" in (form.names or ()):
             seconds = _gather(messages.data, starts, form, "header.stamp.sec").astype(np.int64)
             nanoseconds = _gather(messages.data, starts, form, "header.stamp.nanosec").astype(np.int64)
-            stated = seconds * _NS + nanoseconds
+            stated = seconds * NS_PER_S + nanoseconds
             stamps = np.where(stated == 0, stamps, stated)
         self._parts.append(_Part(heads, stamps, values, order))
 
@@ -232,7 +231,7 @@ def stamps(messages: Messages, chosen: NDArray[np.intp], otherwise: NDArray[np.i
     big = messages.data[starts + 1] == 0
     parts = [_gather(messages.data, starts, _STAMP, name).view(np.uint32) for name in ("sec", "nanosec")]
     seconds, nanoseconds = (np.where(big, part.byteswap(), part) for part in parts)
-    ns = seconds.view(np.int32).astype(np.int64) * _NS + nanoseconds
+    ns = seconds.view(np.int32).astype(np.int64) * NS_PER_S + nanoseconds
     stated[whole] = np.where(ns == 0, stated[whole], ns)
     return stated
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hubodo.log.chunk_body import Messages
 from hubodo.log.claims import MemoryBudget
-from hubodo.log.timebase import NS
+from hubodo.units import NS_PER_S
 
 _ROW_BYTES = 200  # of memory per joint and message: a tuple of two numbers in a list, at first its name
 
@@ -77,7 +77,7 @@ def _parse(payload: bytes) -> tuple[int, tuple[str, ...], tuple[float, ...]]:
     names = _names(order, payload[first:end])
     place, _ = _sequence(order, payload, end)
     place, speeds = _sequence(order, payload, place)
-    return seconds * NS + nanoseconds, names, speeds
+    return seconds * NS_PER_S + nanoseconds, names, speeds
 
 
 def _sequence(order: str, payload: bytes, place: int) -> tuple[int, tuple[float, ...]]:

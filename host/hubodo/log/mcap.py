@@ -23,8 +23,9 @@ from hubodo.log.own_messages import own_text
 from hubodo.log.roles import BY_TYPE, Roles, RoleTopic, TopicChoice, assign
 from hubodo.log.sound_rows import sound_tables
 from hubodo.log.source import Source, Stream, is_ours
-from hubodo.log.timebase import EXACT_S, NS, to_seconds
+from hubodo.log.timebase import EXACT_S, to_seconds
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.units import NS_PER_S
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
 
@@ -245,7 +246,7 @@ class _Collected:
                 chosen = places_of(rows.sequence, common)
                 found.update({column: array[chosen] for column, array in values.items()})
             between = any("t" in values for _, values in parts)
-            beyond = len(since) > 0 and int(np.abs(since).max()) >= EXACT_S * NS and not between
+            beyond = len(since) > 0 and int(np.abs(since).max()) >= EXACT_S * NS_PER_S and not between
             if absent := [column for column in columns if column not in found]:
                 self._note(f"{name}: nothing is left of column {', '.join(absent)}")
             rising = rising_rows(found["t"])

@@ -19,12 +19,12 @@ from hubodo.log.log_names import LogNames
 from hubodo.log.lost_logs import loss_words
 from hubodo.log.room import MB, Room, words_of
 from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-_LOOK_NS = S // 2
-_BUDGET_NS = 5 * S
+_LOOK_NS = NS_PER_S // 2
+_BUDGET_NS = 5 * NS_PER_S
 _SYNC_S = 0.5
-_SLOW_SYNC_NS = 5 * S // 2
+_SLOW_SYNC_NS = 5 * NS_PER_S // 2
 _ROOM_AGAIN = 1.25
 """Times the reserve; between the two neither a log ends nor one begins."""
 HELD_BYTES = 16 * MB
@@ -235,7 +235,7 @@ class LogSeries:
     def _due(self) -> bool:
         after, at = self.rules.after, self.rules.at
         assert self._file is not None
-        return (after is not None and self._now_ns() >= self._opened_ns + after * S) or (
+        return (after is not None and self._now_ns() >= self._opened_ns + after * NS_PER_S) or (
             at is not None and self._file.size >= at
         )
 

@@ -7,8 +7,9 @@ import queue
 import threading
 from pathlib import Path
 
-S = 1_000_000_000
-PERIOD_NS = 2 * S
+from hubodo.units import NS_PER_S
+
+PERIOD_NS = 2 * NS_PER_S
 """With half a second in which messages wait for their chunk, a disk may take 2.5 s and no more than 5 s
 are lost.
 """

@@ -8,8 +8,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-NS = 1_000_000_000
-EXACT_S = 2**53 / NS
+from hubodo.units import NS_PER_S
+
+EXACT_S = 2**53 / NS_PER_S
 """s; from here on (104 days) float64 does not hold every ns."""
 
 _DECIMAL = re.compile(rb"\s*([+-]?)(\d{1,10})(?:\.(\d{0,9})0*)?\s*")
@@ -19,7 +20,7 @@ def to_ns(t: NDArray[np.float64], t_zero_ns: int) -> NDArray[np.int64]:
     """Nearest whole ns, (N,), of t seconds after t_zero_ns."""
     whole = np.floor(t)
     # t - whole is exact in binary, so only the last product rounds.
-    return whole.astype(np.int64) * NS + np.rint((t - whole) * NS).astype(np.int64) + t_zero_ns
+    return whole.astype(np.int64) * NS_PER_S + np.rint((t - whole) * NS_PER_S).astype(np.int64) + t_zero_ns
 
 
 def to_seconds(t_ns: NDArray[np.int64], t_zero_ns: int) -> NDArray[np.float64]:
@@ -27,8 +28,8 @@ def to_seconds(t_ns: NDArray[np.int64], t_zero_ns: int) -> NDArray[np.float64]:
     since = t_ns - t_zero_ns
     # Below 2^53 ns the division rounds once; above, extended precision finds the right neighbour.
     if len(since) and int(np.abs(since).max()) >= 1 << 53:
-        return (since.astype(np.longdouble) / NS).astype(np.float64)
-    return since / NS
+        return (since.astype(np.longdouble) / NS_PER_S).astype(np.float64)
+    return since / NS_PER_S
 
 
 def survives(t: NDArray[np.float64], t_zero_ns: int) -> bool:
@@ -46,13 +47,13 @@ def ns_of_texts(texts: Iterable[bytes]) -> NDArray[np.int64] | None:
         match = _DECIMAL.fullmatch(text)
         if match is None:
             return None
-        ns = int(match[2]) * NS + int((match[3] or b"").ljust(9, b"0"))
+        ns = int(match[2]) * NS_PER_S + int((match[3] or b"").ljust(9, b"0"))
         found.append(-ns if match[1] == b"-" else ns)
     return np.array(found, np.int64)
 
 
 def text_of_ns(t_ns: int) -> str:
     """Decimal seconds, exact, without closing zeros."""
-    whole, rest = divmod(abs(t_ns), NS)
+    whole, rest = divmod(abs(t_ns), NS_PER_S)
     sign = "-" if t_ns < 0 else ""
     return f"{sign}{whole}.{rest:09d}".rstrip("0").removesuffix(".")

@@ -16,9 +16,9 @@ from hubodo.log.frames import GNSS, placed
 from hubodo.log.message_records import BatchStream
 from hubodo.log.own_messages import bytes_message, string_message
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
-from hubodo.log.timebase import NS
 from hubodo.recording import Event
 from hubodo.safe_text import json_text
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
 
@@ -138,7 +138,7 @@ class McapLog(ChunkLog):
         """The same, where this log goes on in another file; nothing where no frames were told."""
         if self._static is None:
             return
-        (stream, values), (seconds, nanoseconds) = self._static, divmod(t_ns, NS)
+        (stream, values), (seconds, nanoseconds) = self._static, divmod(t_ns, NS_PER_S)
         count = len(values) // 2
         stamps: dict[str, ArrayLike] = {
             f"transforms[{i}].header.stamp.{name}": value

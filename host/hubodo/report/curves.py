@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.report.drawing import Drawing, blank, drawing
 
-Array = NDArray[Any]
+Values = NDArray[Any]
 _POINTS = 2000
 """Drawn of each curve; more cannot be told apart on a screen."""
 _WIDTH = 9.0
@@ -25,12 +25,12 @@ class Curve:
     marks instead of a line.
     """
 
-    x: Array
-    y: Array
+    x: Values
+    y: Values
     name: str
     colour: str
     width: float = 1.3
-    sigma: Array | None = None
+    sigma: Values | None = None
     dots: bool = False
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hubodo.report.curves import Array, Curve, curves
+from hubodo.report.curves import Curve, Values, curves
 from hubodo.report.page import COLOURS, Grid, Section
 from hubodo.sensors.imu.calibrate import ImuCalibration
 from hubodo.sensors.imu.held_out import HeldOut
@@ -55,7 +55,7 @@ def _residuals(result: ImuCalibration) -> Section:
     return Section("Before and after", text, figures=figures)
 
 
-def _before_and_after(x: Array, before: Array, after: Array) -> list[Curve]:
+def _before_and_after(x: Values, before: Values, after: Values) -> list[Curve]:
     return [
         Curve(x, before, "before", COLOURS["right"], dots=True),
         Curve(x, after, "after", COLOURS["left"], dots=True),

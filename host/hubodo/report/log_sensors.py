@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.calibration.apply import power_on_times
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Event, Table
@@ -21,7 +22,6 @@ from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.rests import find_rests
 from hubodo.sensors.warmup.characterise import characterise_warmup
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

@@ -11,14 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hubodo.arrays import Array
 from hubodo.calibration.triad import Triad
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 CONDITION_LIMIT = 300.0
 """Errors of 1e-3 in the direction of Earth rate would then spoil an angle by a third of a radian."""

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration, read_calibration
@@ -39,7 +38,6 @@ from hubodo.whole_files import write_whole
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
-Array = NDArray[np.float64]
 PROGRAMMES = {"maytag": (0.0, 180.0), "maytag4": (0.0, 180.0, 90.0, 270.0), "east": (0.0, 180.0, 90.0, 270.0)}
 UNCALIBRATED_SCALE = 0.01
 """1 sigma of the scale of a MEMS gyro as it leaves the factory."""

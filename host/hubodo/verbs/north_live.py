@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import serial
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
 from hubodo.errors import InputError, LinkError
@@ -27,8 +26,6 @@ from hubodo.sensors.north.mount import Mount, mount_of
 from hubodo.sensors.north.table import HandTable, SerialTable, Turntable
 from hubodo.sensors.north.tally import Tally
 from hubodo.version import __version__
-
-Array = NDArray[np.float64]
 
 SETTLE_S = 1.0
 """After a turn, before a stop counts: the transient of a table on a bench."""

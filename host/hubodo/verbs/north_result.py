@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.arrays import Array
 from hubodo.sensors.north.circle import wrap
 from hubodo.sensors.north.east import East
 from hubodo.sensors.north.find import North
 from hubodo.sensors.north.report import advice, advice_words, gyro_json
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,11 @@ from hubodo.listening.server_thread import ServerFaults
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubodo.web.frames import Frame, east_north, event_frame, motion_frame, slow_frame
 from hubodo.web.watch import Ear
 
-S = 1_000_000_000
-_PERIOD_NS = S // 10
+_PERIOD_NS = NS_PER_S // 10
 _MOST_EVENTS = 50
 _MOST_WISHES = 16
 
@@ -58,7 +58,7 @@ class LivePage:
     def now_ns(self) -> int:
         """Return the time of the recording's own clock, which is never set; from any thread."""
         newest = self.newest
-        return 0 if newest is None else newest.t_ns + int((time.monotonic() - self._shown) * S)
+        return 0 if newest is None else newest.t_ns + int((time.monotonic() - self._shown) * NS_PER_S)
 
     def wish(self, wish: Wish) -> bool:
         """Something to be done in the recording's own thread; False when too much waits already."""
@@ -105,7 +105,7 @@ class LivePage:
         begin_ns = self._begin_ns = now_ns if self._begin_ns is None else self._begin_ns
         # On a beat of its own: what is late once is not late for ever.
         self._next_ns = now_ns - (now_ns - begin_ns) % _PERIOD_NS + _PERIOD_NS
-        self._put(self._frame(recorder, (now_ns - begin_ns) / S))
+        self._put(self._frame(recorder, (now_ns - begin_ns) / NS_PER_S))
 
     def _frame(self, recorder: Recorder, t: float) -> Frame:
         ear = self._ear

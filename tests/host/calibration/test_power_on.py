@@ -6,15 +6,15 @@ import pytest
 from hubodo.calibration.apply import age_of, apply_calibration, power_on_times
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.recording import Event, Table
+from hubodo.units import NS_PER_S
 
-S = 10**9
-ZERO = 1_700_000_000 * S
+ZERO = 1_700_000_000 * NS_PER_S
 
 
 def started(at, power_on, source="left", kind="started"):
     """An event at so many s of the log; power_on: s, None where it is not told."""
-    data = {} if power_on is None else {"power_on_ns": round(ZERO + power_on * S)}
-    return Event(round(ZERO + at * S), kind, source, "", data)
+    data = {} if power_on is None else {"power_on_ns": round(ZERO + power_on * NS_PER_S)}
+    return Event(round(ZERO + at * NS_PER_S), kind, source, "", data)
 
 
 def test_only_a_start_of_that_node_that_tells_it_counts():
@@ -25,8 +25,11 @@ def test_only_a_start_of_that_node_that_tells_it_counts():
         started(7.0, 2.0, kind="connected"),
         started(8.0, None),
     ]
-    assert power_on_times(events, "left") == [(ZERO + 5 * S, ZERO - 3 * S), (ZERO + 20 * S, ZERO + 19 * S)]
-    assert power_on_times(events, "right") == [(ZERO + 6 * S, ZERO + S)]
+    assert power_on_times(events, "left") == [
+        (ZERO + 5 * NS_PER_S, ZERO - 3 * NS_PER_S),
+        (ZERO + 20 * NS_PER_S, ZERO + 19 * NS_PER_S),
+    ]
+    assert power_on_times(events, "right") == [(ZERO + 6 * NS_PER_S, ZERO + NS_PER_S)]
     assert power_on_times(events, "middle") == []
 
 

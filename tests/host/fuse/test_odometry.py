@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, SampleFate, integrate
 from hubodo.fuse.rolling_wheel import OdometryNoise, WheelSamples, WheelSpec
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 R, B = 0.3, 0.9
 FORWARD, TURN = 1.5, 0.25
 G = 9.80665
@@ -36,7 +36,7 @@ def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, 
     if rng is not None:
         gyro[:, 2] += rng.normal(0, noise, len(t))
         accel += rng.normal(0, 0.05, accel.shape)
-    return WheelSamples(side, T0 + np.round(t * S).astype(np.int64), gyro, accel)
+    return WheelSamples(side, T0 + np.round(t * NS_PER_S).astype(np.int64), gyro, accel)
 
 
 def pair(seconds, speed, yaw, **kwargs):
@@ -61,7 +61,7 @@ def split(samples, size):
 
 def test_a_straight_line_is_straight_and_as_long_as_speed_times_time():
     last = drive(config(), *pair(10, lambda t: FORWARD, lambda t: 0.0))[-1]
-    seconds = (last.t_ns - T0) / S
+    seconds = (last.t_ns - T0) / NS_PER_S
     assert last.x == pytest.approx(FORWARD * seconds, abs=1e-9)
     assert last.y == last.heading == 0.0
     assert last.speed == pytest.approx(FORWARD)
@@ -148,7 +148,7 @@ def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
 
 def test_a_gap_is_bridged_on_the_chord_and_paid_for_in_variance():
     a, b = pair(10, lambda t: FORWARD, lambda t: 0.0)
-    hole = (a.t_ns < T0 + 4 * S) | (a.t_ns > T0 + 6 * S)
+    hole = (a.t_ns < T0 + 4 * NS_PER_S) | (a.t_ns > T0 + 6 * NS_PER_S)
     holed = WheelSamples("left", a.t_ns[hole], a.gyro[hole], a.accel[hole])
     whole, bridged = drive(config(), a, b)[-1], drive(config(), holed, b)[-1]
     assert bridged.x == pytest.approx(whole.x, abs=1e-9)
@@ -240,7 +240,7 @@ def test_what_a_constant_does_to_the_pose_is_the_derivative_of_the_pose(name):
     sigma = 0.01
     noise = OdometryNoise(**silent | ({name: sigma} if name in silent else {}))
     known = {f"{side}_bias": (0.0, sigma if name == f"{side}_bias" else 0.0) for side in ("left", "right")}
-    cfg = config(noise=noise, step_ns=S // 2, **known)
+    cfg = config(noise=noise, step_ns=NS_PER_S // 2, **known)
     wheels = pair(8, lambda t: 1 + 0.2 * t, lambda t: 0.8 * math.sin(0.5 * t))
 
     def pose(by, which=name):
@@ -287,7 +287,7 @@ def test_a_long_silence_of_one_wheel_does_not_fill_the_memory(monkeypatch):
     gyro = np.zeros((2, 3))
     gyro[:, 2] = 2.0
     last = odometry.handle(WheelSamples("right", t, gyro, np.zeros((2, 3)))).states[-1]
-    assert last.distance == pytest.approx(2.0 * R * (last.t_ns - T0) / S)
+    assert last.distance == pytest.approx(2.0 * R * (last.t_ns - T0) / NS_PER_S)
 
 
 def test_a_recording_is_integrated_as_if_it_came_live_however_long_it_is(monkeypatch):

@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.ingest.node.clock import PERIOD_US, ClockEstimate, ClockSync, TickUnwrapper
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 
 
 class SimulatedClock:
@@ -28,9 +28,9 @@ def run_exchanges(sync, clock, rng, *, seconds, request_delay, reply_delay, peri
     """Exchanges with delays drawn by the two callables, s; yields after each."""
     t = float(T0)
     for _ in range(int(seconds / period)):
-        t += period * S
-        there = t + request_delay(rng) * S
-        back = there + 50e3 + reply_delay(rng) * S
+        t += period * NS_PER_S
+        there = t + request_delay(rng) * NS_PER_S
+        back = there + 50e3 + reply_delay(rng) * NS_PER_S
         sync.exchange(int(t), clock.us(there), clock.us(there + 50e3), int(back))
         yield t
 
@@ -55,7 +55,7 @@ def test_skew_and_jitter_are_followed_within_three_stated_sigmas(skew_ppm, seed)
     rng, sync, clock = np.random.default_rng(seed), ClockSync(), SimulatedClock(skew_ppm)
     ratios = []
     for t in run_exchanges(sync, clock, rng, seconds=120, request_delay=quick, reply_delay=quick):
-        device_us = clock.us(t + 0.5 * S)
+        device_us = clock.us(t + 0.5 * NS_PER_S)
         ratios.append(abs(error_ns(sync, clock, device_us)) / sync.sigma_ns(device_us * 1000))
     assert max(ratios) < 3, f"seed {seed}"
     estimate = sync.estimate()
@@ -93,10 +93,10 @@ def test_it_says_on_how_many_answers_it_rests_and_how_often_it_began_anew():
     sync.arrival(1_000_000, T0)
     assert (sync.source, sync.exchanges) == ("one way", 0)
     for k in range(1, 4):
-        assert sync.exchange(T0 + k * S, k * 1_000_000, k * 1_000_000, T0 + k * S + 1_000_000)
+        assert sync.exchange(T0 + k * NS_PER_S, k * 1_000_000, k * 1_000_000, T0 + k * NS_PER_S + 1_000_000)
         assert (sync.source, sync.exchanges) == ("two way", k)
         assert sync.estimate().exchanges == k
-    assert not sync.exchange(T0 + 4 * S, 4_000_000, 4_000_000, T0 + 4 * S - 1)
+    assert not sync.exchange(T0 + 4 * NS_PER_S, 4_000_000, 4_000_000, T0 + 4 * NS_PER_S - 1)
     assert sync.exchanges == 3
     sync.reset()
     assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 1)
@@ -115,7 +115,7 @@ def test_sigma_grows_while_nobody_answers():
     t = last(run_exchanges(sync, clock, rng, seconds=60, request_delay=quick, reply_delay=quick))
     near = clock.us(t) * 1000
     for later in (60, 600):
-        far = near + later * S
+        far = near + later * NS_PER_S
         assert sync.sigma_ns(far) > sync.sigma_ns(near)
         assert abs(error_ns(sync, clock, far // 1000)) < 3 * sync.sigma_ns(far)
 
@@ -126,7 +126,7 @@ def test_over_a_month_without_an_answer_the_drift_walks_away_as_a_random_walk_do
     t = last(run_exchanges(sync, clock, rng, seconds=60, request_delay=quick, reply_delay=quick))
     month = 30 * 86400.0
     walk = 1e-7 * np.sqrt(month**3 / 3)
-    assert sync.sigma_ns(clock.us(t) * 1000 + int(month * S)) * 1e-9 == pytest.approx(walk, rel=0.1)
+    assert sync.sigma_ns(clock.us(t) * 1000 + int(month * NS_PER_S)) * 1e-9 == pytest.approx(walk, rel=0.1)
 
 
 def test_what_is_told_of_a_clock_is_in_seconds_and_millionths():
@@ -147,8 +147,8 @@ def test_what_is_told_of_a_clock_is_in_seconds_and_millionths():
 def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
     rng, sync, clock = np.random.default_rng(2), ClockSync(), SimulatedClock(-70)
     for k in range(1, 60 * 26):
-        t = T0 + k * S / 26
-        sync.arrival(clock.us(t), int(t + (0.004 + rng.exponential(0.003)) * S))
+        t = T0 + k * NS_PER_S / 26
+        sync.arrival(clock.us(t), int(t + (0.004 + rng.exponential(0.003)) * NS_PER_S))
     estimate = sync.estimate()
     assert estimate.source == "one way"
     device_us = clock.us(t)
@@ -160,8 +160,8 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
 
 def test_an_answer_takes_over_from_arrivals():
     sync, clock = ClockSync(), SimulatedClock(0)
-    sync.arrival(clock.us(T0 + S), T0 + S + 15_000_000)
-    t = T0 + 2 * S
+    sync.arrival(clock.us(T0 + NS_PER_S), T0 + NS_PER_S + 15_000_000)
+    t = T0 + 2 * NS_PER_S
     assert sync.exchange(t, clock.us(t + 200_000), clock.us(t + 250_000), t + 450_000)
     assert sync.source == "two way"
     assert abs(error_ns(sync, clock, clock.us(t))) < 200_000
@@ -173,7 +173,7 @@ def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
     stepped = SimulatedClock(10, start_us=5_000_000)
     used = []
     for k in range(1, 6):
-        at = t + k * S
+        at = t + k * NS_PER_S
         there = at + 300_000
         used.append(sync.exchange(int(at), stepped.us(there), stepped.us(there), int(there + 300_000)))
     assert used[0] is False  # one odd exchange moves nothing

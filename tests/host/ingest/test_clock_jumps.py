@@ -20,11 +20,11 @@ from hubodo.ingest.node.clock import PERIOD_US
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import DAMAGE, STANDSTILL, GapLedger, LinkCounts, WireGap
 from hubodo.log.mcap import open_log, read_recording
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode
 from hubowire.messages import Hello, ImuBatch
 from in_process import hubodo
 
-S = 1_000_000_000
 BATCH, PERIOD_NS = 16, 2_403_846
 HELLO = Hello(
     FINGERPRINT, (1, 2, 3), b"serial01", 77, 1, 1, 416_000, 2000, 16,
@@ -44,10 +44,10 @@ def batch(number, start_us):
 
 def decoded(start_us, frames_lost, host_jump_s):
     """Decoder and device times of 12 batches; before the 7th, a loss and a jump of the host's clock."""
-    decoder, out, host_ns = NodeDecoder("left"), [], 1_700_000_000 * S
+    decoder, out, host_ns = NodeDecoder("left"), [], 1_700_000_000 * NS_PER_S
     for k in range(12):
         number = k + frames_lost * (k >= 6)
-        arrived_ns = host_ns + number * BATCH * PERIOD_NS + round(host_jump_s * S) * (k >= 6)
+        arrived_ns = host_ns + number * BATCH * PERIOD_NS + round(host_jump_s * NS_PER_S) * (k >= 6)
         if decoder.wants_hello:
             out += decoder.frame(HELLO_FRAME, arrived_ns, LINK)
         out += decoder.frame(batch(number, start_us), arrived_ns, LINK)
@@ -80,7 +80,7 @@ class JumpingComputer(VirtualComputer):
     """Its clocks can be set: jump_ns on the axis that never steps, set_ns on the wall clock."""
 
     def __init__(self, state=ClockState.UNKNOWN):
-        super().__init__(start_ns=1_780_000_000 * S)
+        super().__init__(start_ns=1_780_000_000 * NS_PER_S)
         self.jump_ns, self.set_ns, self.state = 0, 0, state
 
     def now_ns(self):
@@ -110,7 +110,7 @@ def recorded(out, computer, duration, *script, node=None, console=None):
 
 def test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sample(tmp_path):
     computer, shown = JumpingComputer(), io.StringIO()
-    script = (3.0, lambda: setattr(computer, "jump_ns", 600 * S))
+    script = (3.0, lambda: setattr(computer, "jump_ns", 600 * NS_PER_S))
     console = Console(file=shown, width=500)
     left, events = recorded(tmp_path / "ride.mcap", computer, 606.0, script, console=console)
     assert left["samples"] > 2300
@@ -133,7 +133,7 @@ def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
     def suspend():
         node.lose(390)
         node._t0 -= 15.0
-        computer.jump_ns += 15 * S
+        computer.jump_ns += 15 * NS_PER_S
 
     left, _ = recorded(tmp_path / "ride.mcap", computer, 22.0, (3.0, suspend), node=node)
     assert left["samples_lost"] == 390 * 16
@@ -152,7 +152,7 @@ def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_
     def pause():
         node.lose(18_200)
         node._t0 -= 700.0
-        computer.set_ns += 700 * S
+        computer.set_ns += 700 * NS_PER_S
 
     left, events = recorded(tmp_path / "ride.mcap", computer, 12.0, (3.0, pause), node=node)
     assert left["samples_lost"] == 18_200 * 16
@@ -163,17 +163,19 @@ def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_
 
 def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_is_damaged():
     ledger, before, now = GapLedger("left"), LinkCounts(), LinkCounts(damaged=1)
+    start_ns = 10 * NS_PER_S
     # What the line held is read, and stamped, when the computer goes on.
     long, short = (
-        WireGap("ImuBatch", 17 * S, 17 * S + 1, 3, 24, (10 * S, 10 * S + lasts)) for lasts in (6 * S, S)
+        WireGap("ImuBatch", 17 * NS_PER_S, 17 * NS_PER_S + 1, 3, 24, (start_ns, start_ns + lasts_ns))
+        for lasts_ns in (6 * NS_PER_S, NS_PER_S)
     )
     (event,) = ledger.add(short, before, now)
     assert event.data["cause"] == DAMAGE
     assert list(ledger.add(long, before, now)) == []
-    ledger.resumed(10 * S, 17 * S - 2)
+    ledger.resumed(10 * NS_PER_S, 17 * NS_PER_S - 2)
     assert [event.data["cause"] for event in ledger.close()] == [STANDSTILL]
     assert list(ledger.add(long, before, now)) == []
-    ledger.resumed(100 * S, 107 * S)
+    ledger.resumed(100 * NS_PER_S, 107 * NS_PER_S)
     assert [event.data["cause"] for event in ledger.close()] == [DAMAGE]
 
 
@@ -182,7 +184,7 @@ def test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample(
     out, computer, shown = tmp_path / "ride.mcap", JumpingComputer(ClockState.UNSYNCHRONISED), io.StringIO()
 
     def set_clock():
-        computer.set_ns, computer.state = int(step * S), ClockState.SYNCHRONISED
+        computer.set_ns, computer.state = int(step * NS_PER_S), ClockState.SYNCHRONISED
 
     _, events = recorded(out, computer, 6.0, (3.0, set_clock), console=Console(file=shown, width=500))
     assert [event.data.get("step_s") for event in events] == [None, step, None]
@@ -205,22 +207,22 @@ def test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info(tmp_path)
 
 def test_the_state_of_a_clock_is_what_its_time_and_timesyncd_say(tmp_path):
     folder = tmp_path / "timesync"
-    now_ns = 1_780_000_000 * S
-    assert clock_state(1_000 * S, folder) == "unset"
+    now_ns = 1_780_000_000 * NS_PER_S
+    assert clock_state(1_000 * NS_PER_S, folder) == "unset"
     assert clock_state(now_ns, folder) == "unknown"
     folder.mkdir()
     assert clock_state(now_ns, folder) == "unsynchronised"
     (folder / "synchronized").touch()
     assert clock_state(now_ns, folder) == "synchronised"
-    assert clock_state(1_000 * S, folder) == "unset"
+    assert clock_state(1_000 * NS_PER_S, folder) == "unset"
 
 
 def test_a_step_of_the_wall_clock_beyond_a_tenth_of_a_second_is_an_event_and_less_is_none():
     computer = JumpingComputer()
     clock, steps = HostClock(computer), []
     for second, set_s in enumerate((0.0, 0.05, 0.09, 0.2, 0.2, -3.0)):
-        computer.set_ns = round(set_s * S)
-        steps += [event.data["step_s"] for event in clock.tick(computer.now_ns() + second * S)]
+        computer.set_ns = round(set_s * NS_PER_S)
+        steps += [event.data["step_s"] for event in clock.tick(computer.now_ns() + second * NS_PER_S)]
     assert steps == [0.2, -3.2]
     assert clock.record == {"state": "unknown", "utc_minus_log_s": "-3.000"}
 
@@ -230,9 +232,9 @@ def test_a_process_that_is_interrupted_between_two_readings_has_seen_no_step():
 
     class Interrupted(JumpingComputer):
         def wall_ns(self):
-            self.jump_ns += 3 * S // 10
+            self.jump_ns += 3 * NS_PER_S // 10
             return super().wall_ns()
 
     computer = Interrupted()
     clock = HostClock(computer)
-    assert [event for k in range(20) for event in clock.tick(computer.now_ns() + k * S)] == []
+    assert [event for k in range(20) for event in clock.tick(computer.now_ns() + k * NS_PER_S)] == []

@@ -11,7 +11,7 @@ import pytest
 
 from fakes.fake_node import FakeNode
 from fakes.recorder_thread import RecorderThread
-from faults.line import T0, Kept, Node, S
+from faults.line import T0, Kept, Node
 from hubodo.errors import LinkError
 from hubodo.ingest.link import link as link_module
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp, PortLink
@@ -21,6 +21,7 @@ from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.link.transport import TcpTransport, UdpTransport
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.mcap import open_log
+from hubodo.units import NS_PER_S
 from waiting import until
 
 NEVER = threading.Event()
@@ -228,8 +229,8 @@ def test_a_connection_has_carried_something_valid_after_a_frame_or_a_sentence(da
     check = ValidityCheck(T0)
     for at in range(0, len(data), size):
         check.feed(data[at : at + size])
-    assert check.is_valid(T0 + S) == expected
-    assert check.is_valid(T0 + 10 * S), "or for ten seconds"
+    assert check.is_valid(T0 + NS_PER_S) == expected
+    assert check.is_valid(T0 + 10 * NS_PER_S), "or for ten seconds"
 
 
 def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_loss_one():
@@ -239,7 +240,7 @@ def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_l
         session.up(LinkUp("bridge", now, "socket://x:1", False))
         session.lost(LinkLost("bridge", now, "closed by the other side"))
         list(session.tick(now))
-        now += 8 * S
+        now += 8 * NS_PER_S
     lost = [event for event in sink.events if event.kind == "disconnected"]
     assert len(sink.events) < 20
     assert sum(event.data["attempts"] for event in lost) > 200, "the others are counted"

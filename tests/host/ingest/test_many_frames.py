@@ -15,11 +15,11 @@ from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.node.runs import RunDecoder
 from hubodo.ingest.node.samples import FilterSeen, ImuBlock, ImuRun
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 PERIOD_NS = 4_807_692
 HELLO = Hello(
     FINGERPRINT, (1, 2, 3), b"serial01", 77, 1, 1, 208_000, 2000, 16,

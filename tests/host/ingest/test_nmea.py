@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from hubodo.ingest.gnss.nmea import NmeaDecoder
 from hubodo.ingest.gnss.session import GnssSession
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-NOW = calendar.timegm((2026, 5, 17, 12, 35, 20)) * S
+NOW = calendar.timegm((2026, 5, 17, 12, 35, 20)) * NS_PER_S
 
 
 def line(body):
@@ -43,7 +43,7 @@ def fixes(data, t_ns=NOW):
 @pytest.mark.parametrize("talker", ["GP", "GN", "GA", "GB", "GL", "QZ"])
 def test_an_epoch_becomes_one_fix_with_the_sentences_own_time(talker):
     (fix,) = fixes(epoch(talker=talker))
-    assert fix.utc_ns == calendar.timegm((2026, 5, 17, 12, 35, 19)) * S
+    assert fix.utc_ns == calendar.timegm((2026, 5, 17, 12, 35, 19)) * NS_PER_S
     assert fix.latitude_deg == pytest.approx(48 + 7.038 / 60, abs=1e-9)
     assert fix.longitude_deg == pytest.approx(11 + 31 / 60, abs=1e-9)
     assert fix.altitude == pytest.approx(545.4 + 46.9)  # above the ellipsoid
@@ -109,14 +109,14 @@ def test_midnight_between_date_and_time_is_taken_on_the_right_side():
     data = epoch("235959.00", "170526")
     data += line("GNGGA,000000.00,4807.038,N,01131.000,E,1,08,0.9,5,M,0,M,,")
     data += line("GNRMC,000000.00,A,4807.038,N,01131.000,E,0,0,180526,,,A")
-    got = [*decoder.feed(data, NOW + 43200 * S), *decoder.finish()]
-    assert got[1].utc_ns - got[0].utc_ns == S
+    got = [*decoder.feed(data, NOW + 43200 * NS_PER_S), *decoder.finish()]
+    assert got[1].utc_ns - got[0].utc_ns == NS_PER_S
 
 
 def test_a_date_1024_weeks_back_is_a_week_rollover_and_set_right():
-    then = time.gmtime(NOW / S - 1024 * 7 * 86400)
+    then = time.gmtime(NOW / NS_PER_S - 1024 * 7 * 86400)
     (fix,) = fixes(epoch(day=time.strftime("%d%m%y", then)))
-    assert fix.utc_ns == calendar.timegm((2026, 5, 17, 12, 35, 19)) * S
+    assert fix.utc_ns == calendar.timegm((2026, 5, 17, 12, 35, 19)) * NS_PER_S
 
 
 @given(st.binary(max_size=300))
@@ -179,7 +179,7 @@ def test_fixes_carry_gnss_time_where_the_hosts_clock_agrees():
     data = epoch("123519.00") + epoch("123520.00")
     session.chunk(data, NOW)
     session.close()
-    assert [published for published, _ in sink.fixes] == [NOW - S, NOW]
+    assert [published for published, _ in sink.fixes] == [NOW - NS_PER_S, NOW]
     assert sink.events == []
     assert sink.bytes == data
 
@@ -187,13 +187,15 @@ def test_fixes_carry_gnss_time_where_the_hosts_clock_agrees():
 def test_where_it_does_not_they_are_put_on_the_hosts_clock_and_an_event_says_so():
     sink = FakeSink()
     session = GnssSession("gnss", sink)
-    off = 3600 * S
+    off = 3600 * NS_PER_S
     for k, delay in enumerate((0.9, 0.2, 0.5)):
-        session.chunk(epoch(f"1235{19 + k:02d}.00"), NOW - S + off + k * S + int(delay * S))
+        session.chunk(
+            epoch(f"1235{19 + k:02d}.00"), NOW - NS_PER_S + off + k * NS_PER_S + int(delay * NS_PER_S)
+        )
     session.close()
     assert [event.kind for event in sink.events] == ["clock"]
     published = [p for p, _ in sink.fixes]
-    assert published[-1] == NOW + S + off + int(0.2 * S)
+    assert published[-1] == NOW + NS_PER_S + off + int(0.2 * NS_PER_S)
     assert published == sorted(published)
 
 

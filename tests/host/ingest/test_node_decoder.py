@@ -20,11 +20,11 @@ from hubodo.ingest.node.samples import (
     TimeReplySeen,
 )
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode
 from hubowire.messages import BatchFlag, Filter, Health, Hello, ImuBatch, Mag, TimeReply
 
-S = 1_000_000_000
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 HELLO = Hello(
     FINGERPRINT, (1, 2, 3), b"serial01", 77, 1, 1, 208_000, 2000, 16,
     70_000_000, 488_000, 62_500, 25_000_000, 14_614_000, 8, 0, 40, ((0x6B, 0x69, 1),),
@@ -189,8 +189,8 @@ def test_an_unexplained_gap_is_named_even_when_no_report_comes():
     feed(decoder, talker)
     talker.lose(1)
     feed(decoder, talker)
-    assert gaps(decoder.tick(talker.host_ns() + S)) == []
-    assert [gap.data["cause"] for gap in gaps(decoder.tick(talker.host_ns() + 7 * S))] == [ON_THE_WAY]
+    assert gaps(decoder.tick(talker.host_ns() + NS_PER_S)) == []
+    assert [gap.data["cause"] for gap in gaps(decoder.tick(talker.host_ns() + 7 * NS_PER_S))] == [ON_THE_WAY]
 
 
 def test_a_restart_is_an_event_and_the_new_start_counts_from_zero():
@@ -198,13 +198,13 @@ def test_a_restart_is_an_event_and_the_new_start_counts_from_zero():
     feed(decoder, talker, 10)
     host = talker.host_ns()
     again = Talker(replace(HELLO, boot_id=78, reset_cause=3))
-    out = list(decoder.frame(again.hello(), host + S, QUIET))
+    out = list(decoder.frame(again.hello(), host + NS_PER_S, QUIET))
     assert [item.kind for item in out if isinstance(item, Event)] == ["reset", "gap"]
     assert gaps(out)[0].data["cause"] == RESTART
     assert gaps(out)[0].data["samples_lost"] is None
     assert any(isinstance(item, HelloSeen) and item.restarted for item in out)
     assert "watchdog" in next(item.text for item in out if isinstance(item, Event))
-    (block,) = blocks(decoder.frame(again.batch(), host + 2 * S, QUIET))
+    (block,) = blocks(decoder.frame(again.batch(), host + 2 * NS_PER_S, QUIET))
     assert block.device_ns[0] == 0
     assert decoder.counts.samples_lost == 0
 
@@ -215,11 +215,11 @@ def test_a_restart_whose_hello_was_lost_is_suspected_and_settled_by_the_next_hel
     host = talker.host_ns()
     again = Talker(replace(HELLO, boot_id=78))
     again.hello()
-    out = list(decoder.frame(again.batch(), host + S, QUIET))
-    out += decoder.frame(again.batch(), host + S, QUIET)
+    out = list(decoder.frame(again.batch(), host + NS_PER_S, QUIET))
+    out += decoder.frame(again.batch(), host + NS_PER_S, QUIET)
     assert out == []
     assert decoder.wants_hello
-    out = list(decoder.frame(again.hello(), host + 2 * S, QUIET))
+    out = list(decoder.frame(again.hello(), host + 2 * NS_PER_S, QUIET))
     assert len(blocks(out)) == 2
     assert decoder.counts.restarts == 1
 
@@ -227,7 +227,7 @@ def test_a_restart_whose_hello_was_lost_is_suspected_and_settled_by_the_next_hel
 def test_a_pause_of_the_clocks_that_was_no_restart_loses_nothing():
     talker, decoder = started()
     feed(decoder, talker, 3)
-    late = talker.host_ns() + 60 * S  # the host's process was stopped for a minute
+    late = talker.host_ns() + 60 * NS_PER_S  # the host's process was stopped for a minute
     assert list(decoder.frame(talker.batch(), late, QUIET)) == []
     out = list(decoder.frame(talker.hello(), late, QUIET))
     assert len(blocks(out)) == 1
@@ -259,7 +259,7 @@ def test_a_reflashed_node_is_taken_back():
     old = Talker(replace(HELLO, fingerprint=1))
     list(decoder.frame(old.hello(), T0, QUIET))
     new = Talker(replace(HELLO, boot_id=5))
-    list(decoder.frame(new.hello(), T0 + S, QUIET))
+    list(decoder.frame(new.hello(), T0 + NS_PER_S, QUIET))
     assert len(blocks(feed(decoder, new))) == 1
 
 
@@ -287,12 +287,12 @@ def test_small_messages_are_scaled_and_unwrapped():
 def test_a_worsening_report_of_the_node_is_an_event():
     talker, decoder = started()
     list(decoder.frame(talker.frame(HEALTH), T0, QUIET))
-    out = list(decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + S, QUIET))
+    out = list(decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + NS_PER_S, QUIET))
     (event,) = [item for item in out if isinstance(item, Event)]
     assert event.kind == "health"
     assert "bus stuck" in event.text
     assert "i2c errors +2" in event.text
-    again = decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + 2 * S, QUIET)
+    again = decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + 2 * NS_PER_S, QUIET)
     assert not any(isinstance(item, Event) for item in again)
 
 

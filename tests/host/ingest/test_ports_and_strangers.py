@@ -9,8 +9,7 @@ from hubodo.ingest.link.foreign import describe
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.link.ports import Finder, parse_port
 from hubodo.ingest.link.session import LinkSession
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 @dataclass
@@ -105,8 +104,8 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
 def test_a_frame_cut_in_two_by_a_standstill_does_not_make_its_node_a_stranger():
     session = LinkSession("left", Discards())
     session.up(LinkUp("left", 0, "/dev/left", False))
-    list(session.chunk(Chunk("left", S, b"\x05half", "")))
-    assert list(session.tick(2 * S)) == []
-    session.resumed(600 * S)
-    assert list(session.tick(600 * S)) == []
-    assert list(session.tick(604 * S)) != [], "bytes that are no frame for 3 s after it do"
+    list(session.chunk(Chunk("left", NS_PER_S, b"\x05half", "")))
+    assert list(session.tick(2 * NS_PER_S)) == []
+    session.resumed(600 * NS_PER_S)
+    assert list(session.tick(600 * NS_PER_S)) == []
+    assert list(session.tick(604 * NS_PER_S)) != [], "bytes that are no frame for 3 s after it do"

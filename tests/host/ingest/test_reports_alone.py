@@ -2,7 +2,8 @@
 
 import pytest
 
-from faults.line import T0, Line, Node, S
+from faults.line import T0, Line, Node
+from hubodo.units import NS_PER_S
 from hubowire.messages import Filter, Health
 
 PERIOD = 1 << 30
@@ -28,7 +29,7 @@ def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
     for second in range(3):
         line.says(node.frame(health(second * 1_000_000)), seconds=1.0)
     line.close()
-    assert line.sink.times == pytest.approx([T0 + k * S for k in range(3)], abs=0.1 * S)
+    assert line.sink.times == pytest.approx([T0 + k * NS_PER_S for k in range(3)], abs=0.1 * NS_PER_S)
 
 
 @pytest.mark.parametrize(
@@ -43,4 +44,4 @@ def test_microseconds_that_turn_over_give_no_negative_time(last):
     sink = line.close()
     assert "fault" not in sink.kinds()
     assert len(sink.times) == 3
-    assert all(abs(t_ns - T0) < 10 * S for t_ns in sink.times)
+    assert all(abs(t_ns - T0) < 10 * NS_PER_S for t_ns in sink.times)

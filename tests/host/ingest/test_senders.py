@@ -5,12 +5,13 @@ import random
 import tracemalloc
 from dataclasses import replace
 
-from faults.line import HELLO, Line, Node, S
+from faults.line import HELLO, Line, Node
 from hubodo.ingest.link.link import Chunk
 from hubodo.ingest.node.naming import free_name, unique_name
 from hubodo.ingest.node.questions import identification_request
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, SenderTable
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import FrameDecoder
 
 LABEL = "usb0"
@@ -140,7 +141,7 @@ def test_a_refusal_is_an_event_of_the_log_with_its_counts():
     line = Line(datagrams=True)
     for k in range(70):
         line.says(stranger(k).says_hello(), sender=f"evil {k}", seconds=0.001)
-    line.now += S
+    line.now += NS_PER_S
     line.recorder.tick(line.now)
     event = refusals(line)[0]
     assert isinstance(event, Event) and event.data["frames_refused"] >= 1 and event.source == LABEL

@@ -10,8 +10,8 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.mcap import read_recording
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
 RATE_HZ = 208.0
 
 
@@ -21,7 +21,9 @@ class StarvedComputer(VirtualComputer):
     def __init__(self, stretches):
         super().__init__()
         zero_ns = self.now_ns()
-        self._stretches = [(zero_ns + round(a * S), zero_ns + round(b * S)) for a, b in stretches]
+        self._stretches = [
+            (zero_ns + round(a * NS_PER_S), zero_ns + round(b * NS_PER_S)) for a, b in stretches
+        ]
 
     def put(self, item):
         super().put(replace(item, t_ns=self._awake(item.t_ns)))

@@ -5,14 +5,13 @@ import pytest
 from hubodo.cli import main
 from hubodo.ingest.live import computer
 from hubodo.ingest.live.host_clock import HostClock
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 @pytest.fixture
 def passing(monkeypatch):
     """Sets how far the clocks of the host have come, s; asleep: of which it was suspended."""
-    wall, monotonic = 1_700_000_000 * S, 5_000 * S
+    wall, monotonic = 1_700_000_000 * NS_PER_S, 5_000 * NS_PER_S
     now = {"wall": wall, "monotonic": monotonic}
     monkeypatch.setattr(computer.time, "time_ns", lambda: now["wall"])
     monkeypatch.setattr(computer.time, "monotonic_ns", lambda: now["monotonic"])
@@ -21,9 +20,9 @@ def passing(monkeypatch):
     now["boot"] = monotonic
 
     def go(seconds, step=0.0, asleep=0.0):
-        now["wall"] = wall + int((seconds + step) * S)
-        now["monotonic"] = monotonic + int((seconds - asleep) * S)
-        now["boot"] = monotonic + int(seconds * S)
+        now["wall"] = wall + int((seconds + step) * NS_PER_S)
+        now["monotonic"] = monotonic + int((seconds - asleep) * NS_PER_S)
+        now["boot"] = monotonic + int(seconds * NS_PER_S)
 
     return go
 
@@ -32,21 +31,21 @@ def test_a_step_of_the_wall_clock_is_not_seen(passing):
     clock = computer.steady_clock()
     start = clock()
     passing(3.0, step=60.0)
-    assert clock() - start == 3 * S
+    assert clock() - start == 3 * NS_PER_S
 
 
 def test_time_goes_on_while_the_computer_is_suspended(passing):
     clock = computer.steady_clock()
     start = clock()
     passing(603.0, asleep=600.0)
-    assert clock() - start == 603 * S
+    assert clock() - start == 603 * NS_PER_S
 
 
 def test_a_slowed_clock_is_slow_from_its_start_on(passing):
     clock = computer.steady_clock(2.0)
     start = clock()
     passing(3.0)
-    assert clock() - start == 3 * S // 2
+    assert clock() - start == 3 * NS_PER_S // 2
 
 
 def test_slowed_time_is_no_wall_clock_that_somebody_sets(passing):

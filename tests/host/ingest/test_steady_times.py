@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.ingest.node.steady_times import SteadyTimes
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
 PERIOD_NS = 2_403_846
-T0 = 1_700_000_000 * S
+T0 = 1_700_000_000 * NS_PER_S
 
 
 @dataclass
@@ -46,7 +46,7 @@ def test_a_correction_is_made_at_100_ppm_and_then_is_made():
         assert 0.9e-4 < np.abs(intervals - 1).max() <= 1.01e-4
         # 0.9 ms at 100 ppm: nine seconds.
         made = after - samples(10, 5000) - T0 == by
-        assert abs(np.argmax(made) * PERIOD_NS / S - 9.0) < 0.01 and made[np.argmax(made) :].all()
+        assert abs(np.argmax(made) * PERIOD_NS / NS_PER_S - 9.0) < 0.01 and made[np.argmax(made) :].all()
 
 
 def test_a_correction_that_two_nodes_cannot_wait_for_is_made_at_once():

@@ -13,8 +13,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.log.mcap import read_recording
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 def opened(computer, path, label):
@@ -30,9 +29,9 @@ def test_time_passes_while_somebody_waits_and_by_no_more_than_that():
     begin = computer.now_ns()
     time.sleep(0.01)
     assert computer.news(0.0) is None and computer.now_ns() == begin
-    assert computer.news(0.25) is None and computer.now_ns() == begin + S // 4
+    assert computer.news(0.25) is None and computer.now_ns() == begin + NS_PER_S // 4
     computer.put("news")
-    assert computer.news(9.0) == "news" and computer.now_ns() == begin + S // 4
+    assert computer.news(9.0) == "news" and computer.now_ns() == begin + NS_PER_S // 4
 
 
 def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending():
@@ -44,7 +43,7 @@ def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending()
     ):
         links = [opened(computer, talker.path, name) for talker, name in ((seldom, "s"), (often, "o"))]
         came = []
-        while computer.now_ns() < begin + S // 20:
+        while computer.now_ns() < begin + NS_PER_S // 20:
             came.append(computer.news(0.1))
         for link in links:
             link.stop()
@@ -61,9 +60,11 @@ def test_a_cable_that_is_pulled_and_put_back_is_told_at_its_times(tmp_path):
     with FakeNode(link=link, computer=computer) as node:
         opened(computer, link, "left")
         told = []
-        while computer.now_ns() < begin + S:
+        while computer.now_ns() < begin + NS_PER_S:
             item = computer.news(0.1)
-            told += [(type(item), (item.t_ns - begin) / S)] if isinstance(item, LinkUp | LinkLost) else []
+            told += (
+                [(type(item), (item.t_ns - begin) / NS_PER_S)] if isinstance(item, LinkUp | LinkLost) else []
+            )
     (lost, pulled), (up, back) = told
     assert (lost, up) == (LinkLost, LinkUp)
     assert 0.2 <= pulled < 0.22 and 0.4 <= back < 0.47

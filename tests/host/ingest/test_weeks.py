@@ -33,6 +33,7 @@ from hubodo.log.mcap import open_log, read_recording
 from hubodo.log.own_messages import own_bytes
 from hubodo.log.series import LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import NodeMount, Vehicle
 from hubowire import Frame, encode, encode_frame
 from hubowire.messages import ImuBatch
@@ -41,7 +42,6 @@ from waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]
 TROLLEY = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
-S = 1_000_000_000
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def pieces(tmp_path_factory):
     made = []
     for name, rules in (("cut", {"rotate_after": 5.0}), ("whole", {})):
         out, computer = tmp_path_factory.mktemp(name) / "drive.mcap", VirtualComputer()
-        computer._now_ns = 1_774_000_000 * S
+        computer._now_ns = 1_774_000_000 * NS_PER_S
         rows = [(0, 0, 3000 + k % 7, 0, 2048, 0) for k in range(64)]
         with (
             FakeNode(
@@ -315,7 +315,7 @@ def test_a_recorder_that_falls_far_behind_keeps_frames_raw_until_it_has_caught_u
     put = computer.put
 
     def put_late(item):
-        put(replace(item, t_ns=item.t_ns - int(late[0] * S)) if isinstance(item, Chunk) else item)
+        put(replace(item, t_ns=item.t_ns - int(late[0] * NS_PER_S)) if isinstance(item, Chunk) else item)
 
     computer.put = put_late
     Script(computer, (2.0, lambda: late.__setitem__(0, 30.0)), (4.0, lambda: late.__setitem__(0, 0.0)))
@@ -343,11 +343,11 @@ class Silent:
 
 def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
     with pytest.raises(Exception, match="left on the disk"):
-        LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: S)
-    series = LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: S, wait=True)
+        LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: NS_PER_S)
+    series = LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: NS_PER_S, wait=True)
     assert not series.recording
     series.rules = replace(series.rules, reserve=0)
-    series.tick(2 * S)
+    series.tick(2 * NS_PER_S)
     assert series.recording
     assert series.path == tmp_path / "a.mcap"
     series.finish()

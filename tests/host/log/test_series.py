@@ -17,9 +17,9 @@ from hubodo.log.recover import recover
 from hubodo.log.series import HELD_BYTES, LogSeries, SeriesRules
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-T0 = 1_774_000_000 * S
+T0 = 1_774_000_000 * NS_PER_S
 
 
 class Clock:
@@ -44,7 +44,7 @@ class Written:
 
     def run(self, seconds):
         for _ in range(round(seconds * 100)):
-            self.clock.now += S // 100
+            self.clock.now += NS_PER_S // 100
             payload = next(self.numbers).to_bytes(4, "little") + os.urandom(1000)
             self.log.raw("usb0", self.clock.now, payload)
             self.log.tick()
@@ -132,7 +132,7 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
     rules = SeriesRules(at=200_000, budget=800_000)
     earlier = Written(tmp_path / "drive.mcap", rules).run(4).close()
     behind = Written(tmp_path / "drive.mcap", rules)
-    behind.clock.now -= 365 * 86_400 * S
+    behind.clock.now -= 365 * 86_400 * NS_PER_S
     series = behind.run(30).close()
     left = [path for path in series.paths if path.exists()]
     assert len(left) >= 3
@@ -363,9 +363,11 @@ def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
 
 def test_an_event_told_again_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
     made = Written(tmp_path / "drive.mcap", SeriesRules())
-    made.log.event(Event(T0 - 3600 * S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + S)
+    made.log.event(
+        Event(T0 - 3600 * NS_PER_S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + NS_PER_S
+    )
     made.run(2).close()
     recording = read_recording(made.series.path)
-    assert recording.events[0].t_ns == T0 - 3600 * S
+    assert recording.events[0].t_ns == T0 - 3600 * NS_PER_S
     with open_log(made.series.path) as log:
-        assert log.found.chunks[0].start_ns > T0 - S
+        assert log.found.chunks[0].start_ns > T0 - NS_PER_S

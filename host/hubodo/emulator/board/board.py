@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hubodo.emulator.board.bus import I2cBus
-from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
+from hubodo.emulator.board.clock import FOREVER, BoardClock
 from hubodo.emulator.board.hypercall import EIO, ENODEV, Handler, Op, Reply
 from hubodo.emulator.board.lead import Lead
 from hubodo.emulator.board.link import HostLink, LineNoise
@@ -26,6 +26,7 @@ from hubodo.emulator.board.sockets import Network
 from hubodo.emulator.board.streams import Streams
 from hubodo.emulator.chips.faults import BrownOut, ScriptedFault, Unplug
 from hubodo.emulator.chips.registers import RegisterChip
+from hubodo.units import NS_PER_S
 
 REPLUG_NS = 200_000_000
 BOOT_NS = 150_000_000
@@ -88,7 +89,7 @@ class VirtualBoard:
     @property
     def seconds(self) -> float:
         """True time since it was switched on, s."""
-        return self._clock.now() / NS
+        return self._clock.now() / NS_PER_S
 
     def reset(self, why: Why) -> None:
         """Restart the processor: USB goes away and comes back."""
@@ -226,7 +227,7 @@ class VirtualBoard:
             if not isinstance(fault, Unplug):
                 self.reset("brown-out" if isinstance(fault, BrownOut) else "reset pin")
                 return True
-            self.unplug(fault.seconds * NS)
+            self.unplug(fault.seconds * NS_PER_S)
         if t >= schedule.watchdog_at:
             self.reset("watchdog")
             return True

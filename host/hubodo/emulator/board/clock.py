@@ -6,7 +6,6 @@ import time
 
 from hubodo.emulator.board.settings import Clock
 
-NS = 1_000_000_000
 FOREVER = float("inf")
 _WAIT_STEP_NS = 20_000_000
 

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hubodo.emulator.board.bus import I2cBus, Pins
-from hubodo.emulator.board.clock import NS
 from hubodo.emulator.board.hypercall import Handler, Op, Reply
 from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
+from hubodo.units import NS_PER_S
 
 RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
 FLOATING_V = 0.4
@@ -81,16 +81,16 @@ class Peripherals:
     def _i2c_read(self, a: int, payload: bytes, t: float) -> Reply:
         address, size, register, n = struct.unpack("<BBHH", payload)
         status, data, end = self._bus.read_mem(t * 1e-9, address, register.to_bytes(size, "big"), n)
-        return Reply(end * NS, status, data)
+        return Reply(end * NS_PER_S, status, data)
 
     def _i2c_write(self, a: int, payload: bytes, t: float) -> Reply:
         address, size, register = struct.unpack_from("<BBH", payload)
         status, end = self._bus.write(t * 1e-9, address, register.to_bytes(size, "big") + payload[4:])
-        return Reply(end * NS, status)
+        return Reply(end * NS_PER_S, status)
 
     def _i2c_scan(self, a: int, payload: bytes, t: float) -> Reply:
         found, end = self._bus.scan(t * 1e-9)
-        return Reply(end * NS, len(found), found)
+        return Reply(end * NS_PER_S, len(found), found)
 
     def _i2c_start(self, a: int, payload: bytes, t: float) -> Reply:
         return Reply(t, self._bus.start(t * 1e-9, payload[0], payload[2:]))

@@ -6,13 +6,14 @@ import os
 import select
 from typing import NamedTuple, NoReturn
 
-from hubodo.emulator.board.clock import NS, BoardClock
+from hubodo.emulator.board.clock import BoardClock
 from hubodo.emulator.board.hypercall import FLAG_OVER, REQUEST, RESPONSE, op_codes
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.reset_registers import ResetRegisters, Why
 from hubodo.emulator.board.settings import BoardSettings, Flash
 from hubodo.emulator.interpreters.interpreter import Interpreter, InterpreterDied, start
 from hubodo.emulator.interpreters.rp2040.pico import Pico
+from hubodo.units import NS_PER_S
 
 USB_FRAME_NS = 1_000_000
 STEPPED_REFRESH_NS = 4_000_000
@@ -185,6 +186,6 @@ class Processor:
         status = interpreter.close()
         self._interpreter = None
         raise InterpreterDied(
-            f"{self._settings.interpreter} ended with status {status} at {self._clock.now() / NS:.3f} s: "
-            f"{words or 'no message'}"
+            f"{self._settings.interpreter} ended with status {status} "
+            f"at {self._clock.now() / NS_PER_S:.3f} s: {words or 'no message'}"
         )

@@ -5,9 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from hubodo.emulator.board.clock import FOREVER, NS
+from hubodo.emulator.board.clock import FOREVER
 from hubodo.emulator.board.hypercall import Handler, Op, Reply
 from hubodo.emulator.chips.faults import BrownOut, Reset, ScriptedFault, Stall, Unplug
+from hubodo.units import NS_PER_S
 
 
 class Schedule:
@@ -19,7 +20,7 @@ class Schedule:
     """
 
     def __init__(self, faults: Sequence[ScriptedFault], run_for: float | None) -> None:
-        self.end = FOREVER if run_for is None else run_for * NS
+        self.end = FOREVER if run_for is None else run_for * NS_PER_S
         self.plug_at = FOREVER
         self.watchdog_at = FOREVER
         self._watchdog_timeout = 0.0
@@ -31,25 +32,25 @@ class Schedule:
     @property
     def next(self) -> float:
         """When the next of all this is due."""
-        scripted = self._script[0].t * NS if self._script else FOREVER
+        scripted = self._script[0].t * NS_PER_S if self._script else FOREVER
         return min(self.watchdog_at, self.plug_at, self.end, scripted)
 
     @property
     def quiet(self) -> float:
         """When the next of all this is due, stalls with it."""
-        return min(self.next, self._stalls[0].t * NS if self._stalls else FOREVER)
+        return min(self.next, self._stalls[0].t * NS_PER_S if self._stalls else FOREVER)
 
     def due(self, t: float) -> ScriptedFault | None:
         """The next scripted fault that is due at t: a reset, a brown-out or a cable that is pulled."""
-        if self._script and self._script[0].t * NS <= t:
+        if self._script and self._script[0].t * NS_PER_S <= t:
             return self._script.pop(0)
         return None
 
     def stall(self, t: float) -> tuple[int, float]:
         """How many stalls begin in a call that is over at t, and when it is over with them."""
         count = 0
-        while self._stalls and self._stalls[0].t * NS <= t:
-            t += self._stalls.pop(0).seconds * NS
+        while self._stalls and self._stalls[0].t * NS_PER_S <= t:
+            t += self._stalls.pop(0).seconds * NS_PER_S
             count += 1
         return count, t
 

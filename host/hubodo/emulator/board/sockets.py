@@ -7,7 +7,7 @@ import socket
 import struct
 from collections import Counter
 
-from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
+from hubodo.emulator.board.clock import FOREVER, BoardClock
 from hubodo.emulator.board.hypercall import (
     EAGAIN,
     EHOSTUNREACH,
@@ -20,6 +20,7 @@ from hubodo.emulator.board.hypercall import (
 )
 from hubodo.emulator.board.models import BoardModel
 from hubodo.emulator.board.network import MULTICAST, NAME_SERVER, Air, WlanStation
+from hubodo.units import NS_PER_S
 
 JOIN_NS = 50_000_000
 """What the radio's commands of a join hold the processor up: assumed, dearer than on either port."""
@@ -65,7 +66,7 @@ class Network:
         )
 
     def _wlan(self, a: int, payload: bytes, t: float) -> Reply:
-        station, seconds = self.station, t / NS
+        station, seconds = self.station, t / NS_PER_S
         status = 0
         if a < 2:
             station.activate(a == 1, seconds)
@@ -97,10 +98,10 @@ class Network:
 
     def _send(self, a: int, payload: bytes, t: float) -> Reply:
         host, (port,) = socket.inet_ntoa(payload[:4]), struct.unpack_from("<H", payload, 4)
-        if not self.station.up(t / NS):
+        if not self.station.up(t / NS_PER_S):
             return Reply(t, -EHOSTUNREACH)
         if (host, port) in (NAME_SERVER, MULTICAST):
-            reply = self._air.reply(t / NS, payload[6:])
+            reply = self._air.reply(t / NS_PER_S, payload[6:])
             if reply is not None:
                 self._mail.setdefault(a, []).append(((host, port), reply))
             return Reply(t, len(payload) - 6)

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from hubodo.emulator.board.byte_stream import ByteStream
-from hubodo.emulator.board.clock import FOREVER, NS, BoardClock
+from hubodo.emulator.board.clock import FOREVER, BoardClock
 from hubodo.emulator.board.hypercall import (
     COUNT_MASK,
     COUNT_ROOM,
@@ -26,6 +26,7 @@ from hubodo.emulator.board.hypercall import (
 from hubodo.emulator.board.link import TX_FIFO, HostLink, LineNoise, MemoryLink, PtyLink
 from hubodo.emulator.board.models import BoardModel
 from hubodo.emulator.board.settings import BoardSettings
+from hubodo.units import NS_PER_S
 
 CTRL_C = 3
 WRITE_TIMEOUT_NS = 500_000_000
@@ -204,7 +205,7 @@ class Streams:
         port = self._ports[self._link_port]
         if not isinstance(self.link, MemoryLink) or port.to_send or port.on_wire:
             return 0.0
-        return self.link.next_word * NS
+        return self.link.next_word * NS_PER_S
 
     # ---- ctrl-C ----
 

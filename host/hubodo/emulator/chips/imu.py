@@ -7,15 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.registers import Register, RegisterChip
 from hubodo.emulator.chips.sampling import ChipClock, Raw, Truth, quantise
 from hubodo.emulator.motion import Motion
-
-Array = NDArray[np.float64]
 
 Disturbance = Callable[[Array, Array, Array, np.random.Generator], tuple[Array, Array]]
 """(t (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s^2, rng) to the gyro and accel that get quantised.

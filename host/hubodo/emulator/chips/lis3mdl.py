@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from hubodo.emulator.chips.imu import Array, Specimen
+from hubodo.arrays import Array
+from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.registers import Register, RegisterChip
 from hubodo.emulator.chips.sampling import ChipClock, Measure, Raw, Truth, quantise
 from hubodo.emulator.motion import Motion

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hubodo.emulator.chips.imu import Array, Imu, Specimen, dps_lsb, g_lsb
+from hubodo.arrays import Array
+from hubodo.emulator.chips.imu import Imu, Specimen, dps_lsb, g_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import Raw, quantise
 from hubodo.emulator.motion import Motion

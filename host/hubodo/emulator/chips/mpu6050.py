@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from hubodo.emulator.chips.imu import Array, Imu, Specimen, dps_lsb, g_lsb
+from hubodo.arrays import Array
+from hubodo.emulator.chips.imu import Imu, Specimen, dps_lsb, g_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import Raw, quantise
 from hubodo.emulator.motion import Motion

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.emulator.chips.faults import MissedSamples, OdrStep, ScriptedFault
 
-Array = NDArray[np.float64]
 Raw = NDArray[np.int16]
 Measure = Callable[[Array], Raw]
 

@@ -13,15 +13,15 @@ from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, Route, SenderTable
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import Damage, FrameDecoder
 
-S = 1_000_000_000
 DAMAGED = "/damaged"
 """Behind a link's name in the log: pieces between delimiters that are no frame."""
 
-_FOREIGN_NS = 3 * S
-_SILENT_NS = 5 * S
-_DAMAGE_EVERY_NS = 10 * S
+_FOREIGN_NS = 3 * NS_PER_S
+_SILENT_NS = 5 * NS_PER_S
+_DAMAGE_EVERY_NS = 10 * NS_PER_S
 _SAMPLE_BYTES = 512
 _DAMAGED_BYTES_S = 200_000
 _OWN_TOPICS = 15  # of the first senders of a datagram port; the others share one until they are identified
@@ -196,7 +196,7 @@ class LinkSession:
         return (now_ns if known else self._heard_ns) - self._strange_since > _FOREIGN_NS
 
     def _keep_damaged(self, place: str, t_ns: int, piece: bytes) -> None:
-        if t_ns - self._room_since >= S:
+        if t_ns - self._room_since >= NS_PER_S:
             self._room, self._room_since = _DAMAGED_BYTES_S, t_ns
         if len(piece) > self._room:
             self.unlogged += len(piece)

@@ -16,13 +16,13 @@ from types import FrameType
 from typing import Protocol
 
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
 HANG_S = 2.0
 _CHECKS_PER_HANG = 20
 """A computer that stalls stalls the checks as well, so that it is not mistaken for a part that hangs."""
-_REPORT_PERIOD_NS = 10 * S
-_MIN_PAUSE_NS, _MAX_PAUSE_NS = S, 60 * S
+_REPORT_PERIOD_NS = 10 * NS_PER_S
+_MIN_PAUSE_NS, _MAX_PAUSE_NS = NS_PER_S, 60 * NS_PER_S
 _MAX_CAUSE_BYTES = 256
 _INTERRUPT = int(getattr(signal, "SIGRTMIN", 0) or getattr(signal, "SIGUSR2", 0))
 """Interrupts the main thread; 0 on Windows, where only the threads of outputs are watched."""
@@ -216,7 +216,7 @@ def _report(part: _Part, now_ns: int) -> Event:
     if part.faults > 1:
         text += f"; {new} faults since the last report, {part.faults} in all"
     if part.pause_ns:
-        text += f"; tried again in {part.pause_ns / S:.0f} s"
+        text += f"; tried again in {part.pause_ns / NS_PER_S:.0f} s"
     data = {
         "part": part.name,
         "new": new,

@@ -12,8 +12,6 @@ from hubodo.ingest.link.link import PortLink
 from hubodo.ingest.link.ports import Lister, PortName
 from hubodo.ingest.live.host_clock import ClockState, clock_state
 
-S = 1_000_000_000
-
 
 class Link(Protocol):
     """One port; what it does is told to the computer as `LinkNews`."""

@@ -29,9 +29,8 @@ from hubodo.ingest.node.naming import unique_name
 from hubodo.ingest.stopping import stop_on_signals
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
-
-S = 1_000_000_000
 
 
 def record(
@@ -62,7 +61,7 @@ def record(
     with ExitStack() as stack:
         stack.callback(stop_links, links)
         _open_all({} if config.wait else links)
-        now_ns, zero = computer.now_ns, computer.now_ns() // S * S
+        now_ns, zero = computer.now_ns, computer.now_ns() // NS_PER_S * NS_PER_S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_nothing_left(series))
         log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}, vehicle))

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Protocol
 
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-EARLIEST_PLAUSIBLE_NS = 1_704_067_200 * S  # 2024-01-01; this software is younger
-STEP_NS = S // 10  # NTP corrects less than that little by little
-STANDSTILL_NS = 5 * S  # the longest turn of the loop on a busy computer is shorter
-_PERIOD_NS = S // 2
-_READ_TOGETHER_NS = S // 100  # between the two readings of a pair, else the process was interrupted
+EARLIEST_PLAUSIBLE_NS = 1_704_067_200 * NS_PER_S  # 2024-01-01; this software is younger
+STEP_NS = NS_PER_S // 10  # NTP corrects less than that little by little
+STANDSTILL_NS = 5 * NS_PER_S  # the longest turn of the loop on a busy computer is shorter
+_PERIOD_NS = NS_PER_S // 2
+_READ_TOGETHER_NS = NS_PER_S // 100  # between the two readings of a pair, else the process was interrupted
 _TIMESYNC = Path("/run/systemd/timesync")
 
 
@@ -67,7 +67,7 @@ class HostClock:
         correction_ns = self._offset_ns - self._began_ns
         if self._state == ClockState.UNKNOWN and not correction_ns:
             return {}
-        return {"state": self._state.value, "utc_minus_log_s": f"{correction_ns / S:.3f}"}
+        return {"state": self._state.value, "utc_minus_log_s": f"{correction_ns / NS_PER_S:.3f}"}
 
     def tick(self, now_ns: int) -> Iterator[Event]:
         """Yield what has happened since the last call; to be called in each turn of the loop."""
@@ -93,7 +93,7 @@ class HostClock:
         return wall_ns - before_ns if after_ns - before_ns < _READ_TOGETHER_NS else None
 
     def _standstill(self, begin_ns: int, end_ns: int) -> Event:
-        seconds = (end_ns - begin_ns) / S
+        seconds = (end_ns - begin_ns) / NS_PER_S
         text = (
             f"the recorder did not run for {seconds:.1f} s: the computer was suspended, or the process "
             "stopped; what nodes sent meanwhile may be lost: see the gaps"
@@ -101,7 +101,7 @@ class HostClock:
         return Event(end_ns, "clock", "computer", text, {"standstill_s": seconds, "begin_ns": begin_ns})
 
     def _step(self, now_ns: int, step_ns: int) -> Event:
-        step, correction = step_ns / S, (self._offset_ns - self._began_ns) / S
+        step, correction = step_ns / NS_PER_S, (self._offset_ns - self._began_ns) / NS_PER_S
         direction, sign = "forward" if step > 0 else "back", "+" if correction >= 0 else "-"
         text = (
             f"the computer's clock was set {direction} by {abs(step):.3f} s; this log goes on without a "
@@ -110,7 +110,7 @@ class HostClock:
         return Event(now_ns, "clock", "computer", text, {"step_s": step, "utc_minus_log_s": correction})
 
     def _state_event(self, now_ns: int) -> Event:
-        shown = datetime.fromtimestamp(self._computer.wall_ns() / S, UTC).strftime("%Y-%m-%d %H:%M")
+        shown = datetime.fromtimestamp(self._computer.wall_ns() / NS_PER_S, UTC).strftime("%Y-%m-%d %H:%M")
         text = {
             ClockState.UNSET: f"the computer's clock is not set, it shows {shown}: times and names of logs "
             "are not UTC; set it, or wait for NTP",

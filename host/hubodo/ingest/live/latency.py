@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
+
 _BIN_NS = 20_000
 _BINS = 5000
 
@@ -26,12 +27,12 @@ class Latency:
     @property
     def mean(self) -> float | None:
         """s; None before the first one."""
-        return self._total_ns / self.count / S if self.count else None
+        return self._total_ns / self.count / NS_PER_S if self.count else None
 
     @property
     def worst(self) -> float | None:
         """s; None before the first one."""
-        return self._worst_ns / S if self.count else None
+        return self._worst_ns / NS_PER_S if self.count else None
 
     def quantile(self, share: float) -> float | None:
         """s below which that share of the durations lies, to 20 us and never below the truth.
@@ -43,7 +44,7 @@ class Latency:
             seen += number
             if self.count and seen >= share * self.count:
                 # The last bin has no upper end but the worst.
-                return min((place + 1) * _BIN_NS, self._worst_ns) / S if place < _BINS else self.worst
+                return min((place + 1) * _BIN_NS, self._worst_ns) / NS_PER_S if place < _BINS else self.worst
         return None
 
     def as_json(self) -> dict[str, float | None]:

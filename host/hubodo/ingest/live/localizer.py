@@ -24,8 +24,8 @@ from hubodo.fuse.wheel.track import collect
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
 from hubodo.log.timebase import to_seconds
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
 _STEP = 1.0
 """m ahead of the vehicle at which a second point shows its heading in another frame."""
 
@@ -125,7 +125,7 @@ class Localizer:
         turn = heading - pose.heading
         moved = cmath.exp(1j * turn) * complex(pose.x, pose.y)
         return Located(
-            np.array([self._t_zero_ns + round(pose.t * S)], np.int64),
+            np.array([self._t_zero_ns + round(pose.t * NS_PER_S)], np.int64),
             np.array([[x, y]]),
             np.array([heading]),
             np.array([pose.speed]),

@@ -22,13 +22,13 @@ from hubodo.ingest.live.snapshot import Watched
 from hubodo.ingest.live.view import View
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-_TICK_NS = S // 50
+_TICK_NS = NS_PER_S // 50
 _BATCH = 256
 _DECODE_S = 0.6
 """How long what waits at the end is still decoded; together with ports, graph and disk two seconds."""
-_FAR_NS, _NEAR_NS = 10 * S, S
+_FAR_NS, _NEAR_NS = 10 * NS_PER_S, NS_PER_S
 """What has waited so long is not decoded, which bounds the backlog, until what comes is near again."""
 _JOIN_S = 0.4
 _GRAPH_S = 0.3
@@ -50,7 +50,7 @@ class _Backlog:
         late_ns = 0 if isinstance(item, Answer) else self.now_ns - item.t_ns
         if late_ns > (_NEAR_NS if self._behind else _FAR_NS):
             if not self._behind:
-                self._recorder.warn("recorder", f"{late_ns / S:.0f} s behind; {_UNREAD}")
+                self._recorder.warn("recorder", f"{late_ns / NS_PER_S:.0f} s behind; {_UNREAD}")
             self._behind = True
             self._recorder.keep(item)
             return
@@ -95,11 +95,11 @@ class Loop:
         return verdict, took
 
     def _turn_until_the_end(self, duration: float | None, judged: bool) -> Verdict:
-        end_ns = None if duration is None else self.computer.now_ns() + int(duration * S)
+        end_ns = None if duration is None else self.computer.now_ns() + int(duration * NS_PER_S)
         next_tick = 0
         backlog, host_clock = _Backlog(self.recorder), HostClock(self.computer)
         while not self.stopping.is_set():
-            wait = _TICK_NS / S
+            wait = _TICK_NS / NS_PER_S
             for _ in range(_BATCH):
                 item = self.computer.news(wait)
                 if item is None:
@@ -165,7 +165,7 @@ class Loop:
         for label, link in self.links.items():
             run(f"link {label}", link.stop, max(join_until - self.clock(), 0.0))
         self._handle_rest(hurry)
-        duration = (self.computer.now_ns() - start_ns) / S
+        duration = (self.computer.now_ns() - start_ns) / NS_PER_S
         self.recorder.close()
         if self.localizer is not None and not (
             self.localizer.close(_GRAPH_S) if hurry else self.localizer.close()

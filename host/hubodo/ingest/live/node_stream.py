@@ -11,19 +11,18 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hubodo.arrays import Array
 from hubodo.errors import HubodoError, InputError, LinkError
 from hubodo.ingest.link.link import LinkNews
 from hubodo.ingest.link.ports import list_devices, parse_port, trusted
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.writer import McapLog
+from hubodo.units import NS_PER_S
 from hubowire.budget import UART_BAUD
 
-Array = NDArray[np.float64]
-
-S = 1_000_000_000
 _TICK_S = 0.02
 _SILENCE_S = 8.0
 """A node that has said nothing for so long says nothing any more; a start with its clock takes two."""
@@ -88,7 +87,7 @@ class NodeStream:
         self.node = node
         self._say = say
         self._computer = computer or ThisComputer()
-        self._zero_ns = self._computer.now_ns() // S * S
+        self._zero_ns = self._computer.now_ns() // NS_PER_S * NS_PER_S
         name = trusted(parse_port(port), None, insecure=False)
         self._label = name.label
         self._link = self._computer.link(name, name.label, baud, list_devices)

@@ -29,12 +29,12 @@ from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.window import WINDOW
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
+from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle, facing_sign
 
 Vector = tuple[float, float, float]
 
-S = 1_000_000_000
-PATIENCE_NS = 3 * S
+PATIENCE_NS = 3 * NS_PER_S
 """How long after the first samples of one wheel the other is waited for."""
 
 _JUDGED_AFTER = 10.0
@@ -120,7 +120,7 @@ class Odometer:
         }
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
-        self._step_ns = 0 if rate_hz is None else round(S / rate_hz)
+        self._step_ns = 0 if rate_hz is None else round(NS_PER_S / rate_hz)
         self._waiting: deque[Block] = deque()
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
@@ -224,8 +224,8 @@ class Odometer:
             return []
         self._looked = windows
         lines = [
-            f"{name}: first heard more than {PATIENCE_NS // S} s after the other wheel; it takes no part in "
-            "the odometry"
+            f"{name}: first heard more than {PATIENCE_NS // NS_PER_S} s after the other wheel; "
+            "it takes no part in the odometry"
             for name in sorted(self._late)
         ]
         new = []
@@ -261,7 +261,7 @@ class Odometer:
         if correction is not None:
             first_ns = self._first_ns.setdefault(block.node, int(block.t_ns[0]))
             since_ns = first_ns if block.power_on_ns is None else block.power_on_ns
-            age: Array = (block.t_ns - since_ns) / S
+            age: Array = (block.t_ns - since_ns) / NS_PER_S
             gyro, accel = correction.apply(
                 gyro, accel, age=age, temperature=block.temperature, supply=block.supply
             )
@@ -286,7 +286,7 @@ class Odometer:
             if state is None or state.t > t:
                 continue
             # While no wheel angle is known the state stays at the end of the last window.
-            state_ns = t_ns - round((t - state.t) * S)
+            state_ns = t_ns - round((t - state.t) * NS_PER_S)
             if self._last_ns is not None and state_ns - self._last_ns < apart_ns:
                 continue
             self._last_ns = state_ns

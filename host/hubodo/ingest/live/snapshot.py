@@ -20,8 +20,7 @@ from hubodo.ingest.node.session import NodeSession
 from hubodo.log.series import LogSeries
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
-
-S = 1_000_000_000
+from hubodo.units import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +141,7 @@ class Snapshot:
     @property
     def seconds(self) -> float:
         """Since the start, s."""
-        return (self.t_ns - self.started_ns) / S
+        return (self.t_ns - self.started_ns) / NS_PER_S
 
 
 Watch = Callable[[Snapshot], Iterable[Event] | None]
@@ -194,7 +193,7 @@ class Watched:
         if now_ns < self._next_ns or not self._watch:
             return
         self._started_ns = self._started_ns or now_ns
-        self._next_ns = now_ns + S
+        self._next_ns = now_ns + NS_PER_S
         run("status", self._show, now_ns)
 
     def _show(self, now_ns: int) -> None:
@@ -264,15 +263,15 @@ def _node(node: NodeSession, now_ns: int) -> NodeNow:
         node.link,
         node.node_id,
         node.rate(now_ns),
-        (now_ns - node.last_frame_ns) / S,
+        (now_ns - node.last_frame_ns) / NS_PER_S,
         counts.frames,
         counts.frames_lost,
         counts.samples,
         counts.samples_lost,
         counts.restarts,
-        clock.offset_ns / S,
+        clock.offset_ns / NS_PER_S,
         clock.drift,
-        clock.sigma_ns / S if clock.source != "none" else None,
+        clock.sigma_ns / NS_PER_S if clock.source != "none" else None,
         newest.temperature if newest is not None else None,
         health.battery_mv / 1000 if health is not None and health.battery_mv else None,
         node.filter.bias if node.filter is not None else None,

@@ -18,9 +18,9 @@ from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.recording import Event
 from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-_LINE_NS = 10 * S
+_LINE_NS = 10 * NS_PER_S
 _TROUBLE = (
     *("clock", "damage", "disconnected", "fault", "foreign", "full", "gap_seen"),
     *("mismatch", "silent", "warning"),
@@ -175,6 +175,6 @@ class JsonView:
 
 def json_line(t_ns: int, level: str, event: str, text: str, fields: dict[str, Any]) -> str:
     """One object of a log for programs; t_ns: since 1970."""
-    when = datetime.fromtimestamp(t_ns // S, UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    whole = {"time": f"{when}.{t_ns % S // 1000:06d}Z", "level": level, "event": event, "text": text}
+    when = datetime.fromtimestamp(t_ns // NS_PER_S, UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    whole = {"time": f"{when}.{t_ns % NS_PER_S // 1000:06d}Z", "level": level, "event": event, "text": text}
     return json_text({**whole, "fields": fields}, ascii_only=False)

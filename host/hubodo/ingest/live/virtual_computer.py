@@ -18,10 +18,10 @@ from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.link.ports import Finder, Lister, PortName
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.live.host_clock import ClockState
+from hubodo.units import NS_PER_S
 
-S = 1_000_000_000
-_STEP_NS = S // 100
-_RETRY_NS = S // 20
+_STEP_NS = NS_PER_S // 100
+_RETRY_NS = NS_PER_S // 20
 _KERNEL_S = 20.0
 """For what has been written on one side of a terminal to be readable on the other."""
 
@@ -99,7 +99,7 @@ class VirtualComputer:
 
     def news(self, seconds: float) -> Any:
         """See `Computer`; no time passes while there are some."""
-        end_ns = self._now_ns + int(seconds * S)
+        end_ns = self._now_ns + int(seconds * NS_PER_S)
         while not self._news and self._now_ns < end_ns:
             self._step(min(self._now_ns + _STEP_NS, end_ns))
         return self._news.popleft() if self._news else None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-S = 1_000_000_000
-_BURST, _BURST_NS = 8, S // 50
+from hubodo.units import NS_PER_S
+
+_BURST, _BURST_NS = 8, NS_PER_S // 50
 _OUTSTANDING = 32
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from hubodo.ingest.node.clock import PERIOD_US, ClockEstimate
 from hubodo.ingest.node.health import health_data
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire.messages import Health
-
-_S = 1_000_000_000
 
 
 def switched_on(node: str, boot_id: int, power_on_ns: int, t_ns: int) -> Event:
     """A node's first sample after a start, at t_ns, with the time since power-on as its ticks tell it."""
-    age = (t_ns - power_on_ns) / _S
+    age = (t_ns - power_on_ns) / NS_PER_S
     data = {
         "node": node,
         "boot_id": boot_id,

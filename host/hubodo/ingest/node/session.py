@@ -36,6 +36,7 @@ from hubodo.ingest.node.samples import (
 from hubodo.ingest.node.steady_times import SteadyTimes
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
+from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, node_name
 from hubowire.messages import (
     GetHello,
@@ -48,11 +49,10 @@ from hubowire.messages import (
     wire_fields,
 )
 
-S = 1_000_000_000
-_CLOCK_WAIT_NS = S // 2  # how long samples are held back for the first answers of the clock
+_CLOCK_WAIT_NS = NS_PER_S // 2  # how long samples are held back for the first answers of the clock
 _CLOCK_ANSWERS = 6  # the first alone may have come late, by as much as a busy host was held up
-_HELLO_EVERY_NS = S // 2
-_START_AFTER_NS = 2 * S
+_HELLO_EVERY_NS = NS_PER_S // 2
+_START_AFTER_NS = 2 * NS_PER_S
 _MOST_REQUESTS = 16
 
 Send = Callable[[bytes], bool]
@@ -112,7 +112,7 @@ class NodeSession:
         self._held_since = 0
         self._questions = Questions(node_id)
         self._requests: dict[tuple[int, int], str] = {}  # of a user, not answered yet
-        self._exchanges = Exchanges(node_id, int(clock_period * S))
+        self._exchanges = Exchanges(node_id, int(clock_period * NS_PER_S))
         self._next_hello = 0
         self._start_at: int | None = None
         self._muted = False
@@ -217,7 +217,7 @@ class NodeSession:
         counts = self.decoder.counts
         if not self.span_ns or self.span_ns[1] <= self.span_ns[0]:
             return None
-        return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / S)
+        return (counts.samples + counts.samples_lost - 1) / ((self.span_ns[1] - self.span_ns[0]) / NS_PER_S)
 
     def _ask(self, message: Message) -> None:
         self._send(self._questions.wire(message)[1])

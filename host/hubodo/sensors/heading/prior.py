@@ -9,15 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.effects.warmup import WarmupModel
 from hubodo.errors import InputError
 from hubodo.fuse.warm_heading import BiasNoise
-
-Array = NDArray[np.float64]
 
 _MAX_LEAN, _WARN_LEAN = math.radians(30.0), math.radians(3.0)
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.recording import Recording
 from hubodo.sensors.heading.track import HeadingTrack
 from hubodo.sensors.north.stops import TableMotion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Table
 from hubodo.sensors.imu.rests import Rests, find_rests
 from hubodo.sensors.north.stops import TableMotion, split_stops
 
-Array = NDArray[np.float64]
 Spans = tuple[tuple[int, int], ...]
 """First sample and one past the last of each standstill."""
 

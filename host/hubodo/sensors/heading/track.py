@@ -8,11 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
 from hubodo.sensors.heading.standstill import Spans
-
-Array = NDArray[np.float64]
 
 _GAP_STEPS = 5.0
 

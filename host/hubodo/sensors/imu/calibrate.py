@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
 from hubodo.earth import EARTH_RATE
@@ -20,8 +21,6 @@ from hubodo.sensors.imu.rests import Rests, find_rests, find_steady_rates
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, scalar_calibration
 from hubodo.sensors.imu.turns import TurnCalibration, calibrate_by_turns, collect_turns
 from hubodo.sensors.misalignment import align_by_earth_rate, turned
-
-Array = NDArray[np.float64]
 
 EARTH_RATE_SNR = 10.0
 """A rest must know Earth rate this much better than its size.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hubodo.arrays import Array
 
 PARAMETERS = (
     "bias x", "bias y", "bias z", "scale x", "scale y", "scale z", "xz - yz", "zy - xy", "yx - zx",

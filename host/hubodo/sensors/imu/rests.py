@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 WINDOW_S = 0.5
 """Length of the sliding window in which a sample must be quiet."""

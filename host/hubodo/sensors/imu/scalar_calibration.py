@@ -25,6 +25,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.pose_set import (
@@ -37,7 +38,6 @@ from hubodo.sensors.imu.pose_set import (
     posterior,
 )
 
-Array = NDArray[np.float64]
 Convention = Literal["symmetric", "x-first"]
 
 MAX_ITERATIONS = 50

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
 from hubodo.sensors.imu.pose_set import ANY_TRIAD, SEEN
 from hubodo.sensors.imu.quaternions import (
@@ -24,8 +25,6 @@ from hubodo.sensors.imu.quaternions import (
     rotate_back,
 )
 from hubodo.sensors.imu.rests import Rests
-
-Array = NDArray[np.float64]
 
 MIN_TURNS = 3
 MIN_ANGLE = 0.17

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.sensors.allan.deviation import allan_deviation
 from hubodo.sensors.north.drift import Drift, covariance
-
-Array = NDArray[np.float64]
 
 STOP_LENGTHS = (2.0, 3.0, 4.0, 6.0, 8.0, 11.0, 16.0, 20.0, 24.0, 34.0, 48.0, 68.0, 100.0, 150.0, 240.0)
 MAX_STOPS = 80

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hubodo.arrays import Array
 
 _SQUEEZED = 0.5
 """Of the time that its samples take: an interval whose stamps say less was stamped wrongly."""

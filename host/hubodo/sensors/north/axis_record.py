@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.recording import Table
 from hubodo.sensors.north.find_stops import find_motion
 from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning, vertical_earth
 from hubodo.sensors.north.stops import TableMotion
-
-Array = NDArray[np.float64]
-
 
 SPIKE = 20.0
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.averages import Averages, average
 from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.stops import TableMotion
-
-Array = NDArray[np.float64]
 
 PER_TURN = 16
 MIN_TURNS = 2.0

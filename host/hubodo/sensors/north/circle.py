@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.sensors.north.ml import UNSEEN, Posterior
-
-Array = NDArray[np.float64]
 
 
 def summarise(posterior: Posterior, near: float | None = None) -> tuple[float, float, tuple[float, ...]]:

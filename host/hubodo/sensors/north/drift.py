@@ -12,9 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from hubodo.arrays import Array
 
 RATIO = 3.0
 """Between time constants; the deviation from a straight 1/f is then below one per cent."""

@@ -6,15 +6,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.circle import wrap
 from hubodo.sensors.north.table import Turntable
 from hubodo.sensors.north.tally import Tally
-
-Array = NDArray[np.float64]
 
 FEWEST_STEPS = 4
 STOPS_A_STEP = 3

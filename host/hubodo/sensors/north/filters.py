@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.drift import Drift, covariance
 from hubodo.sensors.north.stops import Stops
 
-Array = NDArray[np.float64]
 Signs = NDArray[np.int64]
 
 LAGS = {"nearest": 1, "next_nearest": 3, "next_next_nearest": 5}

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError
 from hubodo.sensors.north.averages import Averages
@@ -25,7 +25,6 @@ from hubodo.sensors.north.ml import Posterior, azimuth_bound, estimate
 from hubodo.sensors.north.seen import Method, Seen, look, tolerance_of
 from hubodo.sensors.north.stops import Stops
 
-Array = NDArray[np.float64]
 MIN_HORIZONTAL = 0.05
 """Of Earth rate, at 2.9 degrees from the pole.
 

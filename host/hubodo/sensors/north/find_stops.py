@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.stops import TableMotion
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 LOOKS = ((0.2, np.radians(0.25)), (2.0, np.radians(0.04)))

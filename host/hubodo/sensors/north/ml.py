@@ -18,14 +18,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.drift import Drift
 from hubodo.sensors.north.whitening import BEND, RAMP, Ratios, Sufficient, pieces_of, sufficient
-
-Array = NDArray[np.float64]
 
 FLICKER_RATIOS = (0.0, 0.01, 0.04, 0.16, 0.64, 2.5, 10.0, 40.0, 160.0)
 """B² T / N² with T the mean interval: variance of flicker against that of white noise in one interval."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError
 from hubodo.sensors.north.stops import TableMotion
-
-Array = NDArray[np.float64]
 
 MAX_ELEVATION = np.radians(30)
 WARN_ELEVATION = np.radians(2)

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
+from hubodo.arrays import Array
 from hubodo.sensors.north.drift import covariance
 from hubodo.sensors.north.find import North
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

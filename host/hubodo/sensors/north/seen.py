@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.north.averages import Averages, average
 from hubodo.sensors.north.axis_record import AxisRecord
@@ -16,7 +16,6 @@ from hubodo.sensors.north.carousel import carousel_averages, per_turn
 from hubodo.sensors.north.filters import TOLERANCE, along, opposite_pairs
 from hubodo.sensors.north.stops import Stops, split_stops
 
-Array = NDArray[np.float64]
 Method = Literal["maytag", "maytag4", "carousel", "east"]
 METHODS: tuple[Method, ...] = ("maytag", "maytag4", "carousel", "east")
 

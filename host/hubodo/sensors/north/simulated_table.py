@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.north.find import horizontal_rate
 from hubodo.sensors.north.stops import TableMotion
-
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
-
-Array = NDArray[np.float64]
 
 MIN_CUT_S = 0.2
 """Cut at both ends of each stop at least: clocks of table and node agree no better without more effort."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.sensors.north.averages import Averages, average
 from hubodo.sensors.north.circle import summarise
 from hubodo.sensors.north.ml import estimate
-
-Array = NDArray[np.float64]
 
 PARTS = 4
 FEWEST = 4

@@ -9,14 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
-from numpy.typing import NDArray
 from scipy.linalg import cholesky
 from scipy.linalg.lapack import dtrtri
 
+from hubodo.arrays import Array
 from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.drift import flicker, quantization, random_walk
-
-Array = NDArray[np.float64]
 
 PIECE = 300
 """Intervals solved together; longer records are cut into pieces with a bias and a ramp each.
