@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 EXIT_OK, EXIT_FAILED, EXIT_INTERRUPTED = 0, 1, 130
-_REFUSALS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
+_REFUSED_INPUT_ERRORS = (InputError, ConfigError, LogError, CalibrationError, WireMismatch)
 
 
 class Result(Protocol):
@@ -39,12 +39,12 @@ class Result(Protocol):
     def render(self, console: Console) -> None: ...
 
 
-def _failed(result: Result | None) -> bool:
+def _reports_failure(result: Result | None) -> bool:
     """Whether a result that was reached in good order says that something is wrong."""
     return bool(getattr(result, "failed", False))
 
 
-def _spelled(word: str) -> str:
+def _normalise_option(word: str) -> str:
     """An option as the parsers know it: `--latitude_deg` is `--latitude-deg`. Other words stay."""
     option, equals, value = word.partition("=")
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
@@ -93,42 +93,44 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         complete(build_parser(typed_words()))
     try:
-        words = [_spelled(word) for word in (sys.argv[1:] if argv is None else argv)]
+        words = [_normalise_option(word) for word in (sys.argv[1:] if argv is None else argv)]
         with one_line_on_ctrl_c():
             args = build_parser(words).parse_args(words)
     except UsageError as error:
-        _print_error(error.text, error.text, EXIT_REFUSED, as_json=_asks_for_json_log(words))
+        _print_error(error.text, error.text, EXIT_REFUSED, as_json=_wants_json_log(words))
         return EXIT_REFUSED
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
         with memory_limit(getattr(args, "max_memory", None)):
             result: Result | None = args.run(args)
-        code = EXIT_FAILED if _failed(result) else EXIT_OK
+        code = EXIT_FAILED if _reports_failure(result) else EXIT_OK
         if result is not None:
             with exit_when_unread(getattr(result, "OUTPUT_DEADLINE", None), code):
-                _show_unless_closed(result, as_json=args.json)
+                _print_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
         # The reader of our output (head, less) is gone: nobody is left to tell.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
-    except _REFUSALS as error:
-        return _fail(args, str(error), EXIT_REFUSED)
+    except _REFUSED_INPUT_ERRORS as error:
+        return _report_error(args, str(error), EXIT_REFUSED)
     except HubodoError as error:
-        return _fail(args, str(error), EXIT_FAILED)
+        return _report_error(args, str(error), EXIT_FAILED)
     except KeyboardInterrupt as stop:
         text = str(stop) or "nothing more was written"
-        return _fail(args, f"interrupted; {text}", EXIT_INTERRUPTED)
+        return _report_error(args, f"interrupted; {text}", EXIT_INTERRUPTED)
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        return _fail(args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED)
+        return _report_error(
+            args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED
+        )
     except MemoryError:
         text = "not enough memory for all of it; give a part, or close other programs"
-        return _fail(args, text, EXIT_FAILED)
+        return _report_error(args, text, EXIT_FAILED)
     except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback for users
         text = f"{type(error).__name__}: {error}; this is a defect of hubodo, please report it with --debug"
-        return _fail(args, text, EXIT_FAILED)
+        return _report_error(args, text, EXIT_FAILED)
 
 
 def _prepare_standard_streams() -> None:
@@ -147,10 +149,10 @@ def _prepare_standard_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def _show_unless_closed(result: Result, *, as_json: bool) -> None:
+def _print_unless_closed(result: Result, *, as_json: bool) -> None:
     """Show a result; where the terminal has been closed meanwhile, nobody is left to see it."""
     try:
-        _show(result, as_json=as_json)
+        _print_result(result, as_json=as_json)
     except OSError as error:
         fd = sys.stdout.fileno()
         if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(fd).st_mode):
@@ -159,7 +161,7 @@ def _show_unless_closed(result: Result, *, as_json: bool) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
 
 
-def _show(result: Result, *, as_json: bool) -> None:
+def _print_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json_text(result.as_json()))
     else:
@@ -170,7 +172,7 @@ def _show(result: Result, *, as_json: bool) -> None:
     sys.stdout.flush()
 
 
-def _fail(args: argparse.Namespace, text: str, code: int) -> int:
+def _report_error(args: argparse.Namespace, text: str, code: int) -> int:
     line = printable(" ".join(text.split()))
     as_json = getattr(args, "log_format", None) == "json"
     if args.debug and not as_json:
@@ -191,7 +193,7 @@ def _print_error(
     print(text, file=sys.stderr)
 
 
-def _asks_for_json_log(words: Sequence[str]) -> bool:
+def _wants_json_log(words: Sequence[str]) -> bool:
     """Return True where a command line that could not be parsed asks for a log of JSON lines."""
     return "--log-format=json" in words or ("--log-format", "json") in itertools.pairwise(words)
 

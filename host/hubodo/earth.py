@@ -9,6 +9,6 @@ EARTH_RATE = 7.2921159e-5
 """rad/s: a turn in a mean sidereal day of 86164.0905 s."""
 
 
-def rate_about_up(latitude_deg: float) -> float:
+def vertical_earth_rate(latitude_deg: float) -> float:
     """rad/s by which the ground turns about the vertical, anticlockwise seen from above."""
     return EARTH_RATE * math.sin(math.radians(latitude_deg))

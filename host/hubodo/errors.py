@@ -2,7 +2,7 @@
 
 from hubodo.safe_text import printable
 
-_LONGEST = 2000  # characters; a value of a file that is quoted may be longer than any reader wants
+_MAX_MESSAGE_LENGTH = 2000  # characters; a value of a file that is quoted may be longer than any reader wants
 
 
 class HubodoError(Exception):
@@ -10,7 +10,7 @@ class HubodoError(Exception):
 
     def __init__(self, message: str) -> None:
         line = " ".join(printable(message).split())
-        super().__init__(line if len(line) <= _LONGEST else f"{line[:_LONGEST]}...")
+        super().__init__(line if len(line) <= _MAX_MESSAGE_LENGTH else f"{line[:_MAX_MESSAGE_LENGTH]}...")
 
 
 class WireMismatch(HubodoError):

@@ -19,7 +19,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
 """Modules of each extra for users."""
 
 
-def require_extra(extra: str, what: str, modules: Sequence[str] | None = None) -> None:
+def require_extra(extra: str, feature: str, modules: Sequence[str] | None = None) -> None:
     """Raise InputError, with the command that installs it, where a module of an extra is missing.
 
     what: that needs it, for the error. modules: those that are needed, all of the extra by default.
@@ -28,4 +28,4 @@ def require_extra(extra: str, what: str, modules: Sequence[str] | None = None) -
         try:
             import_module(module)
         except ImportError:
-            raise InputError(f"{what} needs {module}: pip install 'hubodo[{extra}]'") from None
+            raise InputError(f"{feature} needs {module}: pip install 'hubodo[{extra}]'") from None

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Column = NDArray[np.float64]
 
 NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
-NODE_OPTIONAL = ("temperature", "supply")
+NODE_OPTIONAL_COLUMNS = ("temperature", "supply")
 """What a node's table may tell besides, °C and V; NaN where it is not known."""
 BIAS_FILTER_COLUMNS = (
     "t",
@@ -44,21 +44,21 @@ class Table:
     t_ns: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
-        made: dict[str, Column] = {}
+        columns: dict[str, Column] = {}
         for name, values in self.columns.items():
             column = np.asarray(values, np.float64).view()
             column.flags.writeable = False
-            made[name] = column
-        if "t" not in made:
-            raise ValueError(f"a table needs a column t, it has {sorted(made)}")
-        t = made["t"]
-        if any(column.shape != (len(t),) for column in made.values()):
-            raise ValueError(f"columns differ in length: { {k: v.shape for k, v in made.items()} }")
+            columns[name] = column
+        if "t" not in columns:
+            raise ValueError(f"a table needs a column t, it has {sorted(columns)}")
+        t = columns["t"]
+        if any(column.shape != (len(t),) for column in columns.values()):
+            raise ValueError(f"columns differ in length: { {k: v.shape for k, v in columns.items()} }")
         if self.t_ns is not None and self.t_ns.shape != t.shape:
             raise ValueError(f"t_ns has shape {self.t_ns.shape}, t has {t.shape}")
         if len(t) > 1 and not bool((np.diff(t) > 0).all()):
             raise ValueError("column t does not strictly increase")
-        object.__setattr__(self, "columns", MappingProxyType(made))
+        object.__setattr__(self, "columns", MappingProxyType(columns))
 
     def __getitem__(self, name: str) -> Column:
         return self.columns[name]
@@ -103,7 +103,9 @@ class Table:
         return f"Table({len(self)} rows, {span}{' '.join(self)})"
 
     def _repr_html_(self) -> str:
-        return html_table(("column", "first", "lowest", "highest"), [_extent(self, name) for name in self])
+        return html_table(
+            ("column", "first", "lowest", "highest"), [_column_summary(self, name) for name in self]
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         return {"columns": dict(self.columns), "t_ns": self.t_ns}
@@ -114,7 +116,7 @@ class Table:
         self.__post_init__()
 
 
-def _extent(table: Table, name: str) -> tuple[str, ...]:
+def _column_summary(table: Table, name: str) -> tuple[str, ...]:
     column = table[name]
     known = column[np.isfinite(column)]
     if not len(known):
@@ -174,14 +176,14 @@ class Recording:
 
     def files(self) -> dict[str, Table]:
         """The tables of the CSV folder by file name without suffix, nodes first."""
-        named = {name: getattr(self, name) for name in RESERVED}
+        named = {name: getattr(self, name) for name in TABLE_FILE_COLUMNS}
         return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
 
     def __repr__(self) -> str:
         return f"Recording({', '.join(f'{name}: {len(table)}' for name, table in self.files().items())})"
 
 
-RESERVED: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+TABLE_FILE_COLUMNS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "reference": (("t", "speed", "yaw_rate"), ("temperature",)),
     "wheels": (("t", "left", "right"), ()),
     "gnss": (("t", "latitude_deg", "longitude_deg", "altitude"), ("sigma",)),

@@ -11,35 +11,42 @@ from typing import Any, cast
 from hubodo.errors import ConfigError
 from hubodo.toml_file import toml_key, toml_number, toml_text
 
-_WIDTH = 100
+_MAX_LINE_LENGTH = 100
 
 
 def setting(
-    default: Any, says: str, *, example: Any = None, above: float | None = None, least: float | None = None
+    default: Any,
+    meaning: str,
+    *,
+    example: Any = None,
+    above: float | None = None,
+    at_least: float | None = None,
 ) -> Any:
     """A field of a settings dataclass. says: what it means, with its unit; its default is told besides.
 
     example: a value worth showing where the default is not. above, least: numbers must be finite, and above
     the one, or at least the other.
     """
-    return field(default=default, metadata={"says": says, "example": example, "above": above, "least": least})
+    return field(
+        default=default, metadata={"says": meaning, "example": example, "above": above, "least": at_least}
+    )
 
 
-def check_bounds(settings: object, where: Callable[[str], str]) -> None:
+def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
     """Raises ConfigError at the first number out of its bounds; where: what a user calls that setting."""
     for item in fields(cast(Any, settings)):
-        above, least = item.metadata.get("above"), item.metadata.get("least")
+        above, at_least = item.metadata.get("above"), item.metadata.get("least")
         value = getattr(settings, item.name)
-        if value is None or (above is None and least is None):
+        if value is None or (above is None and at_least is None):
             continue
         if not math.isfinite(value) or (above is not None and not value > above):
-            bound = f"above {above:g}" if above is not None else f"at least {least:g}"
-            raise ConfigError(f"{where(item.name)} {value}: must be {bound}, and finite")
-        if least is not None and value < least:
-            raise ConfigError(f"{where(item.name)} {value}: must be at least {least:g}")
+            bound = f"above {above:g}" if above is not None else f"at least {at_least:g}"
+            raise ConfigError(f"{name_of(item.name)} {value}: must be {bound}, and finite")
+        if at_least is not None and value < at_least:
+            raise ConfigError(f"{name_of(item.name)} {value}: must be at least {at_least:g}")
 
 
-def example_toml(tables: Mapping[str, type], head: str) -> str:
+def write_example_toml(tables: Mapping[str, type], head: str) -> str:
     """A file with every setting: what it means, and commented out, so that as it is it changes nothing."""
     lines = [f"# {line}" for line in head.splitlines()]
     for name, shape in tables.items():
@@ -47,24 +54,27 @@ def example_toml(tables: Mapping[str, type], head: str) -> str:
         for item in fields(shape):
             example = item.metadata.get("example")
             example = item.default if example is None else example
-            default = "" if item.default in (None, ()) else f" (default: {_toml(item.default)})"
+            default = "" if item.default in (None, ()) else f" (default: {_format_value(item.default)})"
             lines += [
                 "",
                 *textwrap.wrap(
-                    item.metadata["says"] + default, _WIDTH, initial_indent="# ", subsequent_indent="# "
+                    item.metadata["says"] + default,
+                    _MAX_LINE_LENGTH,
+                    initial_indent="# ",
+                    subsequent_indent="# ",
                 ),
             ]
-            lines.append(f"#{toml_key(item.name)} = {_toml(example)}")
+            lines.append(f"#{toml_key(item.name)} = {_format_value(example)}")
     return "\n".join(lines) + "\n"
 
 
-def _toml(value: object) -> str:
+def _format_value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return toml_text(value)
     if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(_format_value, value))}]"
     if isinstance(value, int):
         return str(value)
     assert isinstance(value, float)

@@ -16,11 +16,11 @@ from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_h
 from hubodo.errors import ConfigError
 
 _T = TypeVar("_T")
-_DEEPEST = 20
-_MOST_BYTES = 1 << 20  # a thousand nodes with all effects need half of it
-_LONGEST_SHOWN = 60  # characters of a value in an error
+_MAX_TABLE_DEPTH = 20
+_MAX_FILE_BYTES = 1 << 20  # a thousand nodes with all effects need half of it
+_MAX_QUOTED_LENGTH = 60  # characters of a value in an error
 
-LARGEST = 1e12
+MAX_TOML_NUMBER = 1e12
 """In SI units, of whatever: beyond it nothing was meant."""
 
 
@@ -52,44 +52,50 @@ def read_table(table: object, shape: type[_T], where: str) -> _T:
     entries = as_table(table, where)
     hints = get_type_hints(shape)
     items = fields(cast(Any, shape))
-    only_keys(entries, [item.name for item in items], where)
+    check_known_keys(entries, [item.name for item in items], where)
     values: dict[str, Any] = {}
     for item in items:
         if item.name in entries:
-            values[item.name] = _value(entries[item.name], hints[item.name], f"{where} {item.name}")
+            values[item.name] = _convert_value(entries[item.name], hints[item.name], f"{where} {item.name}")
         elif item.default is MISSING and item.default_factory is MISSING:
             raise ConfigError(f"{where}: {item.name} is missing; add it")
     return shape(**values)
 
 
-def _value(value: object, hint: Any, where: str) -> Any:
+def _convert_value(value: object, hint: Any, where: str) -> Any:
     if NoneType in get_args(hint):
         # TOML has no word for nothing: a key that is there has a value.
         (hint,) = (option for option in get_args(hint) if option is not NoneType)
     if hint == tuple[str, ...]:
         if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
             return tuple(value)
-        raise ConfigError(f"{where} = {shown(value)}: must be a list of texts")
+        raise ConfigError(f"{where} = {quote_value(value)}: must be a list of texts")
     if get_origin(hint) is Literal:
         if value in get_args(hint):
             return value
         options = get_args(hint)
         raise ConfigError(
-            f"{where} = {shown(value)}: write {' or '.join(options)}{near(str(value), options)}"
+            f"{where} = {quote_value(value)}: write {' or '.join(options)}{suggest_spelling(str(value), options)}"
         )
     text = str(hint)
     if isinstance(value, bool) or hint is bool:
         if isinstance(value, bool) and "bool" in text:
             return value
-    elif isinstance(value, int | float) and ("float" in text or "int" in text) and not abs(value) <= LARGEST:
-        raise ConfigError(f"{where} = {shown(value)}: must be a finite number of {LARGEST:g} at most")
+    elif (
+        isinstance(value, int | float)
+        and ("float" in text or "int" in text)
+        and not abs(value) <= MAX_TOML_NUMBER
+    ):
+        raise ConfigError(
+            f"{where} = {quote_value(value)}: must be a finite number of {MAX_TOML_NUMBER:g} at most"
+        )
     elif isinstance(value, int | float) and "float" in text:
         return float(value)
     elif (isinstance(value, int) and "int" in text) or (isinstance(value, str) and "str" in text):
         return value
     names = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
-    wanted = next(words for name, words in names.items() if name in text)
-    raise ConfigError(f"{where} = {shown(value)}: must be {wanted}")
+    expected = next(words for name, words in names.items() if name in text)
+    raise ConfigError(f"{where} = {quote_value(value)}: must be {expected}")
 
 
 def load_toml(path: Path) -> dict[str, Any]:
@@ -98,9 +104,9 @@ def load_toml(path: Path) -> dict[str, Any]:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise ConfigError(f"{path}: is a folder, a pipe or a device; name a TOML file")
-        if status.st_size > _MOST_BYTES:
+        if status.st_size > _MAX_FILE_BYTES:
             raise ConfigError(
-                f"{path}: has {status.st_size} bytes, settings {_MOST_BYTES} at most; check the path"
+                f"{path}: has {status.st_size} bytes, settings {_MAX_FILE_BYTES} at most; check the path"
             )
         text = path.read_text("utf-8-sig")
     except FileNotFoundError:
@@ -127,15 +133,15 @@ def parse_toml(text: str, path: Path) -> dict[str, Any]:
 
 def _check_size(document: dict[str, Any], path: Path) -> None:
     """Raises ConfigError for a whole number beyond the 64 bits of TOML, and for tables without end."""
-    waiting: list[tuple[str, object, int]] = [("", document, 0)]
-    while waiting:
-        name, value, depth = waiting.pop()
-        if depth > _DEEPEST:
+    pending: list[tuple[str, object, int]] = [("", document, 0)]
+    while pending:
+        name, value, depth = pending.pop()
+        if depth > _MAX_TABLE_DEPTH:
             raise ConfigError(f"{path}: {name[:40]}...: a table within {depth} others; write it flatter")
         if isinstance(value, dict):
-            waiting += [(f"{name}.{key}".removeprefix("."), inner, depth + 1) for key, inner in value.items()]
+            pending += [(f"{name}.{key}".removeprefix("."), inner, depth + 1) for key, inner in value.items()]
         elif isinstance(value, list):
-            waiting += [(name, inner, depth + 1) for inner in value]
+            pending += [(name, inner, depth + 1) for inner in value]
         elif isinstance(value, int) and not -(1 << 63) <= value < 1 << 63:
             raise ConfigError(f"{path}: {name}: a whole number beyond 64 bits; write a smaller one")
 
@@ -144,36 +150,36 @@ def as_table(value: object, where: str) -> dict[str, Any]:
     """The value itself; raises ConfigError when it is no table. where: file and table, for the error."""
     if isinstance(value, dict):
         return value
-    raise ConfigError(f"{where} = {shown(value)}: must be a table")
+    raise ConfigError(f"{where} = {quote_value(value)}: must be a table")
 
 
-def shown(value: object) -> str:
+def quote_value(value: object) -> str:
     """Return a value of a file as an error quotes it: the beginning of what may be very long."""
     text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return text if len(text) <= _MAX_QUOTED_LENGTH else f"{text[:_MAX_QUOTED_LENGTH]}..."
 
 
-def only_keys(table: object, known: Iterable[str], where: str) -> None:
+def check_known_keys(table: object, known: Iterable[str], where: str) -> None:
     """Raises ConfigError at the first key that is not known, with the nearest one that is."""
     names = list(known)
     for key in as_table(table, where):
         if key not in names:
-            hint = near(key, names)
-            raise ConfigError(f"{where}: unknown key {shown(key)}{hint}; known are {', '.join(names)}")
+            hint = suggest_spelling(key, names)
+            raise ConfigError(f"{where}: unknown key {quote_value(key)}{hint}; known are {', '.join(names)}")
 
 
-def above_zero(value: float, where: str) -> None:
+def check_positive(value: float, where: str) -> None:
     """Raises ConfigError for a number that is not above 0, or that nothing is: its square must be a number.
 
     where: file, table and key.
     """
     if not (math.isfinite(value) and value > 0.0):
         raise ConfigError(f"{where} = {value}: must be a finite number above 0")
-    if not 1.0 / LARGEST <= value <= LARGEST:
-        raise ConfigError(f"{where} = {value}: must be from {1.0 / LARGEST:g} to {LARGEST:g}")
+    if not 1.0 / MAX_TOML_NUMBER <= value <= MAX_TOML_NUMBER:
+        raise ConfigError(f"{where} = {value}: must be from {1.0 / MAX_TOML_NUMBER:g} to {MAX_TOML_NUMBER:g}")
 
 
-def near(word: str, known: Iterable[str]) -> str:
+def suggest_spelling(word: str, known: Iterable[str]) -> str:
     """ ", did you mean ...?" for an error about a word that is not known; "" where none is like it."""
-    close = difflib.get_close_matches(word[:_LONGEST_SHOWN], list(known), 1, 0.5)
+    close = difflib.get_close_matches(word[:_MAX_QUOTED_LENGTH], list(known), 1, 0.5)
     return f", did you mean {close[0]!r}?" if close else ""

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hubodo.errors import ConfigError
-from hubodo.toml_file import above_zero, as_table, load_toml, only_keys, read_table, shown
+from hubodo.toml_file import check_positive, as_table, load_toml, check_known_keys, read_table, quote_value
 
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
 
-RANGES = ("gyro_range", "accel_range")
-_MODEL_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
-_LONGEST_NAME = 80
-_FARTHEST = 1000.0  # m, of an antenna from the axle
+RANGE_KEYS = ("gyro_range", "accel_range")
+_KNOWN_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
+_MAX_NAME_LENGTH = 80
+_MAX_ANTENNA_OFFSET = 1000.0  # m, of an antenna from the axle
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,61 +72,65 @@ def load_vehicle(path: Path) -> Vehicle:
 
     Raises ConfigError when a key is unknown, missing or impossible.
     """
-    return vehicle_of(load_toml(path), path)
+    return parse_vehicle(load_toml(path), path)
 
 
-def vehicle_of(table: Mapping[str, Any], path: Path | str) -> Vehicle:
+def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     """`load_vehicle` of a document that is already parsed; path: where it stood, for the errors."""
-    only_keys(table, _MODEL_TABLES, str(path))
+    check_known_keys(table, _KNOWN_TABLES, str(path))
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
     body = as_table(table["vehicle"], f"{path}: [vehicle]")
-    sizes_of = [item.name for item in fields(_Sizes)]
-    only_keys(body, (*sizes_of, "antenna", "latitude_deg", "name"), f"{path}: [vehicle]")
-    sizes = read_table({k: body[k] for k in body if k in sizes_of}, _Sizes, f"{path}: [vehicle]")
+    size_keys = [item.name for item in fields(_RequiredSizes)]
+    check_known_keys(body, (*size_keys, "antenna", "latitude_deg", "name"), f"{path}: [vehicle]")
+    sizes = read_table({k: body[k] for k in body if k in size_keys}, _RequiredSizes, f"{path}: [vehicle]")
     for item in fields(sizes):
-        above_zero(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
+        check_positive(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
     imu = as_table(table.get("imu", {}), f"{path}: [imu]")
-    common = _ranges(imu, f"{path}: [imu]")
+    common_ranges = _read_ranges(imu, f"{path}: [imu]")
     nodes: dict[str, NodeMount] = {}
     for name, values in as_table(table.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{name}]"
         entries = as_table(values, where)
-        only_keys(entries, ("side", "facing", "steered", *RANGES, "effects"), where)
-        own = common | _ranges(entries, where)
-        gyro, accel = own.get("gyro_range"), own.get("accel_range")
-        nodes[name] = replace(_mount(entries, where), gyro_range=gyro, accel_range=accel)
-    antenna = _antenna(body, f"{path}: [vehicle] antenna")
-    latitude_deg = _latitude_deg(body, f"{path}: [vehicle] latitude_deg")
-    called = body.get("name", "")
-    if not isinstance(called, str) or len(called) > _LONGEST_NAME:
+        check_known_keys(entries, ("side", "facing", "steered", *RANGE_KEYS, "effects"), where)
+        ranges = common_ranges | _read_ranges(entries, where)
+        gyro, accel = ranges.get("gyro_range"), ranges.get("accel_range")
+        nodes[name] = replace(_read_mount(entries, where), gyro_range=gyro, accel_range=accel)
+    antenna = _read_antenna(body, f"{path}: [vehicle] antenna")
+    latitude_deg = _read_latitude_deg(body, f"{path}: [vehicle] latitude_deg")
+    vehicle_name = body.get("name", "")
+    if not isinstance(vehicle_name, str) or len(vehicle_name) > _MAX_NAME_LENGTH:
         raise ConfigError(
-            f'{path}: [vehicle] name: write a text of {_LONGEST_NAME} letters at most, as "van 7"'
+            f'{path}: [vehicle] name: write a text of {_MAX_NAME_LENGTH} letters at most, as "van 7"'
         )
     topics = as_table(table.get("topics", {}), f"{path}: [topics]")
     for name, topic in topics.items():
         if not isinstance(topic, str) or not topic:
-            here = f"{path}: [topics] {shown(name)} = {shown(topic)}"
-            raise ConfigError(f'{here}: write a topic, such as "/imu/left"')
-    return Vehicle(sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics), called)
+            place = f"{path}: [topics] {quote_value(name)} = {quote_value(topic)}"
+            raise ConfigError(f'{place}: write a topic, such as "/imu/left"')
+    return Vehicle(
+        sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics), vehicle_name
+    )
 
 
 @dataclass(frozen=True, slots=True)
-class _Sizes:
+class _RequiredSizes:
     wheel_radius: float
     track_width: float
 
 
-def _antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
+def _read_antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:
     if "antenna" not in body:
         return None
     match body["antenna"]:
-        case [int() | float() as x, int() | float() as y] if abs(x) <= _FARTHEST and abs(y) <= _FARTHEST:
+        case [int() | float() as x, int() | float() as y] if (
+            abs(x) <= _MAX_ANTENNA_OFFSET and abs(y) <= _MAX_ANTENNA_OFFSET
+        ):
             return float(x), float(y)
     raise ConfigError(f"{where}: give [forward, left] in metres, such as [0.5, 0.0]")
 
 
-def _latitude_deg(body: Mapping[str, Any], where: str) -> float | None:
+def _read_latitude_deg(body: Mapping[str, Any], where: str) -> float | None:
     match body.get("latitude_deg"):
         case None:
             return None
@@ -137,19 +141,19 @@ def _latitude_deg(body: Mapping[str, Any], where: str) -> float | None:
     raise ConfigError(f"{where}: give degrees north, from -90 to 90")
 
 
-def _ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:
-    found = {}
-    for key in RANGES:
+def _read_ranges(table: Mapping[str, Any], where: str) -> dict[str, float]:
+    ranges = {}
+    for key in RANGE_KEYS:
         if key in table:
             value = table[key]
             if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ConfigError(f"{where} {key} = {shown(value)}: give a number in rad/s or m/s²")
-            found[key] = float(value)
-            above_zero(found[key], f"{where} {key}")
-    return found
+                raise ConfigError(f"{where} {key} = {quote_value(value)}: give a number in rad/s or m/s²")
+            ranges[key] = float(value)
+            check_positive(ranges[key], f"{where} {key}")
+    return ranges
 
 
-def _mount(table: Mapping[str, Any], where: str) -> NodeMount:
+def _read_mount(table: Mapping[str, Any], where: str) -> NodeMount:
     mount = read_table(
         {key: table[key] for key in ("side", "facing", "steered") if key in table}, NodeMount, where
     )

@@ -15,7 +15,7 @@ import pytest
 from fuzz import seeds
 from fuzz.targets import drive
 from hubodo.errors import InputError
-from hubodo.whole_files import whole_files, whole_new_file
+from hubodo.atomic_files import atomic_files, atomic_new_file
 from in_process import hubodo
 
 VERBS = {
@@ -134,21 +134,21 @@ def test_a_folder_that_may_only_be_read(verb: str, given: Path, small_disk: Path
 def test_a_folder_that_is_gone_when_the_result_is_there(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
-    with pytest.raises(FileNotFoundError, match=r"out/a\.txt"), whole_files(folder / "a.txt") as (part,):
+    with pytest.raises(FileNotFoundError, match=r"out/a\.txt"), atomic_files(folder / "a.txt") as (part,):
         shutil.rmtree(folder)
         part.write_text("x")
-    with pytest.raises(InputError, match="does not exist"), whole_files(folder / "a.txt"):
+    with pytest.raises(InputError, match="does not exist"), atomic_files(folder / "a.txt"):
         pass
 
 
 def test_several_files_get_their_names_together_or_not_at_all(tmp_path: Path) -> None:
     (tmp_path / "a").write_text("old")
-    with pytest.raises(OSError, match="disk"), whole_files(tmp_path / "a", tmp_path / "b") as (a, b):
+    with pytest.raises(OSError, match="disk"), atomic_files(tmp_path / "a", tmp_path / "b") as (a, b):
         a.write_text("new")
         b.write_text("new")
         raise OSError("disk")
     assert files(tmp_path) == {"a": b"old"}
-    with whole_files(tmp_path / "a", tmp_path / "b") as (a, b):
+    with atomic_files(tmp_path / "a", tmp_path / "b") as (a, b):
         a.write_text("new")
         b.write_text("new")
         assert (tmp_path / "a").read_text() == "old"
@@ -156,13 +156,13 @@ def test_several_files_get_their_names_together_or_not_at_all(tmp_path: Path) ->
 
 
 def test_a_folder_made_for_a_result_that_failed_is_taken_away(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), whole_files(tmp_path / "x" / "y" / "a", make_folder=True):
+    with pytest.raises(KeyboardInterrupt), atomic_files(tmp_path / "x" / "y" / "a", make_folder=True):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_name_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="exists already"), whole_new_file(tmp_path / "a") as part:
+    with pytest.raises(InputError, match="exists already"), atomic_new_file(tmp_path / "a") as part:
         part.write_text("mine")
         (tmp_path / "a").write_text("theirs")
     assert files(tmp_path) == {"a": b"theirs"}
@@ -172,7 +172,7 @@ def test_what_is_no_file_is_written_to_as_it_is(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    with whole_files(pipe) as (part,):
+    with atomic_files(pipe) as (part,):
         part.write_text("x")
     assert os.read(reader, 10) == b"x" and pipe.is_fifo()
     os.close(reader)

@@ -14,7 +14,7 @@ from hubodo.calibration.file import (
     Calibration,
     NodeCalibration,
     Quantity,
-    calibration_toml,
+    format_calibration,
     parse_calibration,
 )
 from hubodo.errors import CalibrationError, InputError
@@ -55,7 +55,7 @@ def ride(tmp_path_factory):
     """
     folder = tmp_path_factory.mktemp("ride")
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
-    (folder / "calibration.toml").write_text(calibration_toml(CALIBRATION))
+    (folder / "calibration.toml").write_text(format_calibration(CALIBRATION))
     made, out = short_drive(SEED), folder / "ride.mcap"
     ends = {name: folder / name for name in ("left", "right")}
     computer = VirtualComputer()

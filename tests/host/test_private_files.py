@@ -7,7 +7,7 @@ import pytest
 from hubodo.errors import InputError
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.web.config import WebConfig, make_site, read_token
-from hubodo.whole_files import whole_files, whole_folder, whole_new_file, write_whole
+from hubodo.atomic_files import atomic_files, atomic_folder, atomic_new_file, write_atomically
 
 root = pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs two users")
 
@@ -25,7 +25,7 @@ def names(folder):
     return {path for path in folder.iterdir() if path.name.startswith(".")}
 
 
-@pytest.mark.parametrize("write", [whole_files, whole_new_file])
+@pytest.mark.parametrize("write", [atomic_files, atomic_new_file])
 def test_a_file_is_written_in_a_folder_of_a_random_name_that_only_its_owner_can_enter(shared, write):
     seen = set()
     for name in ("a.csv", "b.csv"):
@@ -52,7 +52,7 @@ def test_a_link_under_the_name_that_used_to_be_taken_is_not_written_through(shar
     victim.write_text("precious")
     for name in (f".out.csv.{os.getpid()}.part", f".keys.toml.{os.getpid()}"):
         (shared / name).symlink_to(victim)
-    write_whole(shared / "out.csv", "text")
+    write_atomically(shared / "out.csv", "text")
     KeyRing(shared / "keys.toml", create=True).key_of("00112233445566aa")
     assert victim.read_text() == "precious"
     assert (shared / "out.csv").read_text() == "text"
@@ -60,11 +60,11 @@ def test_a_link_under_the_name_that_used_to_be_taken_is_not_written_through(shar
 
 
 def test_nothing_is_left_after_a_failure_and_a_folder_has_the_usual_rights(shared):
-    for write in (whole_files, whole_new_file, whole_folder):
+    for write in (atomic_files, atomic_new_file, atomic_folder):
         with pytest.raises(RuntimeError), write(shared / "x"):
             raise RuntimeError
     assert list(shared.iterdir()) == []
-    with whole_folder(shared / "made") as part:
+    with atomic_folder(shared / "made") as part:
         (part / "a").write_text("a")
     assert (shared / "made").stat().st_mode & 0o777 == 0o777 & ~_umask()
     assert [path.name for path in shared.iterdir()] == ["made"]
@@ -73,7 +73,7 @@ def test_nothing_is_left_after_a_failure_and_a_folder_has_the_usual_rights(share
 def test_a_link_of_the_users_own_is_followed_to_what_it_names(shared, tmp_path):
     (tmp_path / "real.toml").write_text("old")
     (shared / "link.toml").symlink_to(tmp_path / "real.toml")
-    write_whole(shared / "link.toml", "new")
+    write_atomically(shared / "link.toml", "new")
     assert (tmp_path / "real.toml").read_text() == "new" and (shared / "link.toml").is_symlink()
 
 
@@ -84,7 +84,7 @@ def test_a_link_that_another_user_made_is_refused(shared, tmp_path):
     (shared / "out.csv").symlink_to(victim)
     os.lchown(shared / "out.csv", 12345, 12345)
     with pytest.raises(InputError, match="a link of another user"):
-        write_whole(shared / "out.csv", "text")
+        write_atomically(shared / "out.csv", "text")
     assert victim.read_text() == "precious"
 
 

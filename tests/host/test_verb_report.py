@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from generators.fake_drive import VEHICLE_TOML, short_drive
-from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity, calibration_toml
+from hubodo.calibration.file import (
+    CalibratedEffect,
+    Calibration,
+    NodeCalibration,
+    Quantity,
+    format_calibration,
+)
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
@@ -106,7 +112,7 @@ def test_gaps_and_the_calibration_in_use_are_in_the_page(tmp_path):
     write_recording(Recording({"left": table}, events=(gap,), t_zero_ns=zero), tmp_path / "log.mcap")
     bias = CalibratedEffect({"z": Quantity(0.01, 0.001)}, "rests", "", "2026-01-02", (20.0, 30.0))
     calibration = Calibration({"left": NodeCalibration({"gyro_bias": bias}, "aa01")})
-    (tmp_path / "c.toml").write_text(calibration_toml(calibration))
+    (tmp_path / "c.toml").write_text(format_calibration(calibration))
     report(tmp_path / "log.mcap", "--calibration", tmp_path / "c.toml", "-o", tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text("utf-8")
     assert "link down" in page
@@ -121,7 +127,7 @@ def test_the_calibration_of_another_node_is_refused(tmp_path):
     write_recording(recording, tmp_path / "log.mcap")
     effects = {"gyro_bias": CalibratedEffect({"z": Quantity(0.01, 0.001)})}
     calibration = Calibration({"left": NodeCalibration(effects, "aa01")})
-    (tmp_path / "c.toml").write_text(calibration_toml(calibration))
+    (tmp_path / "c.toml").write_text(format_calibration(calibration))
     with pytest.raises(CalibrationError, match=r"aa01.*bb02"):
         report(tmp_path / "log.mcap", "--calibration", tmp_path / "c.toml", "-o", tmp_path / "r.html")
     assert not (tmp_path / "r.html").exists()

@@ -13,7 +13,7 @@ import pytest
 from hubodo.ingest.live.record_config import TABLES, RecordConfig, load_record_config
 from hubodo.service import rules, unit
 from hubodo.service.place import Place, out_of_reach
-from hubodo.settings_table import example_toml
+from hubodo.settings_table import write_example_toml
 from hubodo.verbs.config import SETTINGS
 from in_process import hubodo
 
@@ -189,7 +189,7 @@ def test_every_setting_is_explained_and_every_table_of_the_file_has_settings():
     assert tuple(SETTINGS) == TABLES
     for shape in SETTINGS.values():
         assert all(item.metadata.get("says") for item in dataclasses.fields(shape))
-    assert example_toml(SETTINGS, "head").startswith("# head\n")
+    assert write_example_toml(SETTINGS, "head").startswith("# head\n")
 
 
 @pytest.mark.parametrize(

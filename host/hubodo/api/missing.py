@@ -19,7 +19,7 @@ from hubodo.model.model_file import Model
 from hubodo.report.drawing import blank
 from hubodo.report.gap_files import check_gap_folder, gap_contents, gap_json, write_texts
 from hubodo.report.page import COLOURS
-from hubodo.toml_file import near
+from hubodo.toml_file import suggest_spelling
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,5 +119,5 @@ def check_effects(accept: Iterable[str], reject: Iterable[str]) -> None:
     for said, names, known in (("accept", accept, (*BY_NAME,)), ("reject", reject, (*BY_NAME, EMPIRICAL))):
         for name in names:
             if name not in known:
-                hint = near(name, known) or f"; they are {', '.join(known)}"
+                hint = suggest_spelling(name, known) or f"; they are {', '.join(known)}"
                 raise InputError(f"{said} {name!r}: no such effect{hint}")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hubodo.api.given import StrPath, given_calibration, given_model
 from hubodo.api.log import LoadedLog
-from hubodo.calibration.as_model import with_calibration
+from hubodo.calibration.calibrated_model import add_calibration_to_model
 from hubodo.calibration.file import Calibration
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
@@ -87,4 +87,4 @@ def _earth(latitude_deg: float | None, azimuth_deg: float) -> Earth | None:
 def _with_errors(model: Model, calibration: StrPath | Calibration | None) -> tuple[Model, tuple[str, ...]]:
     """The model with what was calibrated, and what of that it cannot have."""
     errors, _ = given_calibration(calibration)
-    return (model, ()) if errors is None else with_calibration(model, errors)
+    return (model, ()) if errors is None else add_calibration_to_model(model, errors)

@@ -24,8 +24,8 @@ from hubodo.calibration.file import (
     Calibration,
     NodeCalibration,
     Quantity,
-    known_effects,
-    node_serial,
+    build_effects,
+    find_node_serial,
 )
 from hubodo.calibration.triad import triad_matrix
 from hubodo.effects import BY_NAME, Chain, Effect, effect_of
@@ -34,7 +34,7 @@ from hubodo.effects.triad import Sensor, times
 from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table
 
-GYRO_LIMIT, ACCEL_LIMIT = 34.8, 156.0
+GYRO_CLIPPING_LIMIT, ACCEL_CLIPPING_LIMIT = 34.8, 156.0
 """rad/s, m/s²: from here on a channel of the widest range (2000 deg/s, 16 g) is taken to be clipped."""
 
 
@@ -46,22 +46,22 @@ class SampleCorrection:
     """
 
     effects: tuple[Effect, ...]
-    gyro: Array
-    accel: Array
+    gyro_inverse: Array
+    accel_inverse: Array
 
     @staticmethod
     def from_calibration(node: NodeCalibration) -> SampleCorrection:
         """The correction of a node. Raises CalibrationError for numbers that no sensor has."""
-        effects = tuple(it for it in known_effects(node.effects) if it.undone and not _absent(it))
+        effects = tuple(it for it in build_effects(node.effects) if it.undone and not _is_zero(it))
         for effect in effects:
             why = effect.irreversible()
             if why:
                 raise CalibrationError(f"the calibration's {effect.name} {why}; calibrate this node anew")
-        return SampleCorrection(effects, _inverse(effects, "gyro"), _inverse(effects, "accel"))
+        return SampleCorrection(effects, _invert_triad(effects, "gyro"), _invert_triad(effects, "accel"))
 
-    def follows(self, what: Follows) -> bool:
+    def depends_on(self, condition: Follows) -> bool:
         """Whether something that is undone depends on the age, the temperature, or the supply."""
-        return any(effect.follows == what for effect in self.effects)
+        return any(effect.follows == condition for effect in self.effects)
 
     def apply(
         self,
@@ -79,30 +79,32 @@ class SampleCorrection:
         """
         count = len(gyro)
         t = np.zeros(count) if age is None else np.maximum(age, 0.0)
-        warm = np.broadcast_to(REFERENCE_CELSIUS if temperature is None else temperature, (count,))
-        chain = Chain(t, np.asarray(warm, np.float64), *np.zeros((5, 3, count)))
+        temperatures = np.broadcast_to(REFERENCE_CELSIUS if temperature is None else temperature, (count,))
+        chain = Chain(t, np.asarray(temperatures, np.float64), *np.zeros((5, 3, count)))
         chain.supply = REFERENCE_VOLTS if supply is None else supply
-        chain.force = times(self.accel, accel.T - self._offsets(chain).accel)
-        chain.rate = times(self.gyro, gyro.T - self._offsets(chain).gyro)
+        chain.force = times(self.accel_inverse, accel.T - self._additive_errors(chain).accel)
+        chain.rate = times(self.gyro_inverse, gyro.T - self._additive_errors(chain).gyro)
         for effect in self.effects:
-            chain.rate = effect.straighten(chain.rate, self.gyro)
+            chain.rate = effect.straighten(chain.rate, self.gyro_inverse)
         for effect in self.effects:
             effect.unmount(chain)
-        return _clipped(gyro, chain.rate.T, GYRO_LIMIT), _clipped(accel, chain.force.T, ACCEL_LIMIT)
+        return _preserve_clipping(gyro, chain.rate.T, GYRO_CLIPPING_LIMIT), _preserve_clipping(
+            accel, chain.force.T, ACCEL_CLIPPING_LIMIT
+        )
 
-    def _offsets(self, chain: Chain) -> Chain:
+    def _additive_errors(self, chain: Chain) -> Chain:
         """A chain whose gyro and accel are what the effects add to a reading.
 
         The reading is of its time, temperature, supply and force.
         """
-        made = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
+        errors = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
-            effect.offset(made)
-        return made
+            effect.offset(errors)
+        return errors
 
 
 @dataclass(frozen=True)
-class Applied:
+class AppliedCalibration:
     """A recording's nodes with a calibration applied.
 
     nodes: by name. left: the calibration for the odometry: what was applied has the value 0 and keeps its
@@ -111,8 +113,8 @@ class Applied:
     """
 
     nodes: Mapping[str, Table]
-    left: Calibration
-    used: Mapping[str, Mapping[str, Any]]
+    remaining: Calibration
+    summaries: Mapping[str, Mapping[str, Any]]
     warnings: tuple[str, ...]
 
 
@@ -123,32 +125,32 @@ def apply_calibration(
     metadata: Mapping[str, str] | None = None,
     events: Iterable[Event] = (),
     t_zero_ns: int = 0,
-) -> Applied:
+) -> AppliedCalibration:
     """Apply a calibration to the nodes of a recording; nodes that it does not know stay as they are.
 
     metadata, events, t_zero_ns: of the recording; they tell serials and when the nodes were switched on;
     where they do not, power-on is taken to be a node's first sample. Raises CalibrationError when the
     calibration was made for a node with another serial.
     """
-    made, used, warnings = dict(nodes), {}, []
+    corrected, summaries, warnings = dict(nodes), {}, []
     known = tuple(events)
     for name, node in calibration.nodes.items():
         if name not in nodes:
             continue
-        check_serial(name, node, node_serial(metadata or {}, name))
+        check_serial(name, node, find_node_serial(metadata or {}, name))
         correction = SampleCorrection.from_calibration(node)
         table = nodes[name]
-        starts = power_on_times(known, name)
-        age = age_of(table.t, starts, t_zero_ns)
-        temperature, supply = _known(table, "temperature"), _known(table, "supply")
-        for what, told in (("temperature", temperature), ("supply", supply)):
-            lost = [effect.name for effect in correction.effects if effect.follows == what]
-            if lost and told is None:
-                names = " and ".join(lost)
+        starts = find_starts(known, name)
+        age = time_since_power_on(table.t, starts, t_zero_ns)
+        temperature, supply = _fill_unknown(table, "temperature"), _fill_unknown(table, "supply")
+        for quantity, known_values in (("temperature", temperature), ("supply", supply)):
+            affected = [effect.name for effect in correction.effects if effect.follows == quantity]
+            if affected and known_values is None:
+                names = " and ".join(affected)
                 warnings.append(
-                    f"{name}: the log has no {what}, so {names} of the calibration is not applied"
+                    f"{name}: the log has no {quantity}, so {names} of the calibration is not applied"
                 )
-        if correction.follows("age") and not starts:
+        if correction.depends_on("age") and not starts:
             warnings.append(
                 f"{name}: the log does not say when the node was switched on; its warm-up is counted from "
                 "its first sample"
@@ -159,18 +161,18 @@ def apply_calibration(
         columns = dict(table.columns)
         columns |= dict(zip(("gx", "gy", "gz"), gyro.T, strict=True))
         columns |= dict(zip(("ax", "ay", "az"), accel.T, strict=True))
-        made[name] = Table(columns, table.t_ns)
-        used[name] = {
+        corrected[name] = Table(columns, table.t_ns)
+        summaries[name] = {
             "serial": node.serial,
             "applied": [
                 it.name for it in reversed(BY_NAME.values()) if it.undone and it.name in node.effects
             ],
             "power_on": (starts[0][1] - t_zero_ns) * 1e-9 if starts else None,
         }
-    return Applied(made, left_over(calibration), used, tuple(warnings))
+    return AppliedCalibration(corrected, zero_applied_effects(calibration), summaries, tuple(warnings))
 
 
-def left_over(calibration: Calibration) -> Calibration:
+def zero_applied_effects(calibration: Calibration) -> Calibration:
     """The calibration as it holds for samples that it has been applied to.
 
     The errors that were taken out are zero, as surely as they were known; the others stand as they were.
@@ -179,7 +181,7 @@ def left_over(calibration: Calibration) -> Calibration:
         name: replace(
             node,
             effects={
-                effect: _zeroed(effect, what) if effect_of(effect).undone else what
+                effect: _zero_values(effect, what) if effect_of(effect).undone else what
                 for effect, what in node.effects.items()
             },
         )
@@ -200,7 +202,7 @@ def check_serial(name: str, node: NodeCalibration, serial: str) -> None:
         )
 
 
-def power_on_times(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
+def find_starts(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
     """(first sample, power-on), ns, of each start of a node that a log knows of, oldest first."""
     return sorted(
         (event.t_ns, int(event.data["power_on_ns"]))
@@ -209,17 +211,17 @@ def power_on_times(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
     )
 
 
-def age_of(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
-    """(N,) s since power-on at t (N,) s; since the first sample where `power_on_times` knows no start."""
+def time_since_power_on(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
+    """(N,) s since power-on at t (N,) s; since the first sample where `find_starts` finds no start."""
     if not starts:
         return np.asarray(t - t[0]) if len(t) else np.empty(0)
-    begun, power_on = (np.array([(start[k] - t_zero_ns) * 1e-9 for start in starts]) for k in (0, 1))
+    first_samples, power_on = (np.array([(start[k] - t_zero_ns) * 1e-9 for start in starts]) for k in (0, 1))
     # A nanosecond of slack: t and the first sample of a start are rounded from the same count of ns.
-    place = np.maximum(np.searchsorted(begun, t + 1e-9, side="right") - 1, 0)
-    return np.asarray(t - power_on[place])
+    start = np.maximum(np.searchsorted(first_samples, t + 1e-9, side="right") - 1, 0)
+    return np.asarray(t - power_on[start])
 
 
-def _zeroed(name: str, effect: CalibratedEffect) -> CalibratedEffect:
+def _zero_values(name: str, effect: CalibratedEffect) -> CalibratedEffect:
     """The effect without its size; what is not zero in an effect that is absent, a time constant, is none."""
     kind = effect_of(name)
     parameters = {
@@ -229,11 +231,11 @@ def _zeroed(name: str, effect: CalibratedEffect) -> CalibratedEffect:
     return replace(effect, parameters=parameters)
 
 
-def _absent(effect: Effect) -> bool:
+def _is_zero(effect: Effect) -> bool:
     return all(value == 0.0 for name, value in effect.values().items() if not effect.default(name))
 
 
-def _inverse(effects: Iterable[Effect], sensor: Sensor) -> Array:
+def _invert_triad(effects: Iterable[Effect], sensor: Sensor) -> Array:
     matrix = triad_matrix(effects, sensor)
     if not 0.5 < abs(float(np.linalg.det(matrix))) < 2.0:
         raise CalibrationError(
@@ -243,15 +245,15 @@ def _inverse(effects: Iterable[Effect], sensor: Sensor) -> Array:
     return np.asarray(np.linalg.inv(matrix), np.float64)
 
 
-def _clipped(raw: Array, true: Array, limit: float) -> Array:
+def _preserve_clipping(raw: Array, corrected: Array, limit: float) -> Array:
     """True values, but a raw one at its limit stays at least there."""
     at_limit = np.abs(raw) >= limit
     if not at_limit.any():
-        return true
-    return np.where(at_limit, np.copysign(np.maximum(np.abs(raw), np.abs(true)), raw), true)
+        return corrected
+    return np.where(at_limit, np.copysign(np.maximum(np.abs(raw), np.abs(corrected)), raw), corrected)
 
 
-def _known(table: Table, column: str) -> Array | None:
+def _fill_unknown(table: Table, column: str) -> Array | None:
     if column not in table:
         return None
     values = table[column]

@@ -34,15 +34,15 @@ from hubodo.model.effect_tables import check_value, effect_heading, effect_table
 from hubodo.toml_file import (
     as_table,
     load_toml,
-    only_keys,
+    check_known_keys,
     parse_toml,
     read_table,
-    shown,
+    quote_value,
     toml_key,
     toml_number,
     toml_text,
 )
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -98,25 +98,25 @@ class Calibration:
         return replace(self, vehicle={**self.vehicle, **effects})
 
 
-def known_effects(found: Mapping[str, CalibratedEffect]) -> list[Effect]:
+def build_effects(calibrated: Mapping[str, CalibratedEffect]) -> list[Effect]:
     """What was found as effects of the model, in the order of the chain; what was not determined is zero.
 
     Raises CalibrationError for a value that its parameter cannot have.
     """
-    made = []
-    for name, one in found.items():
+    effects = []
+    for name, effect in calibrated.items():
         kind = effect_of(name)
-        values = {parameter: one.value(parameter) for parameter in kind.parameters()}
-        for parameter, value in values.items() if one.parameters else ():
-            says = kind.problem(parameter, value)
-            if says:
+        values = {parameter: effect.value(parameter) for parameter in kind.parameters()}
+        for parameter, value in values.items() if effect.parameters else ():
+            problem = kind.problem(parameter, value)
+            if problem:
                 raise CalibrationError(
-                    f"the calibration's {name} {parameter} = {value:g}: {says} ({kind.unit(parameter)}); "
+                    f"the calibration's {name} {parameter} = {value:g}: {problem} ({kind.unit(parameter)}); "
                     "add or correct it"
                 )
-        if one.parameters:
-            made.append(kind(**values))
-    return in_order(made)
+        if effect.parameters:
+            effects.append(kind(**values))
+    return in_order(effects)
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -125,49 +125,49 @@ def read_calibration(path: Path) -> Calibration:
     Raises ConfigError with file, table, key and the nearest known word: no such file, not TOML, unknown
     tables, keys, effects or parameters, a value that its parameter cannot have.
     """
-    return _calibration(load_toml(path), path)
+    return _parse_document(load_toml(path), path)
 
 
 def parse_calibration(text: str, path: Path) -> Calibration:
     """The calibration in the text of a file; path: where it stood. Errors as of `read_calibration`."""
-    return _calibration(parse_toml(text, path), path)
+    return _parse_document(parse_toml(text, path), path)
 
 
-def _calibration(document: Mapping[str, Any], path: Path) -> Calibration:
-    only_keys(document, ("nodes", "vehicle"), str(path))
+def _parse_document(document: Mapping[str, Any], path: Path) -> Calibration:
+    check_known_keys(document, ("nodes", "vehicle"), str(path))
     nodes = {}
     for name, body in as_table(document.get("nodes", {}), f"{path}: [nodes]").items():
         where = f"{path}: [nodes.{toml_key(name)}"
-        only_keys(body, ("serial", "effects"), f"{where}]")
-        refused: dict[Level, str] = {
+        check_known_keys(body, ("serial", "effects"), f"{where}]")
+        refused_levels: dict[Level, str] = {
             "vehicle": "this is an effect of the vehicle; move it to [vehicle.effects.{name}]"
         }
         serial = body.get("serial", "")
         if not isinstance(serial, str):
-            raise ConfigError(f"{where}] serial = {shown(serial)}: must be a text")
-        nodes[name] = NodeCalibration(dict(_found(body, f"{where}.effects", refused)), serial)
+            raise ConfigError(f"{where}] serial = {quote_value(serial)}: must be a text")
+        nodes[name] = NodeCalibration(dict(_read_effects(body, f"{where}.effects", refused_levels)), serial)
     vehicle = as_table(document.get("vehicle", {}), f"{path}: [vehicle]")
-    only_keys(vehicle, ("effects",), f"{path}: [vehicle]")
-    return Calibration(nodes, dict(_found(vehicle, f"{path}: [vehicle.effects", {})))
+    check_known_keys(vehicle, ("effects",), f"{path}: [vehicle]")
+    return Calibration(nodes, dict(_read_effects(vehicle, f"{path}: [vehicle.effects", {})))
 
 
 def write_calibration(calibration: Calibration, path: Path) -> None:
     """Write the file whole or not at all; an existing file is replaced. Merge with `with_node` beforehand."""
-    write_whole(path, calibration_toml(calibration))
+    write_atomically(path, format_calibration(calibration))
 
 
-def calibration_toml(calibration: Calibration) -> str:
+def format_calibration(calibration: Calibration) -> str:
     """The text of the file; numbers keep all their digits."""
     lines = ["# Written by hubodo calibrate; SI units, names of the model file, value and 1 sigma."]
     for name, node in calibration.nodes.items():
         lines += ["", f"[nodes.{toml_key(name)}]"]
         if node.serial:
             lines.append(f"serial = {toml_text(node.serial)}")
-        lines += _effect_lines(f"nodes.{toml_key(name)}.effects", node.effects)
-    return "\n".join([*lines, *_effect_lines("vehicle.effects", calibration.vehicle)]) + "\n"
+        lines += _format_effects(f"nodes.{toml_key(name)}.effects", node.effects)
+    return "\n".join([*lines, *_format_effects("vehicle.effects", calibration.vehicle)]) + "\n"
 
 
-def node_serial(metadata: Mapping[str, str], node: str) -> str:
+def find_node_serial(metadata: Mapping[str, str], node: str) -> str:
     """The serial of a node as a log's metadata tell it, "" when they do not.
 
     A recorded log has it in the record of the node, other logs may state it as `serial.<node>`.
@@ -175,7 +175,7 @@ def node_serial(metadata: Mapping[str, str], node: str) -> str:
     return metadata.get(f"node.{node}.serial") or metadata.get(f"serial.{node}", "")
 
 
-def source_hash(path: Path) -> str:
+def hash_source(path: Path) -> str:
     """SHA-256 of a log file, or of all files of a CSV folder in order of their names."""
     digest = hashlib.sha256()
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
@@ -186,10 +186,10 @@ def source_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _effect_lines(place: str, effects: Mapping[str, CalibratedEffect]) -> list[str]:
+def _format_effects(table: str, effects: Mapping[str, CalibratedEffect]) -> list[str]:
     lines: list[str] = []
     for name, effect in effects.items():
-        lines += ["", effect_heading(place, name)]
+        lines += ["", effect_heading(table, name)]
         texts = {"method": effect.method, "source_sha256": effect.source_sha256, "date": effect.date}
         lines += [f"{key} = {toml_text(text)}" for key, text in texts.items() if text]
         if effect.temperature is not None:
@@ -211,24 +211,29 @@ class _Provenance:
     temperature_max: float | None = None
 
 
-def _found(
-    table: Mapping[str, Any], where: str, refused: Mapping[Level, str]
+def _read_effects(
+    table: Mapping[str, Any], where: str, refused_levels: Mapping[Level, str]
 ) -> Iterator[tuple[str, CalibratedEffect]]:
-    about = [item.name for item in fields(_Provenance)]
-    for kind, values, here in effect_tables(table, where, refused):
-        only_keys(values, (*about, *kind.parameters()), here)
+    provenance_keys = [item.name for item in fields(_Provenance)]
+    for kind, values, place in effect_tables(table, where, refused_levels):
+        check_known_keys(values, (*provenance_keys, *kind.parameters()), place)
         parameters = {
-            name: _quantity(kind, name, values[name], f"{here} {name}")
+            name: _read_quantity(kind, name, values[name], f"{place} {name}")
             for name in kind.parameters()
             if name in values
         }
-        said = read_table({key: values[key] for key in about if key in values}, _Provenance, here)
-        low, high = said.temperature_min, said.temperature_max
+        provenance = read_table(
+            {key: values[key] for key in provenance_keys if key in values}, _Provenance, place
+        )
+        low, high = provenance.temperature_min, provenance.temperature_max
         span = None if low is None or high is None else (low, high)
-        yield kind.name, CalibratedEffect(parameters, said.method, said.source_sha256, said.date, span)
+        yield (
+            kind.name,
+            CalibratedEffect(parameters, provenance.method, provenance.source_sha256, provenance.date, span),
+        )
 
 
-def _quantity(kind: type[Effect], name: str, body: object, where: str) -> Quantity:
+def _read_quantity(kind: type[Effect], name: str, body: object, where: str) -> Quantity:
     quantity = read_table(body, Quantity, where)
     check_value(kind, name, quantity.value, f"{where} value")
     if not math.isfinite(quantity.sigma):

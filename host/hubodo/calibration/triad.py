@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import CalibratedEffect, Quantity, known_effects
+from hubodo.calibration.file import CalibratedEffect, Quantity, build_effects
 from hubodo.effects import Effect
 from hubodo.effects.triad import XYZ, CrossAxis, LinearEffect, Sensor
 
@@ -61,32 +61,32 @@ def triad_matrix(effects: Iterable[Effect], sensor: Sensor) -> Array:
 def triad_from_effects(effects: Mapping[str, CalibratedEffect], sensor: Sensor) -> Triad:
     """Triad from a node's calibration; what is not in it counts as zero."""
     bias = effects.get(f"{sensor}_bias", CalibratedEffect({}))
-    return Triad(np.array([bias.value(axis) for axis in XYZ]), triad_matrix(known_effects(effects), sensor))
+    return Triad(np.array([bias.value(axis) for axis in XYZ]), triad_matrix(build_effects(effects), sensor))
 
 
 def effects_from_triad(
-    triad: Triad, sigma: Array, sensor: Sensor, seen: NDArray[np.bool_] | None = None
+    triad: Triad, sigma: Array, sensor: Sensor, observable: NDArray[np.bool_] | None = None
 ) -> dict[str, Mapping[str, Quantity]]:
     """Effect name -> parameters for the calibration file.
 
     sigma: (12,) of b, then of M row by row. seen: (12,) which of them there are; all without.
     """
-    shown = np.ones(12, bool) if seen is None else seen
-    spread, angles = sigma[3:].reshape(3, 3), triad.nonorthogonality
-    in_matrix = shown[3:].reshape(3, 3)
-    found = {
+    is_observable = np.ones(12, bool) if observable is None else observable
+    matrix_sigma, angles = sigma[3:].reshape(3, 3), triad.nonorthogonality
+    in_matrix = is_observable[3:].reshape(3, 3)
+    effects = {
         f"{sensor}_bias": {
-            a: Quantity(float(triad.bias[i]), float(sigma[i])) for i, a in enumerate(XYZ) if shown[i]
+            a: Quantity(float(triad.bias[i]), float(sigma[i])) for i, a in enumerate(XYZ) if is_observable[i]
         },
         f"{sensor}_scale_factor": {
-            a: Quantity(float(triad.scale_error[i]), float(spread[i, i]))
+            a: Quantity(float(triad.scale_error[i]), float(matrix_sigma[i, i]))
             for i, a in enumerate(XYZ)
             if in_matrix[i, i]
         },
         f"{sensor}_nonorthogonality": {
-            name: Quantity(angles[name], float(spread[i, j]))
+            name: Quantity(angles[name], float(matrix_sigma[i, j]))
             for name, (i, j, _) in CrossAxis.places.items()
             if in_matrix[i, j]
         },
     }
-    return {effect: parameters for effect, parameters in found.items() if parameters}
+    return {effect: parameters for effect, parameters in effects.items() if parameters}

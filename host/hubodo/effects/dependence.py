@@ -14,14 +14,14 @@ _CRAWL = 0.25
 def temperature_rate(chain: Chain) -> Array:
     """°C per second, as smooth as the thermometer asks for."""
     # Half a second of loading that only this needs: every command that knows effects would wait for it.
-    from hubodo.smooth import smooth
+    from hubodo.smoothing_spline import fit_smoothing_spline
 
     edges = np.unique(np.searchsorted(chain.t, np.arange(chain.t[0], chain.t[-1], 0.5)))
     if len(edges) < 20:
         return np.zeros_like(chain.t)
     count = np.diff(edges, append=len(chain.t))
     middle = np.add.reduceat(chain.t, edges) / count
-    return smooth(middle, np.add.reduceat(chain.temperature, edges) / count)(chain.t, 1)
+    return fit_smoothing_spline(middle, np.add.reduceat(chain.temperature, edges) / count)(chain.t, 1)
 
 
 def steering_rate(chain: Chain) -> Array:

@@ -11,7 +11,7 @@ from hubodo.errors import ConfigError, HubodoError, InputError
 from hubodo.flash.install import Flashed, RolledBack
 from hubodo.flash.order import Order, node_id
 from hubodo.ingest.link.ports import list_devices
-from hubodo.toml_file import load_toml, shown
+from hubodo.toml_file import load_toml, quote_value
 
 BOARD_VENDORS = {
     0x2E8A: "Raspberry Pi",
@@ -81,7 +81,8 @@ def read_fleet(path: Path) -> dict[str, int]:
     if set(table) != {"nodes"} or not isinstance(rows, dict):
         raise ConfigError(f'{path}: wants one table [nodes] with SERIAL = "NAME" and nothing else')
     fleet = {
-        str(serial).lower(): node_id(str(name), f"{path}: {shown(serial)} =") for serial, name in rows.items()
+        str(serial).lower(): node_id(str(name), f"{path}: {quote_value(serial)} =")
+        for serial, name in rows.items()
     }
     twice = {number for number in fleet.values() if list(fleet.values()).count(number) > 1}
     if twice:

@@ -12,7 +12,7 @@ from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
 from hubodo.errors import InputError, LinkError
-from hubodo.whole_files import whole_files
+from hubodo.atomic_files import atomic_files
 
 
 def opened(word: str) -> tuple[Any, str]:
@@ -45,5 +45,5 @@ def write_whole(fs: Any, path: str, data: bytes) -> None:
         fs.pipe_file(path, data)  # an object store shows an object when it is complete
         return
     fs.makedirs(posixpath.dirname(path), exist_ok=True)
-    with whole_files(Path(path)) as (part,):
+    with atomic_files(Path(path)) as (part,):
         part.write_bytes(data)

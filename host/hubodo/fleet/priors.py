@@ -14,7 +14,7 @@ from hubodo.calibration.file import (
     CalibratedEffect,
     Calibration,
     Quantity,
-    calibration_toml,
+    format_calibration,
     parse_calibration,
 )
 from hubodo.errors import InputError
@@ -39,7 +39,7 @@ def write_priors(output: str, rows: pa.Table) -> None:
         path = f"{folder}/{files}/{CALIBRATION}"
         if files and fs.exists(path):
             found[vehicle].append(parse_calibration(fs.cat_file(path).decode(), Path(path)))
-    write_whole(fs, f"{folder}/{PRIORS}", calibration_toml(usual(found)).encode())
+    write_whole(fs, f"{folder}/{PRIORS}", format_calibration(usual(found)).encode())
 
 
 def usual(found: Mapping[str, Iterable[Calibration]]) -> Calibration:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo.calibration.file import source_hash
+from hubodo.calibration.file import hash_source
 from hubodo.errors import HubodoError, InputError
 from hubodo.fleet.identity import identity
 from hubodo.fleet.listing import LogPlace
@@ -88,7 +88,7 @@ def _examined(
     if analysis.version != __version__:
         raise RuntimeError(f"this worker has hubodo {__version__}, the command {analysis.version}")
     log = _fetched(place, scratch)
-    row: dict[str, Any] = {"sha256": source_hash(log)}
+    row: dict[str, Any] = {"sha256": hash_source(log)}
     row["key"] = analysis.key(row["sha256"])
     row |= identity(log, place.folder)
     if row["key"] in known:

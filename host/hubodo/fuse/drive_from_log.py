@@ -8,9 +8,9 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
 from hubodo.model.inputs import Inputs, Trace
-from hubodo.one_record import check_one_record
+from hubodo.time_gaps import check_time_gaps
 from hubodo.recording import Recording, Table
-from hubodo.smooth import smooth, through
+from hubodo.smoothing_spline import fit_smoothing_spline, fit_interpolating_spline
 
 _FEWEST = 20
 """Rows; fewer are no drive, and a smoothing spline has nothing to judge its noise by."""
@@ -27,7 +27,7 @@ def drive_from_reference(recording: Recording, where: str) -> Inputs:
     """
     table = _enough(recording.reference, "reference", where)
     t = table.t - table.t[0]
-    inputs = Inputs(smooth(t, table["speed"]), smooth(t, table["yaw_rate"]))
+    inputs = Inputs(fit_smoothing_spline(t, table["speed"]), fit_smoothing_spline(t, table["yaw_rate"]))
     if "temperature" in table:
         inputs = Inputs(inputs.speed, inputs.yaw_rate, Trace(t, table["temperature"]))
     return inputs
@@ -46,12 +46,12 @@ def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     latitude, longitude = table["latitude_deg"], table["longitude_deg"]
     frame = local_frame(float(np.median(latitude)), float(np.median(longitude)))
     t = table.t - table.t[0]
-    x, y = (smooth(t, place) for place in frame.to_local(latitude, longitude))
+    x, y = (fit_smoothing_spline(t, place) for place in frame.to_local(latitude, longitude))
     at: Array = np.arange(0.0, t[-1] + 0.5 * _STEP, _STEP)
     vx, vy = x(at, 1), y(at, 1)
     speed = np.hypot(vx, vy)
     yaw_rate = (vx * y(at, 2) - vy * x(at, 2)) / (speed**2 + _CRAWL**2)
-    return Inputs(through(at, speed), through(at, yaw_rate))
+    return Inputs(fit_interpolating_spline(at, speed), fit_interpolating_spline(at, yaw_rate))
 
 
 def _enough(table: Table | None, name: str, where: str) -> Table:
@@ -60,5 +60,5 @@ def _enough(table: Table | None, name: str, where: str) -> Table:
         raise InputError(
             f"{where}: has {count} of the {_FEWEST} rows of {name} that a drive needs; name another log"
         )
-    check_one_record(table.t, f"{where}: {name}")
+    check_time_gaps(table.t, f"{where}: {name}")
     return table

@@ -10,7 +10,7 @@ from enum import Enum
 import numpy as np
 
 from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, WheelSamples, WheelSpec
-from hubodo.one_record import check_one_record
+from hubodo.time_gaps import check_time_gaps
 from hubodo.vehicle import Side
 
 _PORTION_NS = 1_000_000_000
@@ -238,7 +238,7 @@ class DifferentialOdometry:
 def integrate(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
     """All poses of recorded wheels, the same as if the samples had come live. InputError for a wild time."""
     for wheel in wheels:
-        check_one_record(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _LONGEST)
+        check_time_gaps(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _LONGEST)
     odometry = DifferentialOdometry(config)
     states: list[OdometryState] = []
     for part in _second_by_second(wheels):

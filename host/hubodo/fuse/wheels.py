@@ -141,7 +141,7 @@ def wheel_odometry(
             events=recording.events,
             t_zero_ns=recording.t_zero_ns,
         )
-        recording, calibration = replace(recording, nodes=applied.nodes), applied.left
+        recording, calibration = replace(recording, nodes=applied.nodes), applied.remaining
     if method == "differential":
         return _differential(recording, vehicle, names, log)
     calibration, told_bias = with_node_biases(calibration, recording, names)
@@ -151,7 +151,7 @@ def wheel_odometry(
     warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
     if applied is None:
         return replace(made, warnings=warnings)
-    learnt = {**made.learnt, "calibrated": dict(applied.used)} if applied.used else made.learnt
+    learnt = {**made.learnt, "calibrated": dict(applied.summaries)} if applied.summaries else made.learnt
     return replace(made, warnings=applied.warnings + warnings, learnt=learnt)
 
 

@@ -21,7 +21,7 @@ from hubodo.log.number_file import kind_of
 from hubodo.log.parquet_table import is_parquet
 from hubodo.log.sound_rows import believable_tables
 from hubodo.log.source import Source, is_ours
-from hubodo.recording import RESERVED, Recording
+from hubodo.recording import TABLE_FILE_COLUMNS, Recording
 
 _AS_IT_IS = LogForm()
 
@@ -42,7 +42,7 @@ def read_log(
     said += [f"nothing in {name}; left out" for name in tables if name not in kept]
     if not said:
         return recording
-    special: dict[str, Any] = {name: kept.get(name) for name in RESERVED}
+    special: dict[str, Any] = {name: kept.get(name) for name in TABLE_FILE_COLUMNS}
     nodes = {name: kept[name] for name in recording.nodes if name in kept}
     warnings = (*recording.warnings, *(f"{path}: {line}" for line in said))
     return replace(recording, nodes=nodes, warnings=warnings, **special)

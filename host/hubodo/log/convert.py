@@ -29,7 +29,7 @@ from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
-from hubodo.whole_files import free_path, whole_new_file
+from hubodo.atomic_files import require_free_path, atomic_new_file
 
 Progress = Callable[[str, float], None]
 _ROWS = 8192
@@ -62,7 +62,7 @@ def write_recording(
     written under a temporary name beside it, so a failure or a kill leaves no file of that name.
     """
     path = Path(path)
-    free_path(path)
+    require_free_path(path)
     parts = _parts(recording)
     for part in parts:
         if len(part.t_ns) and (part.t_ns.min() < 0 or part.t_ns.max() >= T_LIMIT * NS_PER_S):
@@ -72,7 +72,7 @@ def write_recording(
             )
     metadata = {key: text for key, text in recording.metadata.items() if not key.startswith("hubodo.")}
     with (
-        whole_new_file(path) as beside,
+        atomic_new_file(path) as beside,
         McapLog(
             beside, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
         ) as log,

@@ -9,9 +9,9 @@ from typing import Any, Literal
 from hubodo.errors import InputError
 from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
-from hubodo.recording import NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
 from hubodo.safe_text import json_text
-from hubodo.whole_files import whole_folder
+from hubodo.atomic_files import atomic_folder
 
 Format = Literal["csv", "parquet"]
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
@@ -40,12 +40,12 @@ def read_files(
     for number, (name, path) in enumerate(files.items()):
         if progress:
             progress(f"reading {path.name}", number / len(files))
-        required = RESERVED[name][0] if name in RESERVED else NODE_COLUMNS
-        parsed = _read(path, required, repair, is_node=name not in RESERVED)
+        required = TABLE_FILE_COLUMNS[name][0] if name in TABLE_FILE_COLUMNS else NODE_COLUMNS
+        parsed = _read(path, required, repair, is_node=name not in TABLE_FILE_COLUMNS)
         tables[name] = parsed.table
         if parsed.dropped:
             dropped[path.name] = dict(parsed.dropped)
-    nodes = {name: table for name, table in tables.items() if name not in RESERVED}
+    nodes = {name: table for name, table in tables.items() if name not in TABLE_FILE_COLUMNS}
     earliest = min(table.t[0] for table in tables.values() if len(table))
     t_zero_ns = max(0, -int(earliest // 1)) * 1_000_000_000
     events = tuple(
@@ -55,7 +55,7 @@ def read_files(
     metadata = {"source": "csv folder"}
     if repair:
         metadata["repaired"] = json_text(dropped)
-    special: dict[str, Any] = {name: table for name, table in tables.items() if name in RESERVED}
+    special: dict[str, Any] = {name: table for name, table in tables.items() if name in TABLE_FILE_COLUMNS}
     return Recording(nodes, events=events, metadata=metadata, t_zero_ns=t_zero_ns, **special)
 
 
@@ -78,7 +78,7 @@ def write_folder(
     for name in files:
         if "/" in name or "\0" in name or name in ("", ".", ".."):
             raise InputError(f"node {name!r} cannot be the name of a file; export the other nodes by hand")
-    with whole_folder(folder) as part:
+    with atomic_folder(folder) as part:
         names = []
         for number, (name, table) in enumerate(files.items()):
             if progress:
@@ -101,12 +101,12 @@ def _files(folder: Path) -> dict[str, Path]:
         if name in found:
             raise InputError(f"{folder}: holds both {found[name].name} and {path.name}; remove one of them")
         found[name] = path
-    if all(name in RESERVED for name in found) and "wheels" not in found:
+    if all(name in TABLE_FILE_COLUMNS for name in found) and "wheels" not in found:
         raise InputError(
             f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
             f"{','.join(NODE_COLUMNS)}, or wheels.csv"
         )
-    return dict(sorted(found.items(), key=lambda item: item[0] in RESERVED))
+    return dict(sorted(found.items(), key=lambda item: item[0] in TABLE_FILE_COLUMNS))
 
 
 def _read(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:

@@ -13,13 +13,13 @@ from hubodo.errors import InputError
 from hubodo.log.number_file import Kind, Numbers, list_names, read_numbers
 from hubodo.log.roles import BY_TYPE, TopicChoice
 from hubodo.log.units import si_factor
-from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL, Recording, Table
+from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Table
 
 FloatArray = NDArray[np.float64]
 
 CHANNELS = NODE_COLUMNS[1:]
 _TIMES = {"t": 1.0, "t_ms": 1e-3, "t_us": 1e-6, "t_ns": 1e-9}
-_KNOWN = (*_TIMES, *CHANNELS, *NODE_OPTIONAL)
+_KNOWN = (*_TIMES, *CHANNELS, *NODE_OPTIONAL_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def read_number_file(path: Path, kind: Kind, form: LogForm) -> Recording:
     for place, name in enumerate(names):
         if name in CHANNELS:
             columns[name] = numbers.values[:, place] * factors[name]
-        elif name in NODE_OPTIONAL:
+        elif name in NODE_OPTIONAL_COLUMNS:
             columns[name] = numbers.values[:, place]
     for name in CHANNELS:
         columns.setdefault(name, np.full(len(columns["t"]), np.nan))

@@ -24,7 +24,7 @@ from hubodo.log.roles import BY_TYPE, Roles, RoleTopic, TopicChoice, assign
 from hubodo.log.sound_rows import sound_tables
 from hubodo.log.source import Source, Stream, is_ours
 from hubodo.log.timebase import EXACT_S, to_seconds
-from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, RESERVED, Event, Recording, Table
+from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
 from hubodo.units import NS_PER_S
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
@@ -194,7 +194,7 @@ class _Collected:
             for topic, (_, rows) in self.rows.items()
             if topic == topics.bias_filter(topic[1:].removesuffix("/bias_filter")) and len(rows)
         }
-        special: dict[str, Any] = {name: tables.pop(name) for name in RESERVED if name in tables}
+        special: dict[str, Any] = {name: tables.pop(name) for name in TABLE_FILE_COLUMNS if name in tables}
         metadata = dict(self.log.metadata)
         if not self.ours:
             used = {**roles.nodes, **{role: topic for role, topic in roles.files.items() if role in special}}
@@ -324,10 +324,15 @@ class _Collected:
         for topic in self.rows:
             name = topic.removeprefix(topics.COLUMNS)
             rows = self._get(topic, ros2.COLUMNS)
-            if topic.startswith(topics.COLUMNS) and name in RESERVED and name not in tables and rows:
+            if (
+                topic.startswith(topics.COLUMNS)
+                and name in TABLE_FILE_COLUMNS
+                and name not in tables
+                and rows
+            ):
                 columns = self._columns(topic, rows)
                 columns.pop("t", None)
-                if set(RESERVED[name][0]) <= {"t", *columns}:
+                if set(TABLE_FILE_COLUMNS[name][0]) <= {"t", *columns}:
                     tables[name] = self._ordered(topic, rows, columns)
 
     def _file(self, role: str, topic: str) -> Table:

@@ -17,7 +17,7 @@ from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile
 from hubodo.log.logfile import Log
 from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import scan
-from hubodo.whole_files import whole_new_file
+from hubodo.atomic_files import atomic_new_file
 
 Progress = Callable[[str, float], None]
 Indexes = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
@@ -57,7 +57,7 @@ def recover(path: Path, out: Path, *, progress: Progress | None = None) -> Recov
     path, out = Path(path), Path(out)
     if out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the log itself; give another name, the damaged log is kept as it is")
-    with whole_new_file(out) as part, Log(scan(path, lenient=True)) as log:
+    with atomic_new_file(out) as part, Log(scan(path, lenient=True)) as log:
         target = McapFile(part, profile=log.found.profile or PROFILE, library=log.found.library or LIBRARY)
         try:
             salvage = _Salvage(log, target)

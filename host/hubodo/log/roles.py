@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from hubodo.errors import InputError
 from hubodo.log import ros2, topics
-from hubodo.recording import RESERVED
-from hubodo.toml_file import near
+from hubodo.recording import TABLE_FILE_COLUMNS
+from hubodo.toml_file import suggest_spelling
 
 NODES = "nodes"
 TYPES: Mapping[str, tuple[str, ...]] = {
@@ -112,7 +112,7 @@ class _Assignment:
                 fitting = [it for it, candidate in self.found.items() if candidate.kind in kinds]
                 words = (
                     f"{name}={topic}: no such topic with messages that are understood"
-                    f"{near(topic, self.found)}; of its type there are {', '.join(fitting) or 'none'}"
+                    f"{suggest_spelling(topic, self.found)}; of its type there are {', '.join(fitting) or 'none'}"
                 )
                 if by_user:
                     raise InputError(f"{self.where}: --topic {words}")
@@ -190,7 +190,7 @@ class _Assignment:
             name = node_name(topic)
             if name in self.dropped:
                 continue
-            while name in made or name in RESERVED:
+            while name in made or name in TABLE_FILE_COLUMNS:
                 name += "_"
             made[name] = topic
         return made

@@ -7,7 +7,7 @@ from itertools import chain
 
 import numpy as np
 
-from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL, RESERVED, Table
+from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, TABLE_FILE_COLUMNS, Table
 
 
 def sound_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
@@ -18,7 +18,7 @@ def sound_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[st
     """
     kept, said = {}, []
     for name, table in tables.items():
-        needed = RESERVED.get(name, (NODE_COLUMNS,))[0]
+        needed = TABLE_FILE_COLUMNS.get(name, (NODE_COLUMNS,))[0]
         if lacking := [column for column in needed if column not in table]:
             said.append(f"{name}: its columns {', '.join(lacking)} are lost; left out")
             continue
@@ -45,7 +45,7 @@ def believable_tables(tables: Mapping[str, Table]) -> tuple[dict[str, Table], li
     """The tables without rows of numbers that are too large to be any, and a line for each that had some."""
     kept, said = {}, []
     for name, table in tables.items():
-        known = [*chain(*RESERVED.get(name, ((*NODE_COLUMNS, *NODE_OPTIONAL), ())))]
+        known = [*chain(*TABLE_FILE_COLUMNS.get(name, ((*NODE_COLUMNS, *NODE_OPTIONAL_COLUMNS), ())))]
         wild = np.zeros(len(table), bool)
         for column in known:
             if column in table and column != "t":

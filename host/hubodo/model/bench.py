@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
 from hubodo.model.inputs import Earth, Inputs
-from hubodo.smooth import constant, through
+from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline
 
 _STEP, _REPORT = 0.01, 0.1
 
@@ -45,11 +45,11 @@ class Programme:
         number, share = self._place(t)
         angles = np.array(self.angles)
         leap = angles[(number + 1) % len(angles)] - angles[number % len(angles)]
-        turning = through(t, leap * eased(share)[1] / self.turn)
+        turning = fit_interpolating_spline(t, leap * eased(share)[1] / self.turn)
         at: Array = np.arange(0.0, duration, _REPORT)
         angle = angles[0] + turning.integral(at)
         moving = (self._place(at)[1] > -1e-9).astype(np.float64)
-        inputs = Inputs(constant(0.0, 0.0, duration), turning, earth=earth)
+        inputs = Inputs(constant_spline(0.0, 0.0, duration), turning, earth=earth)
         return inputs, np.stack([at, angle, moving], axis=1)
 
     def _place(self, t: Array) -> tuple[NDArray[np.int64], Array]:

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from hubodo.arrays import Array
 from hubodo.model.inputs import Inputs
-from hubodo.smooth import through
+from hubodo.smoothing_spline import fit_interpolating_spline
 
 _STEP = 0.01
 _ROUNDED = 0.4
@@ -35,7 +35,7 @@ def scripted(legs: list[Leg], smoothing: float = _ROUNDED) -> Inputs:
     width = smoothing / _STEP
     speed = gaussian_filter1d(np.array([item.speed for item in legs])[leg], width, mode="nearest")
     yaw_rate = gaussian_filter1d(np.array([item.yaw_rate for item in legs])[leg], width, mode="nearest")
-    return Inputs(through(t, speed), through(t, yaw_rate))
+    return Inputs(fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw_rate))
 
 
 def loop_drive(rng: np.random.Generator, rest: float = 8.0, moving: float = 60.0) -> Inputs:

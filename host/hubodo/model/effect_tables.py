@@ -9,7 +9,7 @@ from hubodo.effects import BY_NAME, Effect, effect_of
 from hubodo.effects.base import Level
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import ConfigError
-from hubodo.toml_file import as_table, near, toml_key
+from hubodo.toml_file import as_table, suggest_spelling, toml_key
 
 
 def effect_tables(
@@ -24,7 +24,7 @@ def effect_tables(
     for name, values in as_table(table.get("effects", {}), f"{where}]").items():
         here = f"{where}.{toml_key(name)}]"
         if name not in BY_NAME and not name.startswith(PREFIX):
-            hint = near(name, BY_NAME)
+            hint = suggest_spelling(name, BY_NAME)
             raise ConfigError(
                 f"{here}: no such effect{hint}; see the table of effects in the model's README, or name the "
                 "file that has it with --effects"

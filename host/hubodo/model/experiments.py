@@ -17,7 +17,7 @@ from hubodo.model.forward import Carried, NodeForward, NodeStart
 from hubodo.model.inputs import Earth, Inputs, Trace
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording, Table
-from hubodo.smooth import constant
+from hubodo.smoothing_spline import constant_spline
 from hubodo.vehicle import NodeMount
 
 DRIVES = ("random", "loop", "rest", "turntable", "poses")
@@ -65,7 +65,7 @@ def poses(duration: float, rng: np.random.Generator, latitude: float | None) -> 
     if count < 9:
         raise InputError(f"{duration:g} s are enough for {count} poses; give 74 s or more for at least nine")
     handled = Handled(Rotation.random(count, rng=rng), latitude=latitude)
-    still = constant(0.0, 0.0, duration)
+    still = constant_spline(0.0, 0.0, duration)
     return Experiment("poses", Inputs(still, still), bench=True, carried=handled)
 
 
@@ -100,7 +100,7 @@ def experiment_of(
     elif kind == "loop":
         made = Experiment(kind, loop_drive(rng, rest=1.0, moving=duration - 5.0))
     elif kind == "rest":
-        still = constant(0.0, 0.0, duration)
+        still = constant_spline(0.0, 0.0, duration)
         made = Experiment(kind, Inputs(still, still))
     else:
         raise InputError(f"drive {kind!r}: choose from {', '.join(DRIVES)}")
@@ -128,9 +128,9 @@ def with_constants(experiment: Experiment, model: Model) -> Experiment:
     """The same with inputs that the model file gives as numbers in their place."""
     inputs, names = experiment.inputs, model.inputs
     if not isinstance(names.speed, str):
-        inputs = replace(inputs, speed=constant(names.speed, 0.0, experiment.duration))
+        inputs = replace(inputs, speed=constant_spline(names.speed, 0.0, experiment.duration))
     if not isinstance(names.yaw_rate, str):
-        inputs = replace(inputs, yaw_rate=constant(names.yaw_rate, 0.0, experiment.duration))
+        inputs = replace(inputs, yaw_rate=constant_spline(names.yaw_rate, 0.0, experiment.duration))
     return replace(experiment, inputs=inputs)
 
 

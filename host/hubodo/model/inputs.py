@@ -11,7 +11,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
 from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS
-from hubodo.smooth import Smooth
+from hubodo.smoothing_spline import SmoothingSpline
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ class Inputs:
     earth: only for nodes on the body, where an experiment is long and still enough to see it.
     """
 
-    speed: Smooth
-    yaw_rate: Smooth
+    speed: SmoothingSpline
+    yaw_rate: SmoothingSpline
     temperature: Trace = _ROOM
     supply: Trace = _BATTERY
     earth: Earth | None = None
@@ -97,7 +97,7 @@ class Inputs:
     def at(self, t: Array) -> Body:
         """Everything at times t, (N,) s since the log began."""
         around = self.temperature.at(t), self.supply.at(t)
-        return Body(t, *self.speed.motion(t), *self.yaw_rate.motion(t), *around)
+        return Body(t, *self.speed.evaluate(t), *self.yaw_rate.evaluate(t), *around)
 
 
 class MotionCorrection(Protocol):

@@ -13,19 +13,19 @@ from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
-    LARGEST,
-    above_zero,
+    MAX_TOML_NUMBER,
+    check_positive,
     as_table,
     load_toml,
-    near,
-    only_keys,
+    suggest_spelling,
+    check_known_keys,
     read_table,
     toml_key,
     toml_number,
     toml_text,
 )
-from hubodo.vehicle import RANGES, NodeMount, Vehicle, vehicle_of
-from hubodo.whole_files import write_whole
+from hubodo.vehicle import RANGE_KEYS, NodeMount, Vehicle, parse_vehicle
+from hubodo.atomic_files import write_atomically
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")
@@ -120,7 +120,7 @@ def read_model(path: Path) -> Model:
     parameters or inputs; missing, infinite or impossible numbers; an effect where it cannot be.
     """
     table = load_toml(path)
-    vehicle = vehicle_of(table, path)
+    vehicle = parse_vehicle(table, path)
     return Model(
         vehicle, _noise(table, path), _inputs(table, path, vehicle), tuple(_all(table, path, vehicle))
     )
@@ -137,23 +137,23 @@ def _noise(table: Mapping[str, Any], path: Path) -> Noise:
         raise ConfigError(
             f"{path}: [imu] is missing; give gyro_noise (rad/s) and accel_noise (m/s²), 1 sigma"
         )
-    # The ranges are the nodes': see `vehicle_of`.
+    # The ranges are the nodes': see `parse_vehicle`.
     entries = {
-        key: value for key, value in as_table(table["imu"], f"{path}: [imu]").items() if key not in RANGES
+        key: value for key, value in as_table(table["imu"], f"{path}: [imu]").items() if key not in RANGE_KEYS
     }
     imu = read_table(entries, _Imu, f"{path}: [imu]")
     for key in ("gyro_noise", "accel_noise"):
-        above_zero(getattr(imu, key), f"{path}: [imu] {key}")
+        check_positive(getattr(imu, key), f"{path}: [imu] {key}")
     return Noise(imu.gyro_noise, imu.accel_noise)
 
 
 def _inputs(table: Mapping[str, Any], path: Path, vehicle: Vehicle) -> InputNames:
     where = f"{path}: [inputs]"
     entries = as_table(table.get("inputs", {}), where)
-    only_keys(entries, ("speed", "yaw_rate", *_SPREADS), where)
+    check_known_keys(entries, ("speed", "yaw_rate", *_SPREADS), where)
     inputs = read_table(entries, InputNames, where)
     for key in _SPREADS:
-        if not 0.0 <= getattr(inputs, key) <= LARGEST:
+        if not 0.0 <= getattr(inputs, key) <= MAX_TOML_NUMBER:
             raise ConfigError(f"{where} {key} = {getattr(inputs, key)}: must be a finite number, 0 or more")
     for key in ("speed", "yaw_rate"):
         _check_input(getattr(inputs, key), f"{where} {key}", vehicle)
@@ -172,9 +172,9 @@ def _check_input(value: str | float, where: str, vehicle: Vehicle) -> None:
     other = source not in ("", "reference", "nodes", *vehicle.nodes) and channel in _RATES
     if value in known or (source in vehicle.nodes and channel in _RATES):
         return
-    if not other or near(source, ["reference", *vehicle.nodes]):
+    if not other or suggest_spelling(source, ["reference", *vehicle.nodes]):
         raise ConfigError(
-            f"{where} = {value!r}: no such input{near(value, known)}; write a number, reference.speed, "
+            f"{where} = {value!r}: no such input{suggest_spelling(value, known)}; write a number, reference.speed, "
             "reference.yaw_rate, nodes, or nodes.NAME.gz"
         )
 
@@ -216,7 +216,7 @@ def write_model(
     comments: text above an effect, by (name, node or None). Raises InputError without the folder, ValueError
     for an effect with a value that `read_model` would refuse.
     """
-    write_whole(path, model_toml(model, comments))
+    write_atomically(path, model_toml(model, comments))
 
 
 def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | None = None) -> str:
@@ -246,7 +246,7 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         if mount.side is not None:
             lines += [f'side = "{mount.side}"', f'facing = "{mount.facing}"']
         for key, value, unit in zip(
-            RANGES, (mount.gyro_range, mount.accel_range), ("rad/s", "m/s²"), strict=True
+            RANGE_KEYS, (mount.gyro_range, mount.accel_range), ("rad/s", "m/s²"), strict=True
         ):
             if value is not None:
                 lines.append(_number(key, value, f"{unit}, where its samples end"))

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import InputError
-from hubodo.whole_files import whole_files
+from hubodo.atomic_files import atomic_files
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 _MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
@@ -57,7 +57,7 @@ def drawing(draw: Callable[[], Any]) -> Drawing:
 
 def save(figure: Any, path: Path) -> None:
     """Write a matplotlib figure in the form of its suffix. Raises OSError where it cannot be written."""
-    with whole_files(path) as (part,):
+    with atomic_files(path) as (part,):
         figure.savefig(part, dpi=150, format=path.suffix[1:].lower())
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hubodo.calibration.apply import Applied, apply_calibration
-from hubodo.calibration.file import Calibration, node_serial
+from hubodo.calibration.apply import AppliedCalibration, apply_calibration
+from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.errors import InputError
 from hubodo.fuse.track import error_words, score
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
@@ -143,7 +143,7 @@ def _content(recording: Recording, summary: Summary | None, missing: list[str]) 
         span = "none"
         if "temperature" in table and np.isfinite(table["temperature"]).any():
             span = f"{np.nanmin(table['temperature']):.1f} to {np.nanmax(table['temperature']):.1f}"
-        serial = node_serial(recording.metadata, name) or "not known"
+        serial = find_node_serial(recording.metadata, name) or "not known"
         nodes.append((name, serial, meta["firmware"], meta["rate_hz"], meta["parts"], span))
     heading = ("node", "serial", "firmware", "nominal Hz", "parts", "temperature, °C")
     tables.append(Grid(heading, nodes))
@@ -197,7 +197,7 @@ def _events(recording: Recording, summary: Summary | None) -> list[Section]:
     return [Section("Events", text, [Grid(("t, s", "kind", "of", ""), rows)])]
 
 
-def _applied(recording: Recording, calibration: Calibration | None) -> Applied | None:
+def _applied(recording: Recording, calibration: Calibration | None) -> AppliedCalibration | None:
     if calibration is None:
         return None
     return apply_calibration(
@@ -213,7 +213,7 @@ def _calibration(
     recording: Recording,
     calibration: Calibration | None,
     source: str,
-    applied: Applied | None,
+    applied: AppliedCalibration | None,
     missing: list[str],
 ) -> Section:
     if calibration is None or applied is None:
@@ -251,7 +251,7 @@ def _drive(
     recording: Recording,
     vehicle: Vehicle | None,
     calibration: Calibration | None,
-    applied: Applied | None,
+    applied: AppliedCalibration | None,
     facts: list[str],
     missing: list[str],
 ) -> list[Section]:
@@ -259,7 +259,7 @@ def _drive(
         missing.append("drive: no vehicle file in the log and none given (--vehicle)")
         return []
     nodes = recording if applied is None else _with_nodes(recording, applied)
-    left = None if applied is None else applied.left
+    left = None if applied is None else applied.remaining
     try:
         made = wheel_odometry(nodes, vehicle, log=name, calibration=left)
     except InputError as error:
@@ -284,7 +284,7 @@ def _drive(
     return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
 
 
-def _with_nodes(recording: Recording, applied: Applied) -> Recording:
+def _with_nodes(recording: Recording, applied: AppliedCalibration) -> Recording:
     named: dict[str, Any] = {
         key: getattr(recording, key)
         for key in ("reference", "wheels", "gnss", "heading", "table", "truth", "metadata", "t_zero_ns")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.apply import power_on_times
+from hubodo.calibration.apply import find_starts
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Event, Table
 from hubodo.report.allan import allan_lead, allan_sections, duration_words, value_words
@@ -233,5 +233,5 @@ def _temperature(table: Table, finite: Mask, span: slice) -> Array | None:
 
 def _age(events: tuple[Event, ...], name: str, t: float, t_zero_ns: int) -> float | None:
     """s since power-on at t, None where the log does not tell."""
-    starts = [since for begun, since in power_on_times(events, name) if (begun - t_zero_ns) * 1e-9 <= t + 1.0]
+    starts = [since for begun, since in find_starts(events, name) if (begun - t_zero_ns) * 1e-9 <= t + 1.0]
     return max(t - (starts[-1] - t_zero_ns) * 1e-9, 0.0) if starts else None

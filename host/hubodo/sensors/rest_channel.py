@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.file import node_serial
+from hubodo.calibration.file import find_node_serial
 from hubodo.errors import InputError
 from hubodo.log.foreign import CHANNELS as CHANNELS
 from hubodo.recording import Recording, Table
@@ -83,7 +83,7 @@ def rest_channel(
         raise InputError(f"{log}, node {node}: {error}") from None
     temperature = temperature_of(table, np.flatnonzero(finite) + span.start)
     step = None if temperature is None else temperature_step(t, temperature)
-    serial = node_serial(recording.metadata, node)
+    serial = find_node_serial(recording.metadata, node)
     return Standstill(node, channel, t, values, temperature, step, serial, recording.warnings, tuple(moved))
 
 

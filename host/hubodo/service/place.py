@@ -13,7 +13,7 @@ from pathlib import Path
 from hubodo.errors import HubodoError, InputError
 from hubodo.ingest.live.record_config import load_record_config
 from hubodo.service import rules, unit
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def write(files: dict[Path, str]) -> None:
     for path, text in files.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_whole(path, text)
+            write_atomically(path, text)
         except PermissionError:
             raise InputError(
                 f"{path}: no permission; use sudo, or --user for a service of yours alone"

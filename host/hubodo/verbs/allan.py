@@ -32,7 +32,7 @@ from hubodo.sensors.rest_channel import CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import add_span_arguments, standstill
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
@@ -162,7 +162,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
     # The page first: it does not need what the figure may lack.
     if args.report is not None:
-        write_whole(args.report, allan_page(named, title, sheets))
+        write_atomically(args.report, allan_page(named, title, sheets))
     if args.figure is not None:
         save(allan_figure(named, title, sheets), args.figure)
     return made

@@ -16,9 +16,9 @@ from rich.table import Table as TextTable
 from hubodo.calibration.file import (
     CalibratedEffect,
     Calibration,
-    node_serial,
+    find_node_serial,
     read_calibration,
-    source_hash,
+    hash_source,
     write_calibration,
 )
 from hubodo.errors import InputError
@@ -31,7 +31,7 @@ from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import latitude, positive
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
@@ -146,12 +146,12 @@ def run(args: argparse.Namespace) -> CalibratedImu:
             convention=args.convention,
             min_rest=args.min_rest,
         )
-    effects = imu_effects(result, table, source_hash(args.log))
-    serial = node_serial(recording.metadata, args.node)
+    effects = imu_effects(result, table, hash_source(args.log))
+    serial = find_node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."
-        write_whole(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
+        write_atomically(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
     return CalibratedImu(args.node, str(args.output), result)
 
 

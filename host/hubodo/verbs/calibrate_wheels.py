@@ -15,9 +15,9 @@ from rich.table import Table as TextTable
 
 from hubodo.calibration.file import (
     Calibration,
-    node_serial,
+    find_node_serial,
     read_calibration,
-    source_hash,
+    hash_source,
     write_calibration,
 )
 from hubodo.errors import InputError
@@ -133,13 +133,13 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     found = replace(found, warnings=recording.warnings + tuple(found.warnings))
     provenance: dict[str, Any] = {
         "method": f"wheel filter with {found.fixes} positions ({kind})",
-        "source_sha256": source_hash(args.log),
+        "source_sha256": hash_source(args.log),
         "date": datetime.now(UTC).date().isoformat(),
     }
     made = before
     for name in found.nodes:
         effects = found.effects(name, **provenance, temperature=_span(recording.nodes[name]))
-        made = made.with_node(name, effects, node_serial(recording.metadata, name))
+        made = made.with_node(name, effects, find_node_serial(recording.metadata, name))
     made = made.with_vehicle(found.vehicle_effects(**provenance))
     write_calibration(made, args.output)
     return CalibratedWheels(str(args.output), kind, found)

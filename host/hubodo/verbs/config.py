@@ -11,7 +11,7 @@ from rich.console import Console
 
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.live.record_config import RecordConfig, load_record_config
-from hubodo.settings_table import example_toml
+from hubodo.settings_table import write_example_toml
 from hubodo.web.config import WebConfig, load_web_config
 
 EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> Checked | Example:
             raise InputError(
                 "config example prints to the terminal; redirect it: hubodo config example > FILE"
             )
-        return Example(example_toml(SETTINGS, _HEAD))
+        return Example(write_example_toml(SETTINGS, _HEAD))
     if args.file is None:
         raise InputError("config check needs a FILE, such as hubodo.toml")
     return _checked(args.file)

@@ -38,7 +38,7 @@ from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.numbers import number, seed
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 _START_NS = 1_767_225_600_000_000_000
 """Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""
@@ -191,10 +191,12 @@ def run(args: argparse.Namespace) -> Demo:
         f"{error_words(demo.score.final_error, demo.score.final_percent, ' of the path')}."
     )
     facts = facts_grid(demo.facts())
-    write_whole(demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS))
+    write_atomically(
+        demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS)
+    )
     made = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
-    write_whole(demo.report, made.html)
-    write_whole(out / "demo.json", _kept(demo, out))
+    write_atomically(demo.report, made.html)
+    write_atomically(out / "demo.json", _kept(demo, out))
     return demo
 
 

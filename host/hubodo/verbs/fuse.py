@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.calibration.file import read_calibration, source_hash
+from hubodo.calibration.file import read_calibration, hash_source
 from hubodo.errors import InputError
 from hubodo.fuse.fused import Fused, check_free, fuse_recording, write_fused
 from hubodo.fuse.wheels import METHODS
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> FusedFiles:
     recording = read_log(args.log, form=log_form(args, vehicle, needed=needed))
     known = None
     if args.calibration:
-        known = {"file": str(args.calibration), "sha256": source_hash(args.calibration)}
+        known = {"file": str(args.calibration), "sha256": hash_source(args.calibration)}
     fused = fuse_recording(
         recording,
         vehicle,

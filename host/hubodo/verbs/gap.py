@@ -38,7 +38,7 @@ from hubodo.model.model_file import Model, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.report.gap_files import FILES, check_gap_folder, gap_contents, gap_json, plain, write_texts
-from hubodo.toml_file import near
+from hubodo.toml_file import suggest_spelling
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
@@ -227,7 +227,7 @@ def _known(option: str, names: Iterable[str]) -> None:
     known = (*BY_NAME, EMPIRICAL) if option == "reject" else tuple(BY_NAME)
     for name in names:
         if name not in known:
-            hint = near(name, known) or f"; they are {', '.join(known)}"
+            hint = suggest_spelling(name, known) or f"; they are {', '.join(known)}"
             raise InputError(f"--{option} {name}: no such effect{hint}")
 
 

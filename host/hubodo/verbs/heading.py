@@ -31,7 +31,7 @@ from hubodo.sensors.rest_channel import CHANNELS, temperature_of
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.standstill import read_node
-from hubodo.whole_files import whole_files, write_whole
+from hubodo.atomic_files import atomic_files, write_atomically
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
@@ -124,11 +124,11 @@ def run(args: argparse.Namespace) -> HeadingTaken:
     if args.output is not None:
         track = report.track
         columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
-        with whole_files(args.output) as (part,):
+        with atomic_files(args.output) as (part,):
             write_table(part, Table(columns))
     title = f"Heading of {node} {args.axis}"
     if args.report is not None:
-        write_whole(args.report, page(title, heading_lead(report), heading_sections(report)))
+        write_atomically(args.report, page(title, heading_lead(report), heading_sections(report)))
     if args.figure is not None:
         heading_figure(report, args.figure, title)
     return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)

@@ -21,7 +21,7 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
-from hubodo.whole_files import free_path
+from hubodo.atomic_files import require_free_path
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
@@ -105,7 +105,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> Imported | Decoded:
     """Read the folder or the frames, write the log."""
-    free_path(args.output)
+    require_free_path(args.output)
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     form = log_form(args, vehicle)
     file = mcap_file(args.source)

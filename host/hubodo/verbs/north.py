@@ -34,7 +34,7 @@ from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
 from hubodo.verbs.numbers import not_negative, number, positive, whole
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
         azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
     if args.report is not None:
         lead = north_lead(azimuth, sigma)
-        write_whole(args.report, page("North", lead, north_sections(gyros, warnings)))
+        write_atomically(args.report, page("North", lead, north_sections(gyros, warnings)))
     if args.figure is not None:
         save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return FoundNorth(
@@ -271,7 +271,7 @@ def _corrected(
         events=recording.events,
         t_zero_ns=recording.t_zero_ns,
     )
-    return applied.nodes, applied.used, list(applied.warnings)
+    return applied.nodes, applied.summaries, list(applied.warnings)
 
 
 def _record(

@@ -6,25 +6,25 @@ import argparse
 import math
 from collections.abc import Callable
 
-from hubodo.toml_file import LARGEST
+from hubodo.toml_file import MAX_TOML_NUMBER
 
 
 def number(
-    low: float = -LARGEST, high: float = LARGEST, *, above: float | None = None
+    low: float = -MAX_TOML_NUMBER, high: float = MAX_TOML_NUMBER, *, above: float | None = None
 ) -> Callable[[str], float]:
     """The type of an option that takes a number from low to high; above: that it must exceed."""
     words = f"from {low:g} to {high:g}"
     if above is not None:
-        words = f"above {above:g}" + (f", {high:g} at most" if high < LARGEST else "")
-    elif high == LARGEST:
-        words = "" if low == -LARGEST else f"from {low:g} on"
+        words = f"above {above:g}" + (f", {high:g} at most" if high < MAX_TOML_NUMBER else "")
+    elif high == MAX_TOML_NUMBER:
+        words = "" if low == -MAX_TOML_NUMBER else f"from {low:g} on"
 
     def read(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
-        if not low <= value <= high or (above is not None and value < above + 1.0 / LARGEST):
+        if not low <= value <= high or (above is not None and value < above + 1.0 / MAX_TOML_NUMBER):
             raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {words}".rstrip())
         return value
 

@@ -21,7 +21,7 @@ from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import positive
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -98,5 +98,5 @@ def run(args: argparse.Namespace) -> Reported:
             calibration_from=where,
             gravity=args.gravity,
         )
-    write_whole(args.output, made.html)
+    write_atomically(args.output, made.html)
     return Reported(str(args.log), str(args.output), args.output.stat().st_size, made.facts, made.missing)

@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.calibration.as_model import with_calibration
+from hubodo.calibration.calibrated_model import add_calibration_to_model
 from hubodo.calibration.file import read_calibration
 from hubodo.demo.ride import (
     SETTLE,
@@ -173,7 +173,7 @@ def run(args: argparse.Namespace) -> Simulated:
     _check(args, model)
     notes: tuple[str, ...] = ()
     if args.calibration:
-        model, notes = with_calibration(model, read_calibration(args.calibration))
+        model, notes = add_calibration_to_model(model, read_calibration(args.calibration))
     experiment = _experiment(args, model)
     with progress_line() as show:
         if args.virtual_node:

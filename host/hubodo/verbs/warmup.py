@@ -19,7 +19,7 @@ from hubodo.calibration.file import (
     NodeCalibration,
     Quantity,
     read_calibration,
-    source_hash,
+    hash_source,
     write_calibration,
 )
 from hubodo.errors import InputError
@@ -39,7 +39,7 @@ from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.numbers import not_negative
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
 
@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
             span = None
             if data.temperature is not None:
                 span = (float(data.temperature.min()), float(data.temperature.max()))
-            date, source = datetime.now(UTC).date().isoformat(), source_hash(args.log)
+            date, source = datetime.now(UTC).date().isoformat(), hash_source(args.log)
             effects = {
                 name: merged(
                     node.effects.get(name), replace(e, date=date, source_sha256=source, temperature=span)
@@ -136,7 +136,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
     title = f"Warm-up of {data.node} {data.channel}"
     if args.report is not None:
         sections = warmup_sections(report, data.node)
-        write_whole(args.report, page(title, warmup_lead(report), sections))
+        write_atomically(args.report, page(title, warmup_lead(report), sections))
     if args.figure is not None:
         save(warmup_figure(report, title), args.figure)
     output = None if args.output is None else str(args.output)

@@ -11,7 +11,7 @@ from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import TABLES
 from hubodo.private_files import check_private, read_private
 from hubodo.settings_table import setting
-from hubodo.toml_file import load_toml, only_keys, read_table
+from hubodo.toml_file import load_toml, check_known_keys, read_table
 from hubodo.web.address import LOOPBACK, Address, parse_address
 
 PORT = 8642
@@ -69,7 +69,7 @@ class Site:
 def load_web_config(path: Path) -> WebConfig:
     """Read ``[web]`` of a hubodo.toml; paths in it are relative to the file. Raises ConfigError."""
     table = load_toml(path)
-    only_keys(table, TABLES, str(path))
+    check_known_keys(table, TABLES, str(path))
     config = read_table(table.get("web", {}), WebConfig, f"{path}: [web]")
     folder = path.parent.absolute()
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.calibration.apply import age_of, apply_calibration, power_on_times
+from hubodo.calibration.apply import time_since_power_on, apply_calibration, find_starts
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.recording import Event, Table
 from hubodo.units import NS_PER_S
@@ -25,21 +25,21 @@ def test_only_a_start_of_that_node_that_tells_it_counts():
         started(7.0, 2.0, kind="connected"),
         started(8.0, None),
     ]
-    assert power_on_times(events, "left") == [
+    assert find_starts(events, "left") == [
         (ZERO + 5 * NS_PER_S, ZERO - 3 * NS_PER_S),
         (ZERO + 20 * NS_PER_S, ZERO + 19 * NS_PER_S),
     ]
-    assert power_on_times(events, "right") == [(ZERO + 6 * NS_PER_S, ZERO + NS_PER_S)]
-    assert power_on_times(events, "middle") == []
+    assert find_starts(events, "right") == [(ZERO + 6 * NS_PER_S, ZERO + NS_PER_S)]
+    assert find_starts(events, "middle") == []
 
 
 def test_a_sample_is_as_old_as_the_start_that_it_came_after():
-    starts = power_on_times([started(5.0, -3.0), started(20.0, 19.0)], "left")
+    starts = find_starts([started(5.0, -3.0), started(20.0, 19.0)], "left")
     t = np.array([4.0, 5.0, 19.99, 20.0, 25.0])
-    np.testing.assert_allclose(age_of(t, starts, ZERO), [7.0, 8.0, 22.99, 1.0, 6.0], atol=1e-6)
+    np.testing.assert_allclose(time_since_power_on(t, starts, ZERO), [7.0, 8.0, 22.99, 1.0, 6.0], atol=1e-6)
     # Where no start is known the first sample is one.
-    np.testing.assert_allclose(age_of(t, [], ZERO), t - 4.0)
-    assert len(age_of(np.empty(0), [], ZERO)) == 0
+    np.testing.assert_allclose(time_since_power_on(t, [], ZERO), t - 4.0)
+    assert len(time_since_power_on(np.empty(0), [], ZERO)) == 0
 
 
 @pytest.mark.parametrize("told", [True, False])
@@ -50,9 +50,9 @@ def test_what_was_applied_is_told_with_when_the_node_was_switched_on(told):
     calibration = Calibration({"left": NodeCalibration({"gyro_warmup": warm}), "right": NodeCalibration({})})
     events = [started(0.0, -12.5), started(20.0, 18.0)] if told else []
     made = apply_calibration(nodes, calibration, events=events, t_zero_ns=ZERO)
-    assert set(made.used) == {"left"}
-    assert made.used["left"]["applied"] == ["gyro_warmup"]
-    power_on = made.used["left"]["power_on"]
+    assert set(made.summaries) == {"left"}
+    assert made.summaries["left"]["applied"] == ["gyro_warmup"]
+    power_on = made.summaries["left"]["power_on"]
     assert power_on == (pytest.approx(-12.5) if told else None)
     age = np.where(t < 20.0, t + 12.5, t - 18.0) if told else t
     np.testing.assert_allclose(made.nodes["left"]["gz"], -0.01 * (1.0 - np.exp(-age / 60.0)), atol=1e-9)

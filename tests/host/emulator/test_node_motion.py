@@ -17,7 +17,7 @@ from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
 from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs
-from hubodo.smooth import constant
+from hubodo.smoothing_spline import constant_spline
 from hubodo.vehicle import NodeMount
 
 LEGS = scripted([Leg(1.0, 0.0), Leg(3.0, 1.5, 0.7), Leg(2.0, 2.5, -0.5), Leg(1.0, 0.0)])
@@ -63,7 +63,7 @@ def test_it_is_a_function_of_time_in_any_order_and_in_another_process():
 def test_a_random_walk_in_the_chip_has_the_spread_of_the_model():
     ends = []
     for seed in range(200):
-        still = Inputs(constant(0.0, 0.0, 1.0), constant(0.0, 0.0, 1.0))
+        still = Inputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
         walk = NodeMotion(still, NodeMount(), 0.3, 0.9, (GyroRateRandomWalk(0.02),), seed=seed)
         ends.append(walk.angular_rate(np.array([1.0]))[0])
     assert np.std(ends) == pytest.approx(0.02, rel=0.1)
@@ -97,7 +97,7 @@ def test_a_chip_without_effects_and_one_with_effects_of_nothing_feel_the_same():
 
 
 def test_the_path_of_a_constant_turn_is_a_circle():
-    inputs = Inputs(constant(2.0, 0.0, 10.0), constant(0.5, 0.0, 10.0))
+    inputs = Inputs(constant_spline(2.0, 0.0, 10.0), constant_spline(0.5, 0.0, 10.0))
     t, x, y, heading = path(inputs)
     np.testing.assert_allclose(heading, 0.5 * t, atol=1e-12)
     np.testing.assert_allclose(x, 4.0 * np.sin(0.5 * t), atol=1e-9)

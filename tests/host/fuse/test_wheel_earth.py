@@ -9,7 +9,7 @@ from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run
 from hubodo.fuse.wheels import located
 from hubodo.recording import Recording, Table
-from hubodo.vehicle import NodeMount, Vehicle, vehicle_of
+from hubodo.vehicle import NodeMount, Vehicle, parse_vehicle
 from wheel_runs import tables
 
 LATITUDE_DEG = 60.0
@@ -45,7 +45,7 @@ def test_the_latitude_is_the_files_else_that_of_the_fixes():
 
 def test_a_latitude_beyond_the_poles_is_refused():
     sizes = {"wheel_radius": 0.1, "track_width": 0.5}
-    assert vehicle_of({"vehicle": {**sizes, "latitude_deg": -33.9}}, "v.toml").latitude_deg == -33.9
+    assert parse_vehicle({"vehicle": {**sizes, "latitude_deg": -33.9}}, "v.toml").latitude_deg == -33.9
     for wrong in (91.0, "north", True):
         with pytest.raises(ConfigError, match="latitude_deg"):
-            vehicle_of({"vehicle": {**sizes, "latitude_deg": wrong}}, "v.toml")
+            parse_vehicle({"vehicle": {**sizes, "latitude_deg": wrong}}, "v.toml")

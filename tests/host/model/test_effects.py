@@ -16,7 +16,7 @@ from hubodo.effects.gyro import GyroQuantization, GyroRateRandomWalk
 from hubodo.effects.timing import Outliers
 from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Body, Inputs, SpeedCorrection, Trace
-from hubodo.smooth import through
+from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
 NEGATED = np.array([[1.0], [-1.0], [-1.0]])
@@ -27,8 +27,8 @@ def reads(effects, facing, side="left", yaw=1.0):
     """(gyro, accel), (3, N) each, of one node in the mean."""
     t = np.arange(0.0, 8.005, 0.01)
     inputs = Inputs(
-        through(t, 1.5 + np.sin(0.7 * t)),
-        through(t, yaw * 0.6 * np.cos(0.9 * t)),
+        fit_interpolating_spline(t, 1.5 + np.sin(0.7 * t)),
+        fit_interpolating_spline(t, yaw * 0.6 * np.cos(0.9 * t)),
         Trace(np.array([0.0, 8.0]), np.array([20.0, 45.0])),
     )
     node = NodeForward(inputs, t[100:-100], NodeMount(side, facing), 0.31, 0.92)
@@ -86,7 +86,9 @@ def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
 def shaken(effects, power_on=-30.0):
     """(true gyro, true accel), (read gyro, read accel), age, temperature of a node that is shaken by hand."""
     t = np.arange(0.0, 8.0, 0.01)
-    still = Inputs(through(t, 0.0 * t), through(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t))
+    still = Inputs(
+        fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t)
+    )
 
     def carried(at):
         rate = np.stack([3.0 * np.sin(at), 20.0 * np.cos(0.7 * at), 25.0 * np.sin(1.3 * at)])
@@ -141,7 +143,7 @@ def test_a_walk_wanders_as_fast_as_it_says():
     seed, step, ahead = 5, 0.01, 50
     t = np.arange(0.0, 400.0, step)
     walk = GyroRateRandomWalk(3e-3)
-    still = Inputs(through(t, 0.0 * t), through(t, 0.0 * t))
+    still = Inputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t))
     made = NodeForward(still, t, NodeMount(), 0.31, 0.92).felt(
         [walk], NodeStart(), np.random.default_rng(seed)
     )

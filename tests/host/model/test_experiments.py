@@ -16,7 +16,7 @@ from hubodo.model.experiments import Experiment
 from hubodo.model.forward import NodeStart
 from hubodo.model.inputs import Earth, Inputs
 from hubodo.model.model_file import InputNames, Model, Scoped
-from hubodo.smooth import constant
+from hubodo.smoothing_spline import constant_spline
 from hubodo.vehicle import NodeMount, Vehicle
 
 SEED = 411
@@ -28,7 +28,9 @@ def model(**inputs):
 
 
 def circle(duration=20.0, speed=2.0, yaw_rate=0.25):
-    return Experiment("drive", Inputs(constant(speed, 0.0, duration), constant(yaw_rate, 0.0, duration)))
+    return Experiment(
+        "drive", Inputs(constant_spline(speed, 0.0, duration), constant_spline(yaw_rate, 0.0, duration))
+    )
 
 
 @pytest.mark.parametrize(("seconds", "count"), [(74.0, 9), (84.0, 10), (100.0, 12)])

@@ -29,7 +29,7 @@ from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.warmup import GyroWarmup
 from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs, Trace
-from hubodo.smooth import through
+from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
 QUIET = Noise(0.0, 0.0)
@@ -39,8 +39,8 @@ END = 8.0
 def drive():
     t = np.arange(0.0, END + 0.005, 0.01)
     return Inputs(
-        through(t, 1.5 + np.sin(0.7 * t)),
-        through(t, 0.6 * np.cos(0.9 * t)),
+        fit_interpolating_spline(t, 1.5 + np.sin(0.7 * t)),
+        fit_interpolating_spline(t, 0.6 * np.cos(0.9 * t)),
         Trace(np.array([0.0, END]), np.array([20.0, 45.0])),
     )
 

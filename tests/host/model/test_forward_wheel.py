@@ -19,7 +19,7 @@ from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, Whe
 from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.frames import node_from_body
 from hubodo.model.inputs import Earth, Inputs
-from hubodo.smooth import constant, through
+from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
 G = 9.80665
@@ -47,7 +47,7 @@ def yaw_slope(t):
 def driven():
     """The same drive as the model takes it."""
     t = np.arange(0.0, END + 0.2, 0.01)
-    return Inputs(through(t, speed(t)), through(t, yaw(t)))
+    return Inputs(fit_interpolating_spline(t, speed(t)), fit_interpolating_spline(t, yaw(t)))
 
 
 class RigidWheel:
@@ -150,7 +150,7 @@ def test_rate_and_force_are_the_derivatives_of_a_rigid_wheel_in_space(effects, s
 
 def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radius=0.3, track=1.0):
     """(gyro (3,), accel (3,)) of a wheel that does the same for ever, at angle `angle`."""
-    inputs = Inputs(constant(v, 0.0, 1.0), constant(r, 0.0, 1.0))
+    inputs = Inputs(constant_spline(v, 0.0, 1.0), constant_spline(r, 0.0, 1.0))
     forward = NodeForward(inputs, np.zeros(1), NodeMount(side, facing), radius, track)
     reading = forward.mean(effects, NodeStart(angle))
     return reading.gyro[:, 0], reading.accel[:, 0]
@@ -199,14 +199,14 @@ def test_a_climb_tips_gravity_forward():
     """By hand, 30 degrees: half of g along x of the body; a node at wheel angle 0 has x up and y forward."""
     climb = [RoadGrade(np.deg2rad(30))]
     np.testing.assert_allclose(steady(effects=climb)[1], [G * np.sqrt(3) / 2, G / 2, 0], atol=1e-12)
-    still = Inputs(constant(0.0, 0.0, 1.0), constant(0.0, 0.0, 1.0))
+    still = Inputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
     body = NodeForward(still, np.zeros(1), NodeMount(), R, B).mean(climb, NodeStart())
     np.testing.assert_allclose(body.accel[:, 0], [G / 2, 0, G * np.sqrt(3) / 2])
 
 
 def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_over_turns():
     """By hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
-    inputs = Inputs(constant(0.3, 0.0, 20.0), constant(0.0, 0.0, 20.0))
+    inputs = Inputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
     forward = NodeForward(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
     reading = forward.mean([WheelEccentricity(0.1, 1.0)], NodeStart(1.0))
@@ -217,7 +217,7 @@ def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_
 
 def test_a_node_on_the_body_feels_what_a_car_feels():
     """By hand: 2 m/s round a circle of 4 m: 1 m/s² to the left, and the lever arm 0.4 m forward 0.1 to it."""
-    inputs = Inputs(constant(2.0, 0.0, 1.0), constant(0.5, 0.0, 1.0))
+    inputs = Inputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
     forward = NodeForward(inputs, np.zeros(1), NodeMount(), R, B)
     plain, off = forward.mean([], NodeStart()), forward.mean([LeverArm(x=0.4)], NodeStart())
     np.testing.assert_allclose(plain.gyro[:, 0], [0, 0, 0.5])
@@ -231,7 +231,9 @@ def test_the_earth_turns_under_a_bench_about_its_own_axis():
     """By hand in east, north, up: Earth rate lies north and up; body x at azimuth A - heading from north."""
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
-    inputs = Inputs(constant(0.0, 0.0, 4.0), through(t, yaw(t)), earth=Earth(latitude, azimuth))
+    inputs = Inputs(
+        constant_spline(0.0, 0.0, 4.0), fit_interpolating_spline(t, yaw(t)), earth=Earth(latitude, azimuth)
+    )
     forward = NodeForward(inputs, t, NodeMount(), R, B)
     still = replace(inputs, earth=None)
     plain = NodeForward(still, t, NodeMount(), R, B).mean([], NodeStart()).gyro
@@ -262,7 +264,10 @@ def test_a_mirrored_drive_on_the_other_wheel_reads_mirrored(v, a, r, start, camb
     arm = (0.01, 0.02, 0.03)
     readings = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        inputs = Inputs(through(t, v + a * t + 0.2 * t**2), through(t, sign * (r - 0.3 * t)))
+        inputs = Inputs(
+            fit_interpolating_spline(t, v + a * t + 0.2 * t**2),
+            fit_interpolating_spline(t, sign * (r - 0.3 * t)),
+        )
         effects = [*LEVEL, WheelCamber(camber), LeverArm(arm[0], arm[1], sign * arm[2])]
         readings.append(NodeForward(inputs, t, NodeMount(side, "left"), R, B).mean(effects, NodeStart(start)))
     one, two = readings
@@ -276,7 +281,10 @@ def test_the_same_drive_at_another_time_reads_the_same(start, later, side):
     grid = np.linspace(0.0, 2.0, 201)
     readings = []
     for begin in (0.0, later):
-        inputs = Inputs(through(grid + begin, speed(grid)), through(grid + begin, yaw(grid)))
+        inputs = Inputs(
+            fit_interpolating_spline(grid + begin, speed(grid)),
+            fit_interpolating_spline(grid + begin, yaw(grid)),
+        )
         forward = NodeForward(inputs, grid + begin, NodeMount(side, "right"), R, B)
         readings.append(forward.mean(TOGETHER, NodeStart(start)))
     np.testing.assert_allclose(readings[1].gyro, readings[0].gyro, atol=1e-6)

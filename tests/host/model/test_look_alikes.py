@@ -11,7 +11,7 @@ import pytest
 from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.model.forward import NodeForward, NodeStart
 from hubodo.model.inputs import Inputs, Trace
-from hubodo.smooth import through
+from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
 NOISE = np.repeat([0.004, 0.05], 3)[:, None]
@@ -39,7 +39,7 @@ class Drive:
     def forward(self):
         t = np.arange(0.0, 40.005, 0.01)
         speed, yaw, warm = (f(t) + 0.0 * t for f in (self.speed, self.yaw, self.temperature))
-        inputs = Inputs(through(t, speed), through(t, yaw), Trace(t, warm))
+        inputs = Inputs(fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw), Trace(t, warm))
         mount = NodeMount() if self.body else NodeMount("left", "left")
         return NodeForward(inputs, np.arange(0.5, 39.5, 0.02), mount, 0.31, 0.92, -self.powered)
 

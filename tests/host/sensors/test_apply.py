@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from generators.fake_drive import RADIUS, TRACK, short_drive
-from hubodo.calibration.apply import SampleCorrection, apply_calibration, left_over
+from hubodo.calibration.apply import SampleCorrection, apply_calibration, zero_applied_effects
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.effects.field import GyroSupply
@@ -212,8 +212,8 @@ def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter
     }  # fmt: skip
     vehicle = Vehicle(RADIUS, TRACK, {n: NodeMount(n, "left") for n in ("left", "right")})
     applied = apply_calibration(tables, calibration)
-    assert applied.used["left"]["applied"] == ["gyro_bias", "gyro_scale_factor"]
-    corrected = run(wheel_config(vehicle, list(tables), applied.left), applied.nodes).track
+    assert applied.summaries["left"]["applied"] == ["gyro_bias", "gyro_scale_factor"]
+    corrected = run(wheel_config(vehicle, list(tables), applied.remaining), applied.nodes).track
     told = run(wheel_config(vehicle, list(tables), calibration), tables).track
     twice = run(wheel_config(vehicle, list(tables), calibration), applied.nodes).track
     same = np.hypot(corrected.x - told.x, corrected.y - told.y).max()
@@ -225,13 +225,13 @@ def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
     node = drawn(5)
     arm = CalibratedEffect({"x": Quantity(0.01, 0.001)})
     node = replace(node, effects={**node.effects, "lever_arm": arm})
-    left = left_over(Calibration({"left": node})).nodes["left"].effects
+    left = zero_applied_effects(Calibration({"left": node})).nodes["left"].effects
     assert left["lever_arm"] == arm
     assert left["gyro_bias"].parameters["x"] == Quantity(0.0, 1e-3)
 
 
 def test_applying_what_is_left_over_changes_nothing():
-    node = left_over(Calibration({"left": drawn(6)})).nodes["left"]
+    node = zero_applied_effects(Calibration({"left": drawn(6)})).nodes["left"]
     gyro, accel, age, temperature = true_motion(6)
     made = SampleCorrection.from_calibration(node).apply(gyro, accel, age=age, temperature=temperature)
     np.testing.assert_array_equal(made[0], gyro)

@@ -10,7 +10,7 @@ from hubodo.calibration.file import (
     CalibratedEffect,
     Calibration,
     Quantity,
-    calibration_toml,
+    format_calibration,
     read_calibration,
     write_calibration,
 )
@@ -72,7 +72,7 @@ def test_the_file_keeps_every_digit_the_provenance_and_what_was_in_it_before(tmp
     assert read.nodes["left wheel"].effects["gyro_bias"] == first
     assert read.nodes["left wheel"].serial == "e66"
     assert read.vehicle["track_width"].value("error") == 0.01
-    assert calibration_toml(read) == path.read_text()
+    assert format_calibration(read) == path.read_text()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
-from hubodo.earth import rate_about_up
+from hubodo.earth import vertical_earth_rate
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.ranges import NodeRanges
@@ -114,7 +114,7 @@ def wheel_config(
             limits = ranges[name].limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     known = known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left")
-    ground_rate = 0.0 if vehicle.latitude_deg is None else rate_about_up(vehicle.latitude_deg)
+    ground_rate = 0.0 if vehicle.latitude_deg is None else vertical_earth_rate(vehicle.latitude_deg)
     return WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes, known=known, ground_rate=ground_rate)
 
 

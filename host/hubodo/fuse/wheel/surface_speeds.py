@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.fuse.wheel.window import WINDOW
-from hubodo.one_record import check_one_record
+from hubodo.time_gaps import check_time_gaps
 from hubodo.recording import Table
 
 _LONGEST = 0.5
@@ -20,7 +20,7 @@ def surface_speeds(table: Table) -> SurfaceSpeeds:
     t = table.t
     if len(t) < 2:
         return {}
-    check_one_record(t, "wheels")
+    check_time_gaps(t, "wheels")
     numbers = np.arange(int(np.ceil(t[0] / WINDOW)), int(np.floor(t[-1] / WINDOW)))
     if not len(numbers):
         return {}

@@ -31,7 +31,7 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
-from hubodo.whole_files import write_whole
+from hubodo.atomic_files import write_atomically
 
 _VERSION = 2
 
@@ -120,7 +120,7 @@ def _read(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
         raise InputError(
             f"{path}: is of another log, model, choice of options or version of hubodo; leave out --resume"
         )
-    write_whole(path, whole + "\n")
+    write_atomically(path, whole + "\n")
     return rounds
 
 

@@ -11,7 +11,7 @@ from hubodo.effects import Noise
 from hubodo.errors import InputError
 from hubodo.model.model_file import InputNames, Model
 from hubodo.recording import Recording, Table
-from hubodo.smooth import smooth
+from hubodo.smoothing_spline import fit_smoothing_spline
 from hubodo.vehicle import Vehicle
 
 # Differences of the fourth order see white noise times sqrt(70), and nothing of what a wheel turns slowly.
@@ -44,7 +44,9 @@ def assumed_model(recording: Recording, vehicle: Vehicle, where: str = "log") ->
 def _inputs(recording: Recording, vehicle: Vehicle, where: str) -> InputNames:
     table = recording.reference
     if table is not None and len(table) >= 10 and "speed" in table and "yaw_rate" in table:
-        noises = (_rounded(smooth(table.t, table[name]).noise) for name in ("speed", "yaw_rate"))
+        noises = (
+            _rounded(fit_smoothing_spline(table.t, table[name]).noise) for name in ("speed", "yaw_rate")
+        )
         return InputNames("reference.speed", "reference.yaw_rate", *noises)
     sides = {m.side: name for name, m in vehicle.nodes.items() if m.side and name in recording.nodes}
     if not sides:

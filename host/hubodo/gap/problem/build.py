@@ -15,9 +15,9 @@ from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeForward
 from hubodo.model.inputs import Inputs
 from hubodo.model.model_file import Model
-from hubodo.one_record import check_one_record
-from hubodo.recording import NODE_OPTIONAL, Recording, Table
-from hubodo.smooth import constant
+from hubodo.time_gaps import check_time_gaps
+from hubodo.recording import NODE_OPTIONAL_COLUMNS, Recording, Table
+from hubodo.smoothing_spline import constant_spline
 
 # s: shorter logs show too few turns and stops.
 SHORTEST = 20.0
@@ -46,7 +46,7 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
         )
     for name, table in recording.files().items():
         if name in names or name == "reference":
-            check_one_record(table.t, f"{where}: {name}")
+            check_time_gaps(table.t, f"{where}: {name}")
     warnings = [f"{name}: not in the log" for name in model.vehicle.nodes if name not in names]
     origin = min(float(table.t[0]) for table in recording.files().values() if len(table))
     read = read_inputs(recording, model, origin, where)
@@ -58,8 +58,8 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
             f"{where}: nodes and inputs overlap for {max(last - first, 0.0):.1f} s; "
             f"at least {SHORTEST:.0f} s are needed"
         )
-    speed = read.speed or constant(float(model.inputs.speed), first, last)
-    yaw_rate = read.yaw_rate or constant(float(model.inputs.yaw_rate), first, last)
+    speed = read.speed or constant_spline(float(model.inputs.speed), first, last)
+    yaw_rate = read.yaw_rate or constant_spline(float(model.inputs.yaw_rate), first, last)
     inputs = Inputs(speed, yaw_rate, log_temperature(recording, names, origin))
     nodes = _nodes(tables, model, inputs, (origin, first, last), warnings)
     if not any(node.used.any() for node in nodes):
@@ -109,7 +109,7 @@ def _nodes(
             warnings.append(
                 f"{name}: without ax and ay its wheel's angle is unknown; gx and gy are left out too"
             )
-        warm, supply = (trace(table, column, origin) for column in NODE_OPTIONAL)
+        warm, supply = (trace(table, column, origin) for column in NODE_OPTIONAL_COLUMNS)
         own = replace(inputs, temperature=warm or inputs.temperature, supply=supply or inputs.supply)
         forward = NodeForward(own, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
         limits = (pile_up(y[:3]), pile_up(y[3:]))

@@ -15,7 +15,7 @@ from hubodo.fuse.wheels import wheel_odometry
 from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
-from hubodo.smooth import Smooth, constant, smooth
+from hubodo.smoothing_spline import SmoothingSpline, constant_spline, fit_smoothing_spline
 from hubodo.vehicle import facing_sign
 
 # White noise scatters no more than this beside its steps from sample to sample.
@@ -31,8 +31,8 @@ class LogInputs:
     first, last: s, between which the log has both; infinite where it needs neither. measured_by: nodes whose
     z gyro is the speed. speed_period, yaw_rate_period: s between samples."""
 
-    speed: Smooth | None
-    yaw_rate: Smooth | None
+    speed: SmoothingSpline | None
+    yaw_rate: SmoothingSpline | None
     first: float
     last: float
     measured_by: tuple[str, ...]
@@ -54,7 +54,11 @@ def read_inputs(recording: Recording, model: Model, origin: float, where: str) -
 
 
 def input_noises(
-    model: Model, speed: Smooth, yaw_rate: Smooth, measured_by: tuple[str, ...], warnings: list[str]
+    model: Model,
+    speed: SmoothingSpline,
+    yaw_rate: SmoothingSpline,
+    measured_by: tuple[str, ...],
+    warnings: list[str],
 ) -> tuple[float, float]:
     """1 sigma of a sample of the speed, m/s, and of the yaw rate, rad/s."""
     gyro, radius = model.noise.gyro, model.vehicle.wheel_radius
@@ -71,7 +75,7 @@ def _is_gyro(name: str | float) -> bool:
 
 
 def _input_noise(
-    name: str | float, unit: str, source: Smooth, declared: float, felt: float, warnings: list[str]
+    name: str | float, unit: str, source: SmoothingSpline, declared: float, felt: float, warnings: list[str]
 ) -> float:
     """1 sigma of a sample of an input; none of a number, and of one that stands still.
 
@@ -94,7 +98,7 @@ def _input_noise(
 
 def _speed(
     recording: Recording, model: Model, origin: float, where: str
-) -> tuple[Smooth | None, float, float, tuple[str, ...]]:
+) -> tuple[SmoothingSpline | None, float, float, tuple[str, ...]]:
     name = model.inputs.speed
     if not isinstance(name, str):
         return None, -np.inf, np.inf, ()
@@ -123,12 +127,12 @@ def _speed(
     first, last = max(p[0][0] for p in parts), min(p[0][-1] for p in parts)
     t = parts[0][0][(parts[0][0] >= first) & (parts[0][0] <= last)]
     mean = np.mean([np.interp(t, *part) for part in parts], axis=0)
-    return smooth(t, mean), float(first), float(last), tuple(sources)
+    return fit_smoothing_spline(t, mean), float(first), float(last), tuple(sources)
 
 
 def _yaw_rate(
     recording: Recording, model: Model, origin: float, where: str
-) -> tuple[Smooth | None, float, float]:
+) -> tuple[SmoothingSpline | None, float, float]:
     name = model.inputs.yaw_rate
     if not isinstance(name, str):
         return None, -np.inf, np.inf
@@ -137,7 +141,9 @@ def _yaw_rate(
     return _column(recording, name, origin, where)
 
 
-def _across(recording: Recording, model: Model, origin: float, where: str) -> tuple[Smooth, float, float]:
+def _across(
+    recording: Recording, model: Model, origin: float, where: str
+) -> tuple[SmoothingSpline, float, float]:
     """What the odometry makes of the gyros across the axles, from the whole log."""
     made = wheel_odometry(recording, model.vehicle, log=where, lag=np.inf).full
     if made is None or len(made.t) < 10:
@@ -147,7 +153,9 @@ def _across(recording: Recording, model: Model, origin: float, where: str) -> tu
     return _behind(t, made.yaw_rate), float(t[0]), float(t[-1])
 
 
-def _column(recording: Recording, name: str, origin: float, where: str) -> tuple[Smooth, float, float]:
+def _column(
+    recording: Recording, name: str, origin: float, where: str
+) -> tuple[SmoothingSpline, float, float]:
     """A column of a file of the log by its name, `reference.speed` or `frame.gz`, smooth."""
     stem, _, column = name.removeprefix("nodes.").partition(".")
     table = recording.files().get(stem)
@@ -162,19 +170,19 @@ def _column(recording: Recording, name: str, origin: float, where: str) -> tuple
     return _behind(t, table[column]), float(t[0]), float(t[-1])
 
 
-def _behind(t: Array, values: Array) -> Smooth:
+def _behind(t: Array, values: Array) -> SmoothingSpline:
     """The function of time behind an input; a level in white noise is its mean, as well as that is known."""
     white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
     if float(np.std(values)) <= _LEVEL * white or not np.ptp(values):
         mean = float(np.mean(values))
         still = abs(mean) < 4.0 * white / np.sqrt(len(values))
         if still:
-            return constant(0.0, float(t[0]), float(t[-1]))
+            return constant_spline(0.0, float(t[0]), float(t[-1]))
         # Where the mean is off, a wheel turns on and on at another pace than the model's: to a filter of its
         # angle that is what the noise of all samples, integrated, comes to.
-        level = constant(mean, float(t[0]), float(t[-1]))
+        level = constant_spline(mean, float(t[0]), float(t[-1]))
         return replace(level, noise=white, value_noise=white / np.sqrt(len(t)), memory=float(np.ptp(t)))
-    return smooth(t, values)
+    return fit_smoothing_spline(t, values)
 
 
 def _period(recording: Recording, name: str | float) -> float:

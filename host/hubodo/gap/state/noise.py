@@ -14,7 +14,7 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.model.forward import NodeStart, Reading
-from hubodo.smooth import Smooth
+from hubodo.smoothing_spline import SmoothingSpline
 from hubodo.vehicle import facing_sign, side_sign
 
 _BINS = 6
@@ -133,7 +133,7 @@ def input_noise(problem: Problem, answers: InputAnswers) -> Array:
     return np.asarray(np.sqrt(squares))
 
 
-def _passed(source: Smooth, declared: float) -> tuple[float, float]:
+def _passed(source: SmoothingSpline, declared: float) -> tuple[float, float]:
     """1 sigma of the declared noise that is left in a smoothed input and in its slope."""
     if source.noise <= 0.0:
         return 0.0, 0.0

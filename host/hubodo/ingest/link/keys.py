@@ -9,8 +9,8 @@ from pathlib import Path
 
 from hubodo.errors import ConfigError, InputError
 from hubodo.private_files import check_private
-from hubodo.toml_file import load_toml, shown
-from hubodo.whole_files import whole_files
+from hubodo.toml_file import load_toml, quote_value
+from hubodo.atomic_files import atomic_files
 
 KEY_BYTES = 32
 _SERIAL = re.compile(r"[0-9a-f]{16}")
@@ -39,7 +39,7 @@ class KeyRing:
         for serial, key in rows.items():
             if not _SERIAL.fullmatch(serial) or not isinstance(key, str) or not _KEY.fullmatch(key):
                 raise ConfigError(
-                    f"{path}: [keys] {shown(serial)}: wants the serial of a board, 16 hexadecimal digits, "
+                    f"{path}: [keys] {quote_value(serial)}: wants the serial of a board, 16 hexadecimal digits, "
                     f"and a key of {2 * KEY_BYTES}"
                 )
             self.keys[serial] = bytes.fromhex(key)
@@ -55,7 +55,7 @@ class KeyRing:
         """Whole or not at all, and for its owner alone."""
         rows = "".join(f'{serial} = "{key.hex()}"\n' for serial, key in sorted(self.keys.items()))
         text = f"# Keys of nodes on UDP, by the serial of the board: as secret as a password.\n[keys]\n{rows}"
-        with whole_files(self.path) as (part,):
+        with atomic_files(self.path) as (part,):
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with os.fdopen(descriptor, "w") as file:
                 file.write(text)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.calibration.apply import SampleCorrection, left_over
+from hubodo.calibration.apply import SampleCorrection, zero_applied_effects
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, node_ranges
@@ -112,7 +112,7 @@ class Odometer:
         """
         self._vehicle = vehicle
         self._t_zero_ns = t_zero_ns
-        self._left = None if calibration is None else left_over(calibration)
+        self._left = None if calibration is None else zero_applied_effects(calibration)
         known = {} if calibration is None else calibration.nodes
         self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
         self._ranges: dict[str, NodeRanges] = {

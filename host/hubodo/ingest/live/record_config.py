@@ -11,7 +11,7 @@ from hubodo.errors import ConfigError
 from hubodo.log.room import MB
 from hubodo.log.series import SeriesRules
 from hubodo.settings_table import check_bounds, setting
-from hubodo.toml_file import load_toml, only_keys, read_table
+from hubodo.toml_file import load_toml, check_known_keys, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
 TABLES = ("record", "web")
@@ -84,7 +84,7 @@ class RecordConfig:
     disk_reserve_mb: float = setting(
         20.0,
         "Room that stays free on the disk, MB: recording pauses there, and goes on when there is room.",
-        least=0,
+        at_least=0,
     )
     metrics: str | None = setting(
         None, "HOST:PORT that serves /metrics for Prometheus, and /healthz.", example="127.0.0.1:9464"
@@ -135,7 +135,7 @@ def load_record_config(path: Path) -> RecordConfig:
     first key that is unknown, of the wrong type or out of bounds.
     """
     table = load_toml(path)
-    only_keys(table, TABLES, str(path))
+    check_known_keys(table, TABLES, str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
     if config.key_file is not None:
         config = replace(config, key_file=str(path.parent / config.key_file))

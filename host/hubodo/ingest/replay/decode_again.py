@@ -27,7 +27,7 @@ from hubodo.log.own_messages import own_bytes, own_text
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.version import __version__
-from hubodo.whole_files import whole_new_file
+from hubodo.atomic_files import atomic_new_file
 from hubowire import FrameDecoder, PayloadError, decode
 from hubowire.messages import Hello
 
@@ -58,7 +58,7 @@ def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> 
     odometry is left to `hubodo fuse`. Raises LogError for what is no log, InputError when it holds no raw
     frames or `out` exists, WireMismatch when every node speaks another version.
     """
-    with open_log(path) as log, whole_new_file(out) as part:
+    with open_log(path) as log, atomic_new_file(out) as part:
         records = {name: values for name, values in log.records.items() if not name.startswith("node.")}
         main = {k: v for k, v in records.pop(topics.METADATA, {}).items() if k != topics.T_ZERO}
         main |= {"decoded_from": path.name, "decoded_by": f"hubodo {__version__}"}

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.calibration.apply import check_serial, power_on_times
-from hubodo.calibration.file import Calibration, node_serial
+from hubodo.calibration.apply import check_serial, find_starts
+from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.fuse.ranges import of_node
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
@@ -63,7 +63,7 @@ class Playback:
             known = self.calibration.nodes if self.calibration is not None else {}
             for name, node in known.items():
                 if name in self._blocks.nodes:
-                    check_serial(name, node, node_serial(metadata, name))
+                    check_serial(name, node, find_node_serial(metadata, name))
             self.odometer = Odometer(
                 self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=kept.rate_hz
             )
@@ -185,7 +185,7 @@ class _Blocks:
                 order = np.argsort(fed.publish_ns)
                 self._supplies[name] = fed.publish_ns[order], volts[order]
         self.fixes = rows.get(topics.FIX, _NO_FIXES)
-        self._starts = {name: power_on_times(events, name) for name in self.nodes}
+        self._starts = {name: find_starts(events, name) for name in self.nodes}
         earliest = [int(found.publish_ns.min()) for found in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
 

@@ -10,7 +10,7 @@ from hubodo.calibration.file import Calibration, parse_calibration
 from hubodo.errors import ConfigError
 from hubodo.log.logfile import Log
 from hubodo.toml_file import parse_toml
-from hubodo.vehicle import Vehicle, vehicle_of
+from hubodo.vehicle import Vehicle, parse_vehicle
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ def setup_of(log: Log) -> Setup:
     if "vehicle.toml" in files:
         where = f"{log.path}: vehicle.toml"
         try:
-            vehicle = vehicle_of(parse_toml(files["vehicle.toml"].decode(), Path(where)), where)
+            vehicle = parse_vehicle(parse_toml(files["vehicle.toml"].decode(), Path(where)), where)
         except UnicodeDecodeError as error:
             raise ConfigError(f"{where}: not TOML: {error}; give --vehicle") from None
     if "calibration.toml" in files:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hubodo.errors import ConfigError, InputError
 from hubodo.sensors.allan.covariance import TERMS, design
 from hubodo.sensors.allan.ieee952 import ACCEL, GYRO
-from hubodo.toml_file import LARGEST, load_toml, shown
+from hubodo.toml_file import MAX_TOML_NUMBER, load_toml, quote_value
 
 FloatArray = NDArray[np.float64]
 
@@ -87,16 +87,22 @@ def read_datasheet(name: str) -> Datasheet:
     content = load_toml(path)
     label = content.pop("name", path.stem)
     if not isinstance(label, str):
-        raise ConfigError(f"{name}: name = {shown(label)}: must be a text")
+        raise ConfigError(f"{name}: name = {quote_value(label)}: must be a text")
     for sensor, entries in content.items():
         known = {_DENSITY[sensor][0], *_KEYS[sensor]} if sensor in _KEYS else set()
         if not isinstance(entries, dict) or not known:
-            raise ConfigError(f"{name}: {shown(sensor)} is none of name, [gyro], [accel]")
+            raise ConfigError(f"{name}: {quote_value(sensor)} is none of name, [gyro], [accel]")
         for key, value in entries.items():
             if key not in known:
-                raise ConfigError(f"{name}: [{sensor}] {shown(key)} is none of {', '.join(sorted(known))}")
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value <= LARGEST:
-                raise ConfigError(f"{name}: [{sensor}] {key} = {shown(value)}: give a number above 0")
+                raise ConfigError(
+                    f"{name}: [{sensor}] {quote_value(key)} is none of {', '.join(sorted(known))}"
+                )
+            if (
+                isinstance(value, bool)
+                or not isinstance(value, int | float)
+                or not 0.0 < value <= MAX_TOML_NUMBER
+            ):
+                raise ConfigError(f"{name}: [{sensor}] {key} = {quote_value(value)}: give a number above 0")
         if _DENSITY[sensor][0] in entries and next(iter(_KEYS[sensor])) in entries:
             raise ConfigError(f"{name}: [{sensor}] gives the white noise twice; leave one out")
     return _sheet(label, content)

@@ -1,0 +1,196 @@
+"""A measured input as a smooth function of time: value, slope, integral, and how far noise got through.
+
+A spline of degree 5 with a knot at every sample, penalised on its third differences; how much is chosen by
+generalised cross-validation (Craven and Wahba 1979; P-splines: Eilers and Marx 1996).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
+from scipy.linalg import solveh_banded
+from scipy.optimize import minimize_scalar
+
+from hubodo.arrays import Array
+
+_SPLINE_DEGREE = 5
+_PENALTY_ORDER = 3
+# Angular frequencies per step in (0, pi), and there: the power of the samples of a B-spline, aliases folded
+# in, and that of its differences, which are penalised.
+_ANGULAR_FREQUENCIES = (np.arange(512) + 0.5) * np.pi / 512
+_BASIS_POWER = (
+    sum(
+        np.sinc((_ANGULAR_FREQUENCIES + 2 * np.pi * f) / (2 * np.pi)) ** (_SPLINE_DEGREE + 1)
+        for f in (-2, -1, 0, 1, 2)
+    )
+    ** 2
+)
+_PENALTY_POWER = (2.0 - 2.0 * np.cos(_ANGULAR_FREQUENCIES)) ** _PENALTY_ORDER
+
+
+class SplineValues(NamedTuple):
+    """A function of time at N times, (N,) each: value, two derivatives, and the integral since the start."""
+
+    value: Array
+    slope: Array
+    curvature: Array
+    integral: Array
+
+
+@dataclass(frozen=True)
+class SmoothingSpline:
+    """A function of time, defined on [t0, t1] s and continued by its end values.
+
+    noise: 1 sigma of one sample as found in the residual. value_noise, slope_noise: 1 sigma of what of it is
+    left in the value and, per second, in the slope; it is correlated over `memory` s.
+    """
+
+    spline: BSpline
+    start: float
+    end: float
+    noise: float
+    value_noise: float
+    slope_noise: float
+    correlation_time: float
+
+    def __call__(self, t: Array, derivative: int = 0) -> Array:
+        """Value, slope or bend, by how often it is derived, at t, (N,) s; see `motion`."""
+        return self.evaluate(t)[derivative]
+
+    def integral(self, t: Array) -> Array:
+        """From `start` to t, (N,) s; outside, the end values go on."""
+        return self.evaluate(t).integral
+
+    def evaluate(self, t: Array) -> SplineValues:
+        """All of it at t, (N,) s; outside, the end values hold, slopes are zero and the integral goes on."""
+        knots, coefficients = self._polynomials
+        inside = np.clip(t, self.start, self.end)
+        piece = np.searchsorted(knots, inside, side="right") - 1
+        np.minimum(piece, len(knots) - 2, out=piece)
+        s = inside - knots[piece]
+        integral_before, *powers = coefficients.take(piece, axis=1)
+        value, integral = powers[-1], powers[-1] / len(powers)
+        slope = curvature = np.zeros_like(s)
+        # Horner's rule for all four at once.
+        for count, power in zip(range(len(powers) - 1, 0, -1), powers[-2::-1], strict=True):
+            curvature = curvature * s + 2.0 * slope
+            slope = slope * s + value
+            value = value * s + power
+            integral = integral * s + power / count
+        integral = integral * s + integral_before
+        beyond = t - inside
+        if beyond.any():
+            # A nanosecond of slack: a stamp at the end itself may be rounded beyond it.
+            at_end = np.abs(beyond) < 1e-9
+            slope, curvature = np.where(at_end, slope, 0.0), np.where(at_end, curvature, 0.0)
+            integral += value * beyond
+        return SplineValues(value, slope, curvature, integral)
+
+    @cached_property
+    def _polynomials(self) -> tuple[Array, Array]:
+        """The knots within, (M+1,) s, and (degree + 2, M): the integral up to each, and the polynomial there.
+
+        Lowest power first. A polynomial takes a fifth of the time that a sum of B-splines does.
+        """
+        polynomial = PPoly.from_spline(self.spline)
+        inner = slice(_SPLINE_DEGREE, len(polynomial.x) - 1 - _SPLINE_DEGREE)
+        knots, powers = polynomial.x[inner.start : inner.stop + 1], polynomial.c[::-1, inner]
+        step = np.diff(knots)
+        piece_integrals = sum(power * step ** (k + 1) / (k + 1) for k, power in enumerate(powers))
+        return knots, np.vstack([np.concatenate([[0.0], np.cumsum(piece_integrals)[:-1]]), powers])
+
+
+def constant_spline(value: float, start: float, end: float) -> SmoothingSpline:
+    """An input that is known and does not change."""
+    knots = np.concatenate([np.full(_SPLINE_DEGREE + 1, start), np.full(_SPLINE_DEGREE + 1, end)])
+    return SmoothingSpline(
+        BSpline(knots, np.full(_SPLINE_DEGREE + 1, value), _SPLINE_DEGREE), start, end, 0.0, 0.0, 0.0, 0.0
+    )
+
+
+def fit_interpolating_spline(t: Array, value: Array) -> SmoothingSpline:
+    """The spline through exact values; t: (N,) s, increasing, at least 6; value: (N,)."""
+    spline = make_interp_spline(t, value, _SPLINE_DEGREE)
+    return SmoothingSpline(spline, float(t[0]), float(t[-1]), 0.0, 0.0, 0.0, 0.0)
+
+
+def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
+    """The smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
+
+    Raises ValueError for fewer than 10 samples.
+    """
+    if len(t) < 10:
+        raise ValueError(f"{len(t)} samples: at least 10 are needed")
+    span = float(t[-1] - t[0])
+    count = max(8, round(span / float(np.median(np.diff(t)))))
+    step = span / count
+    knots = t[0] + step * np.arange(-_SPLINE_DEGREE, count + _SPLINE_DEGREE + 1)
+    design = BSpline.design_matrix(np.clip(t, t[0], t[-1]), knots, _SPLINE_DEGREE, extrapolate=True)
+    gram = design.T @ design
+    data = np.zeros((_SPLINE_DEGREE + 1, gram.shape[0]))
+    for k in range(_SPLINE_DEGREE + 1):
+        data[_SPLINE_DEGREE - k, k:] = gram.diagonal(k)
+    right_hand_side = design.T @ value
+    penalty = _banded_penalty(gram.shape[0])
+    # A gap in the samples leaves coefficients without data: the penalty alone carries them.
+    value_range_squared = float(np.ptp(value)) ** 2
+
+    def fit_coefficients(log_weight: float) -> Array:
+        banded = data.copy()
+        banded[_SPLINE_DEGREE - _PENALTY_ORDER :] += np.exp(log_weight) * penalty
+        banded[-1] += 1e-12
+        return np.asarray(solveh_banded(banded, right_hand_side, check_finite=False))
+
+    def score(log_weight: float) -> float:
+        residual = value - design @ fit_coefficients(log_weight)
+        freedom = _smoother_gain(log_weight).mean()
+        return float(
+            len(t)
+            * np.log((residual @ residual / len(t) + 1e-18 * value_range_squared) / (1.0 - freedom) ** 2)
+        )
+
+    best = _minimise(score)
+    weights = fit_coefficients(best)
+    residual = value - design @ weights
+    gain = _smoother_gain(best)
+    noise = float(np.sqrt(residual @ residual / len(t) / max(1.0 - gain.mean(), 1e-3)))
+    value_gain, slope_gain = float(np.mean(gain**2)), float(np.mean((gain * _ANGULAR_FREQUENCIES) ** 2))
+    return SmoothingSpline(
+        BSpline(knots, weights, _SPLINE_DEGREE),
+        float(t[0]),
+        float(t[-1]),
+        noise,
+        noise * np.sqrt(value_gain),
+        noise * np.sqrt(slope_gain) / step,
+        step / max(value_gain, 1e-6),
+    )
+
+
+def _banded_penalty(size: int) -> Array:
+    """Upper banded form, (4, size), of the sum of squared third differences."""
+    row = np.array([-1.0, 3.0, -3.0, 1.0])
+    banded = np.zeros((_PENALTY_ORDER + 1, size))
+    for lag in range(_PENALTY_ORDER + 1):
+        for i in range(_PENALTY_ORDER + 1 - lag):
+            banded[_PENALTY_ORDER - lag, i + lag : size - _PENALTY_ORDER + i + lag] += row[i] * row[i + lag]
+    return banded
+
+
+def _smoother_gain(log_weight: float) -> Array:
+    """(M,) gain of the smoother at the angular frequencies _OMEGA."""
+    return np.asarray(_BASIS_POWER / (_BASIS_POWER + np.exp(log_weight) * _PENALTY_POWER))
+
+
+def _minimise(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:
+    """Argument of the lowest score: a coarse walk, then golden sections."""
+    grid = np.arange(low, high + 1.0, 3.0)
+    values = [score(x) for x in grid]
+    lowest = int(np.argmin(values))
+    lower, upper = grid[max(lowest - 1, 0)], grid[min(lowest + 1, len(grid) - 1)]
+    minimum = minimize_scalar(score, bounds=(lower, upper), method="bounded", options={"xatol": 0.3})
+    return float(minimum.x)
