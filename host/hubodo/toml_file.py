@@ -75,7 +75,8 @@ def _convert_value(value: object, hint: Any, where: str) -> Any:
             return value
         options = get_args(hint)
         raise ConfigError(
-            f"{where} = {quote_value(value)}: write {' or '.join(options)}{suggest_spelling(str(value), options)}"
+            f"{where} = {quote_value(value)}: write {' or '.join(options)}"
+            f"{suggest_spelling(str(value), options)}"
         )
     text = str(hint)
     if isinstance(value, bool) or hint is bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hubodo.errors import ConfigError
-from hubodo.toml_file import check_positive, as_table, load_toml, check_known_keys, read_table, quote_value
+from hubodo.toml_file import as_table, check_known_keys, check_positive, load_toml, quote_value, read_table
 
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]

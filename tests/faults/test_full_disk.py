@@ -14,8 +14,8 @@ import pytest
 
 from fuzz import seeds
 from fuzz.targets import drive
-from hubodo.errors import InputError
 from hubodo.atomic_files import atomic_files, atomic_new_file
+from hubodo.errors import InputError
 from in_process import hubodo
 
 VERBS = {

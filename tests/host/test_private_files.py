@@ -4,10 +4,10 @@ import os
 
 import pytest
 
+from hubodo.atomic_files import atomic_files, atomic_folder, atomic_new_file, write_atomically
 from hubodo.errors import InputError
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.web.config import WebConfig, make_site, read_token
-from hubodo.atomic_files import atomic_files, atomic_folder, atomic_new_file, write_atomically
 
 root = pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs two users")
 

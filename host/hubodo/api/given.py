@@ -35,7 +35,7 @@ def given_calibration(
     """The calibration, and its file and hash where it came from one. Raises ConfigError."""
     if not isinstance(calibration, str | os.PathLike):
         return calibration, None
-    from hubodo.calibration.file import read_calibration, hash_source
+    from hubodo.calibration.file import hash_source, read_calibration
 
     path = Path(calibration)
     return read_calibration(path), {"file": str(path), "sha256": hash_source(path)}

@@ -27,22 +27,22 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hubodo.atomic_files import write_atomically
 from hubodo.effects import Effect, effect_of, in_order
 from hubodo.effects.base import Level
 from hubodo.errors import CalibrationError, ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
     as_table,
-    load_toml,
     check_known_keys,
+    load_toml,
     parse_toml,
-    read_table,
     quote_value,
+    read_table,
     toml_key,
     toml_number,
     toml_text,
 )
-from hubodo.atomic_files import write_atomically
 
 
 @dataclass(frozen=True)

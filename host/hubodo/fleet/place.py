@@ -11,8 +11,8 @@ from typing import Any
 from fsspec.core import url_to_fs
 from fsspec.implementations.local import LocalFileSystem
 
-from hubodo.errors import InputError, LinkError
 from hubodo.atomic_files import atomic_files
+from hubodo.errors import InputError, LinkError
 
 
 def opened(word: str) -> tuple[Any, str]:

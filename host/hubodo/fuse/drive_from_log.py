@@ -8,9 +8,9 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
 from hubodo.model.inputs import Inputs, Trace
-from hubodo.time_gaps import check_time_gaps
 from hubodo.recording import Recording, Table
-from hubodo.smoothing_spline import fit_smoothing_spline, fit_interpolating_spline
+from hubodo.smoothing_spline import fit_interpolating_spline, fit_smoothing_spline
+from hubodo.time_gaps import check_time_gaps
 
 _FEWEST = 20
 """Rows; fewer are no drive, and a smoothing spline has nothing to judge its noise by."""

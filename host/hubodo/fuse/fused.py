@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from hubodo.atomic_files import atomic_files
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.absolute import absolute_track
@@ -18,7 +19,6 @@ from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
-from hubodo.atomic_files import atomic_files
 
 TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
 FILES = ("track.csv", "fuse.json")
@@ -149,7 +149,7 @@ def check_free(folder: Path) -> None:
 
 def write_fused(fused: Fused, folder: Path) -> None:
     """Both files, whole, in a folder that is made where it is missing."""
-    with atomic_files(*(folder / name for name in FILES), make_folder=True) as (track, told):
+    with atomic_files(*(folder / name for name in FILES), create_folder=True) as (track, told):
         write_table(track, track_table(fused.track))
         text = json_text(fused.as_json(str(folder)), indent=2)
         told.write_text(text + "\n", "utf-8")

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hubodo.atomic_files import atomic_new_file, require_free_path
 from hubodo.errors import InputError
 from hubodo.log import topics
 from hubodo.log.container import Compression
@@ -29,7 +30,6 @@ from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
-from hubodo.atomic_files import require_free_path, atomic_new_file
 
 Progress = Callable[[str, float], None]
 _ROWS = 8192

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from hubodo.atomic_files import atomic_folder
 from hubodo.errors import InputError
 from hubodo.log import parquet_table
 from hubodo.log.csv_table import ParsedFile, read_table, write_table
 from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
 from hubodo.safe_text import json_text
-from hubodo.atomic_files import atomic_folder
 
 Format = Literal["csv", "parquet"]
 SUFFIXES = (".csv", ".csv.gz", ".parquet")

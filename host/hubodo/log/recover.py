@@ -11,13 +11,13 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError
 from hubodo.log.chunk_body import Messages
 from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile
 from hubodo.log.logfile import Log
 from hubodo.log.message_records import PREFIX
 from hubodo.log.scan import scan
-from hubodo.atomic_files import atomic_new_file
 
 Progress = Callable[[str, float], None]
 Indexes = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]

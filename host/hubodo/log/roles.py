@@ -112,7 +112,8 @@ class _Assignment:
                 fitting = [it for it, candidate in self.found.items() if candidate.kind in kinds]
                 words = (
                     f"{name}={topic}: no such topic with messages that are understood"
-                    f"{suggest_spelling(topic, self.found)}; of its type there are {', '.join(fitting) or 'none'}"
+                    f"{suggest_spelling(topic, self.found)}; "
+                    f"of its type there are {', '.join(fitting) or 'none'}"
                 )
                 if by_user:
                     raise InputError(f"{self.where}: --topic {words}")

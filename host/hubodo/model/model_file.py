@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from hubodo.atomic_files import write_atomically
 from hubodo.effects import EFFECTS, Effect, Noise, effect_of, in_order
 from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
 from hubodo.toml_file import (
     MAX_TOML_NUMBER,
-    check_positive,
     as_table,
-    load_toml,
-    suggest_spelling,
     check_known_keys,
+    check_positive,
+    load_toml,
     read_table,
+    suggest_spelling,
     toml_key,
     toml_number,
     toml_text,
 )
 from hubodo.vehicle import RANGE_KEYS, NodeMount, Vehicle, parse_vehicle
-from hubodo.atomic_files import write_atomically
 
 _ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _RATES = ("gx", "gy", "gz")
@@ -174,8 +174,8 @@ def _check_input(value: str | float, where: str, vehicle: Vehicle) -> None:
         return
     if not other or suggest_spelling(source, ["reference", *vehicle.nodes]):
         raise ConfigError(
-            f"{where} = {value!r}: no such input{suggest_spelling(value, known)}; write a number, reference.speed, "
-            "reference.yaw_rate, nodes, or nodes.NAME.gz"
+            f"{where} = {value!r}: no such input{suggest_spelling(value, known)}; "
+            "write a number, reference.speed, reference.yaw_rate, nodes, or nodes.NAME.gz"
         )
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo.errors import InputError
 from hubodo.atomic_files import atomic_files
+from hubodo.errors import InputError
 
 _SUFFIXES = (".png", ".svg", ".pdf")
 _MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"

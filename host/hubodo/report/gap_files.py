@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError
 from hubodo.gap.tell.account import comments, verdict
 from hubodo.gap.tell.result import GapResult
 from hubodo.model.model_file import model_toml
 from hubodo.report.gap_page import gap_page
 from hubodo.safe_text import json_text
-from hubodo.atomic_files import atomic_files
 
 FILES = ("gap.json", "model.toml", "report.html")
 
@@ -60,6 +60,6 @@ def gap_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:
 
 def write_texts(folder: Path, contents: Mapping[str, str]) -> None:
     """All of them whole, or none; the folder is made where it is missing."""
-    with atomic_files(*(folder / name for name in contents), make_folder=True) as parts:
+    with atomic_files(*(folder / name for name in contents), create_folder=True) as parts:
         for part, content in zip(parts, contents.values(), strict=True):
             part.write_text(content, "utf-8", "backslashreplace")

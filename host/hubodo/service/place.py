@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hubodo.atomic_files import write_atomically
 from hubodo.errors import HubodoError, InputError
 from hubodo.ingest.live.record_config import load_record_config
 from hubodo.service import rules, unit
-from hubodo.atomic_files import write_atomically
 
 
 @dataclass(frozen=True)

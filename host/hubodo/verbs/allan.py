@@ -10,6 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.atomic_files import write_atomically
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
@@ -32,7 +33,6 @@ from hubodo.sensors.rest_channel import CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import add_span_arguments, standstill
-from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 

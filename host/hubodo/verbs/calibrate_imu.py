@@ -13,12 +13,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import (
     CalibratedEffect,
     Calibration,
     find_node_serial,
-    read_calibration,
     hash_source,
+    read_calibration,
     write_calibration,
 )
 from hubodo.errors import InputError
@@ -31,7 +32,6 @@ from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import latitude, positive
-from hubodo.atomic_files import write_atomically
 
 HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"

@@ -16,8 +16,8 @@ from rich.table import Table as TextTable
 from hubodo.calibration.file import (
     Calibration,
     find_node_serial,
-    read_calibration,
     hash_source,
+    read_calibration,
     write_calibration,
 )
 from hubodo.errors import InputError

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as TextTable
 
+from hubodo.atomic_files import write_atomically
 from hubodo.demo.judgement import check_sigmas
 from hubodo.demo.report import demo_page, facts_grid
 from hubodo.demo.ride import (
@@ -38,7 +39,6 @@ from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.numbers import number, seed
-from hubodo.atomic_files import write_atomically
 
 _START_NS = 1_767_225_600_000_000_000
 """Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""

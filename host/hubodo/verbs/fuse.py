@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
-from hubodo.calibration.file import read_calibration, hash_source
+from hubodo.calibration.file import hash_source, read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.fused import Fused, check_free, fuse_recording, write_fused
 from hubodo.fuse.wheels import METHODS

@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo.atomic_files import atomic_files
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.change.change import Change, ChangeResult, find_change
@@ -24,7 +25,6 @@ from hubodo.progress import progress_line
 from hubodo.safe_text import json_text
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import log_form
-from hubodo.atomic_files import atomic_files
 
 CHANGE_FILES = ("change.json", "before.toml", "after.toml")
 # What differs from drive to drive on a vehicle that nobody touched, and why.
@@ -137,7 +137,7 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
         result = find_change(logs[0], logs[1], model, where=(str(args.before), str(args.after)), say=show)
     text = json_text(result.as_json(), indent=1, ascii_only=False)
     models = (model_toml(result.before), model_toml(result.after))
-    with atomic_files(*(args.output / name for name in CHANGE_FILES), make_folder=True) as parts:
+    with atomic_files(*(args.output / name for name in CHANGE_FILES), create_folder=True) as parts:
         for part, content in zip(parts, (f"{text}\n", *models), strict=True):
             part.write_text(content, "utf-8", "backslashreplace")
     return ChangeReport(result, str(args.output))

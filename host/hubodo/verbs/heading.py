@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table as TextTable
 
+from hubodo.atomic_files import atomic_files, write_atomically
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
@@ -31,7 +32,6 @@ from hubodo.sensors.rest_channel import CHANNELS, temperature_of
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.standstill import read_node
-from hubodo.atomic_files import atomic_files, write_atomically
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 

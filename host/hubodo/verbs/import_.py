@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from hubodo.atomic_files import require_free_path
 from hubodo.errors import InputError
 from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
 from hubodo.log.any_log import has_our_topics, is_bag, mcap_file, read_log
@@ -21,7 +22,6 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
-from hubodo.atomic_files import require_free_path
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 

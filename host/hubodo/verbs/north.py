@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
@@ -34,7 +35,6 @@ from hubodo.verbs.north_live import check_live, run_live
 from hubodo.verbs.north_plan import Planned, run_plan
 from hubodo.verbs.north_result import FoundNorth
 from hubodo.verbs.numbers import not_negative, number, positive, whole
-from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.node_times import check_times
@@ -21,7 +22,6 @@ from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import positive
-from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 

@@ -13,13 +13,14 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import (
     CalibratedEffect,
     Calibration,
     NodeCalibration,
     Quantity,
-    read_calibration,
     hash_source,
+    read_calibration,
     write_calibration,
 )
 from hubodo.errors import InputError
@@ -39,7 +40,6 @@ from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.numbers import not_negative
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
-from hubodo.atomic_files import write_atomically
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
 

@@ -11,7 +11,7 @@ from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import TABLES
 from hubodo.private_files import check_private, read_private
 from hubodo.settings_table import setting
-from hubodo.toml_file import load_toml, check_known_keys, read_table
+from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubodo.web.address import LOOPBACK, Address, parse_address
 
 PORT = 8642

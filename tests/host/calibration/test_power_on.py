@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.calibration.apply import time_since_power_on, apply_calibration, find_starts
+from hubodo.calibration.apply import apply_calibration, find_starts, time_since_power_on
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.recording import Event, Table
 from hubodo.units import NS_PER_S

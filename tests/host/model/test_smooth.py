@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from hubodo.smoothing_spline import constant_spline, fit_smoothing_spline, fit_interpolating_spline
+from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline, fit_smoothing_spline
 
 
 def signal(t):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.fuse.wheel.window import WINDOW
-from hubodo.time_gaps import check_time_gaps
 from hubodo.recording import Table
+from hubodo.time_gaps import check_time_gaps
 
 _LONGEST = 0.5
 """s between rows; over what is longer an encoder says nothing. Estimated."""

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.atomic_files import write_atomically
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX, empirical
 from hubodo.errors import InputError
@@ -31,7 +32,6 @@ from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeStart
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
-from hubodo.atomic_files import write_atomically
 
 _VERSION = 2
 

@@ -15,9 +15,9 @@ from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeForward
 from hubodo.model.inputs import Inputs
 from hubodo.model.model_file import Model
-from hubodo.time_gaps import check_time_gaps
 from hubodo.recording import NODE_OPTIONAL_COLUMNS, Recording, Table
 from hubodo.smoothing_spline import constant_spline
+from hubodo.time_gaps import check_time_gaps
 
 # s: shorter logs show too few turns and stops.
 SHORTEST = 20.0

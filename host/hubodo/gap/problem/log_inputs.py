@@ -181,7 +181,9 @@ def _behind(t: Array, values: Array) -> SmoothingSpline:
         # Where the mean is off, a wheel turns on and on at another pace than the model's: to a filter of its
         # angle that is what the noise of all samples, integrated, comes to.
         level = constant_spline(mean, float(t[0]), float(t[-1]))
-        return replace(level, noise=white, value_noise=white / np.sqrt(len(t)), memory=float(np.ptp(t)))
+        return replace(
+            level, noise=white, value_noise=white / np.sqrt(len(t)), correlation_time=float(np.ptp(t))
+        )
     return fit_smoothing_spline(t, values)
 
 

@@ -7,10 +7,10 @@ import re
 import secrets
 from pathlib import Path
 
+from hubodo.atomic_files import atomic_files
 from hubodo.errors import ConfigError, InputError
 from hubodo.private_files import check_private
 from hubodo.toml_file import load_toml, quote_value
-from hubodo.atomic_files import atomic_files
 
 KEY_BYTES = 32
 _SERIAL = re.compile(r"[0-9a-f]{16}")
@@ -39,8 +39,8 @@ class KeyRing:
         for serial, key in rows.items():
             if not _SERIAL.fullmatch(serial) or not isinstance(key, str) or not _KEY.fullmatch(key):
                 raise ConfigError(
-                    f"{path}: [keys] {quote_value(serial)}: wants the serial of a board, 16 hexadecimal digits, "
-                    f"and a key of {2 * KEY_BYTES}"
+                    f"{path}: [keys] {quote_value(serial)}: wants the serial of a board, 16 hexadecimal "
+                    f"digits, and a key of {2 * KEY_BYTES}"
                 )
             self.keys[serial] = bytes.fromhex(key)
 

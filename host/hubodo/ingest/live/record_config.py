@@ -11,7 +11,7 @@ from hubodo.errors import ConfigError
 from hubodo.log.room import MB
 from hubodo.log.series import SeriesRules
 from hubodo.settings_table import check_bounds, setting
-from hubodo.toml_file import load_toml, check_known_keys, read_table
+from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
 TABLES = ("record", "web")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED
@@ -27,7 +28,6 @@ from hubodo.log.own_messages import own_bytes, own_text
 from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.version import __version__
-from hubodo.atomic_files import atomic_new_file
 from hubowire import FrameDecoder, PayloadError, decode
 from hubowire.messages import Hello
 
