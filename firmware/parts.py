@@ -3,8 +3,7 @@
 import gc
 from time import ticks_add, ticks_diff, ticks_ms, ticks_us
 
-from drivers.chip import nearest
-from drivers.lis3mdl import LIS3MDL
+from drivers.chip import acknowledges, nearest, read_register
 from micropython import const
 from wire import (
     FAULT_BUS_STUCK,
@@ -24,10 +23,15 @@ if TYPE_CHECKING:
     from typing import Any
 
 IMU_DRIVERS = (
-    ("drivers.lsm6ds33", "LSM6DS33", (0x6B, 0x6A), 0x0F),
-    ("drivers.mpu6050", "MPU6050", (0x68, 0x69), 0x75),
+    ("drivers.lsm6ds33", "LSM6DS33", (0x6B, 0x6A)),
+    ("drivers.mpu6050", "MPU6050", (0x68, 0x69)),
 )
-"""(module, class, addresses, WHO_AM_I register) in the order of the search; loaded when something answers."""
+"""(module, class, I2C addresses) in the order of the search; a module is loaded when a chip acknowledges.
+
+MPU6050 accepts clones with any WHO_AM_I: other chips at its addresses come before it.
+"""
+
+MAG_DRIVERS = (("drivers.lis3mdl", "LIS3MDL", (0x1E, 0x1C)),)
 
 _SEARCH_MS = const(1000)
 _SETTINGS_MS = const(1000)
@@ -81,20 +85,9 @@ class Parts:
         self.found = []
         self.chip = self.mag = None
         self.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
-        imu = wrong = None
-        for module, name, addresses, register in IMU_DRIVERS:
-            for address in addresses:
-                who_am_i = _who_am_i(i2c, address, register)
-                if who_am_i < 0:
-                    continue
-                driver = getattr(__import__(module, None, None, (name,)), name)
-                if imu is None and (who_am_i in driver.WHO_AM_I or driver.ANY_WHO_AM_I):
-                    imu = (driver, address, who_am_i)
-                else:
-                    wrong = (address, who_am_i, 0)
-                    self.found.append(wrong)
+        imu = self._probe(IMU_DRIVERS)
         if imu is None:
-            self.faults |= FAULT_IMU_MISSING if wrong is None else FAULT_WRONG_WHO_AM_I
+            self.faults |= FAULT_WRONG_WHO_AM_I if self.found else FAULT_IMU_MISSING
         else:
             driver, address, who_am_i = imu
             try:
@@ -113,8 +106,41 @@ class Parts:
             except OSError:
                 self.i2c_errors += 1
                 self.faults |= FAULT_IMU_MISSING
-        self._find_mag()
+        mag = self._probe(MAG_DRIVERS)
+        if mag is not None:
+            driver, address, who_am_i = mag
+            part, rate_hz = 0, s["mag_rate_hz"]
+            try:
+                if rate_hz:
+                    self.mag = driver(i2c, address, odr_hz=nearest(driver.RATES_HZ, rate_hz)[0])
+                    part = driver.PART
+            except OSError:
+                self.i2c_errors += 1
+            self.found.append((address, who_am_i, part))
         gc.collect()
+
+    def _probe(self, drivers):
+        """Return (driver, address, WHO_AM_I) of the first chip that a driver recognises, else None.
+
+        Every other chip that acknowledges at one of the addresses goes into `found` with Part 0.
+        """
+        i2c, chosen = self._board.i2c, None
+        for module, name, addresses in drivers:
+            for address in addresses:
+                if (chosen is not None and chosen[1] == address) or not acknowledges(i2c, address):
+                    continue
+                driver = getattr(__import__(module, None, None, (name,)), name)
+                who_am_i = driver.probe(i2c, address)
+                for row in self.found:
+                    if row[0] == address:
+                        # A driver before this one did not recognise it.
+                        self.found.remove(row)
+                        break
+                if chosen is None and who_am_i >= 0:
+                    chosen = (driver, address, who_am_i)
+                else:
+                    self.found.append((address, read_register(i2c, address, driver.WHO_AM_I_REGISTER), 0))
+        return chosen
 
     def _wants_fifo(self):
         """Radio commands hold the processor up for longer than a sample; polling may have been too much."""
@@ -173,21 +199,6 @@ class Parts:
         if self.was_running and self._board.reset_cause in _WITHOUT_POWER:
             self._board.reset_cause = RESET_CAUSE_HARD
 
-    def _find_mag(self):
-        i2c, rate_hz = self._board.i2c, self._board.settings["mag_rate_hz"]
-        for address in LIS3MDL.ADDRESSES:
-            who_am_i = _who_am_i(i2c, address, LIS3MDL.WHO_AM_I_REGISTER)
-            if who_am_i < 0:
-                continue
-            part = 0
-            if who_am_i in LIS3MDL.WHO_AM_I and rate_hz and self.mag is None:
-                try:
-                    self.mag = LIS3MDL(i2c, address, odr_hz=nearest(LIS3MDL.RATES_HZ, rate_hz)[0])
-                    part = LIS3MDL.PART
-                except OSError:
-                    self.i2c_errors += 1
-            self.found.append((address, who_am_i, part))
-
     def _revive(self, always):
         """Configures the chip again if it lost its settings, or always; False when it does not answer.
 
@@ -196,7 +207,7 @@ class Parts:
         chip = self.chip
         try:
             if always or not chip.intact():
-                if _who_am_i(self._board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (
+                if read_register(self._board.i2c, chip.address, chip.WHO_AM_I_REGISTER) not in (
                     chip.who_am_i,
                     -1,
                 ):
@@ -262,16 +273,6 @@ class Parts:
         if limit_us < _SILENT_LEAST_US:
             limit_us = _SILENT_LEAST_US
         return ticks_diff(now, self._sampler.last_us) >= limit_us
-
-
-def _who_am_i(i2c, address, register):
-    """The id that a chip at `address` answers with, or -1."""
-    one = bytearray(1)
-    try:
-        i2c.readfrom_mem_into(address, register, one)
-    except OSError:
-        return -1
-    return one[0]
 
 
 def _batch(rate_mhz):

@@ -10,15 +10,9 @@ import reports
 from drivers.chip import nearest
 from micropython import const
 from outbox import FIRST_ROW, ROW
-from wire import BATCH_FLAG_RATE_CHANGED, PART_LSM6DS33
+from wire import BATCH_FLAG_RATE_CHANGED
 
 _GYRO = const(3)
-_WAKE_UP_SRC = const(0x1B)
-_WU_IA = const(0x08)
-_TAP_CFG, _LATCHED = const(0x58), const(0x01)
-_WAKE_UP_THS, _FULL_SCALE = const(0x5B), const(64)
-_WAKE_UP_DUR = const(0x5C)
-_MD1_CFG, _INT1_WU = const(0x5E), const(0x20)
 _LATER_MS = const(1000)
 
 
@@ -90,10 +84,11 @@ class Rest:
 
     def _woken(self, chip):
         """Whether the chip has felt a jolt since the last look."""
-        if chip.PART != PART_LSM6DS33:
+        flag = chip.MOTION_FLAG
+        if not flag:
             return False
         try:
-            return bool(chip.read(_WAKE_UP_SRC) & _WU_IA)
+            return bool(chip.read(flag[0]) & flag[1])
         except OSError:
             return False
 
@@ -109,17 +104,8 @@ class Rest:
             range_dps=chip.range_dps,
             range_g=chip.range_g,
             fifo=not resting and s["fifo"],
+            wake_mg=s["rest_mg"] if resting else 0,
         )
-        if resting and chip.PART == PART_LSM6DS33:
-            steps = s["rest_mg"] * _FULL_SCALE // (1000 * chip.range_g)
-            parts.chip.also(
-                (
-                    (_TAP_CFG, _LATCHED),
-                    (_WAKE_UP_DUR, 0),
-                    (_WAKE_UP_THS, steps if steps else 1),
-                    (_MD1_CFG, _INT1_WU),
-                )
-            )
         parts.begin(False)
         node.sampler.flags = BATCH_FLAG_RATE_CHANGED
         self.resting = resting

@@ -1,10 +1,12 @@
-"""What the drivers share: registers on I2C, an id, settings that have to stand, tables of what can be set."""
+"""Base class of the drivers: registers on I2C, a WHO_AM_I, settings that must persist, tables of choices."""
 
 import time
 
+_BYTE = bytearray(1)
+
 
 def nearest(table, wanted):
-    """The row of a table whose first number is nearest to what is wanted."""
+    """Return the row of a table whose first number is nearest to `wanted`."""
     best = table[0]
     for row in table:
         if abs(row[0] - wanted) < abs(best[0] - wanted):
@@ -13,40 +15,64 @@ def nearest(table, wanted):
 
 
 def setting(table, value):
-    """The row that begins with value. Raises ValueError."""
+    """Return the row that begins with `value`. Raises ValueError where there is none."""
     row = nearest(table, value)
     if row[0] != value:
         raise ValueError("{} begins no row of {}".format(value, table))
     return row
 
 
-class Chip:
-    """A chip that answers at an address with its WHO_AM_I.
+def acknowledges(i2c, address):
+    """Return True when a chip acknowledges its address; nothing is read or written."""
+    try:
+        i2c.writeto(address, b"")
+    except OSError:
+        return False
+    return True
 
-    A driver gives `_settings`, ((register, value), ..) in the order of their writing, and `_standing`, those
-    that can be read back; RESET: (register, bit, us to wait between looks whether it is over).
-    Raises OSError when the chip is absent or, unless ANY_WHO_AM_I, another one.
+
+def read_register(i2c, address, register):
+    """Return the byte in a register of the chip at `address`, or -1 where no chip acknowledges."""
+    try:
+        i2c.readfrom_mem_into(address, register, _BYTE)
+    except OSError:
+        return -1
+    return _BYTE[0]
+
+
+class Chip:
+    """A chip at an I2C address that identifies itself by WHO_AM_I.
+
+    A driver sets `_settings`, ((register, value), ..) in the order in which they are written, and
+    `_standing`, those that can be read back; RESET: (register, bit, us between polls until it is over).
+    Raises OSError when `probe` does not recognise the chip.
     """
 
     WHO_AM_I_REGISTER = 0x0F
     WHO_AM_I: tuple
-    ANY_WHO_AM_I = False
-    """Whether another id at this address is taken for a variant, rather than refused."""
     RESET: tuple = ()
+    MOTION_FLAG: tuple = ()
+    """(register, bit) of the chip's motion detector, which reading clears; () where it has none."""
     uses_fifo = False
     _settings: tuple
     _standing: tuple
+
+    @classmethod
+    def probe(cls, i2c, address):
+        """Return the WHO_AM_I of the chip at `address` if this driver serves it, else -1; only reads."""
+        who_am_i = read_register(i2c, address, cls.WHO_AM_I_REGISTER)
+        return who_am_i if who_am_i in cls.WHO_AM_I else -1
 
     def __init__(self, i2c, address):
         self.i2c = i2c
         self.address = address
         self._byte = bytearray(1)
-        self.who_am_i = self.read(self.WHO_AM_I_REGISTER)
-        if not self.ANY_WHO_AM_I and self.who_am_i not in self.WHO_AM_I:
-            raise OSError("WHO_AM_I 0x{:02x}: another chip".format(self.who_am_i))
+        self.who_am_i = self.probe(i2c, address)
+        if self.who_am_i < 0:
+            raise OSError("no chip of this driver at 0x{:02x}".format(address))
 
     def configure(self):
-        """Resets the chip and writes every setting; sampling starts."""
+        """Reset the chip and write every setting; sampling starts."""
         if self.RESET:
             register, bit, wait_us = self.RESET
             self._write(register, bit)
@@ -61,20 +87,15 @@ class Chip:
         if self.uses_fifo:
             self.fifo_flush()  # type: ignore[attr-defined]
 
-    def also(self, settings):
-        """Configures the chip anew with more settings that can be read back."""
-        self._settings += settings
-        self._standing += settings
-        self.configure()
-
     def intact(self):
-        """Whether id and settings still stand in the chip: a dip of its supply resets them."""
+        """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
         for register, value in self._standing:
             if self.read(register) != value:
                 return False
         return True
 
     def read(self, register):
+        """Return the byte in a register."""
         self.i2c.readfrom_mem_into(self.address, register, self._byte)
         return self._byte[0]
 

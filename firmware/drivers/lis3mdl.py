@@ -32,7 +32,6 @@ class LIS3MDL(Chip):
     """Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one."""
 
     PART = PART_LIS3MDL
-    ADDRESSES = (0x1E, 0x1C)
     RATES_HZ = ((5, 0x0C), (10, 0x10), (20, 0x14), (40, 0x18), (80, 0x1C))
     # (public value, step in 1e-15 T from 6842, 3421, 2281, 1711 steps per gauss, code)
     RANGES_GAUSS = ((4, 14615610, 0x00), (8, 29231219, 0x20), (12, 43840421, 0x40), (16, 58445354, 0x60))

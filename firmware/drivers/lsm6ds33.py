@@ -18,10 +18,15 @@ _WHO_AM_I = const(0x0F)
 _CTRL1_XL = const(0x10)
 _CTRL2_G = const(0x11)
 _CTRL3_C = const(0x12)
+_WAKE_UP_SRC = const(0x1B)
 _STATUS = const(0x1E)
 _OUT_TEMP = const(0x20)
 _FIFO_STATUS1 = const(0x3A)
 _FIFO_DATA_OUT = const(0x3E)
+_TAP_CFG = const(0x58)
+_WAKE_UP_THS = const(0x5B)
+_WAKE_UP_DUR = const(0x5C)
+_MD1_CFG = const(0x5E)
 
 _SW_RESET = const(0x01)
 _BDU_IF_INC = const(0x44)
@@ -32,11 +37,16 @@ _CONTINUOUS = const(6)
 _OVERRUN = const(0x40)
 _PATTERN = const(6)
 _NEAR_CARRY = const(250)
+_WU_IA = const(0x08)
+# The interrupt latched, without a duration, on INT1.
+_WAKE_SETTINGS = ((_TAP_CFG, 0x01), (_WAKE_UP_DUR, 0), (_MD1_CFG, 0x20))
+_THRESHOLD_STEPS = const(64)  # of WAKE_UP_THS, over the full scale of the accelerometer
 
 
 class LSM6DS33(Chip):
-    """fifo: samples through the FIFO at 208 Hz and below too; above, always.
+    """fifo: sample through the FIFO at 208 Hz and below too; above, always.
 
+    wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
     """
 
@@ -65,8 +75,9 @@ class LSM6DS33(Chip):
     FIFO_SAMPLES = 682
     """Whole samples that the FIFO holds."""
     WHO_AM_I = (0x69,)
+    MOTION_FLAG = (_WAKE_UP_SRC, _WU_IA)
 
-    def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False):
+    def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
         odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
@@ -83,14 +94,15 @@ class LSM6DS33(Chip):
             (_CTRL1_XL, odr_code << 4 | accel_code),
             (_CTRL2_G, odr_code << 4 | gyro_code),
         )
+        if wake_mg:
+            steps = wake_mg * _THRESHOLD_STEPS // (1000 * self.range_g)
+            self._settings += _WAKE_SETTINGS + ((_WAKE_UP_THS, steps if steps else 1),)
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
         self._burst, self._burst_words = shared(8)
         self._status = bytearray(4)
         self._level = memoryview(self._status)[:2]
-        stray = memoryview(bytearray(2 * _PATTERN))
-        self._stray = tuple(stray[: 2 * i] for i in range(_PATTERN))
         self.configure()
 
     def ready(self):
@@ -148,7 +160,8 @@ class LSM6DS33(Chip):
             return words // _PATTERN
         if words < rest:
             return 0
-        self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._stray[rest])
+        for _ in range(rest):
+            self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._level)
         self.realigned += 1
         return (words - rest) // _PATTERN
 

@@ -9,7 +9,7 @@ if chip.read_into(words, 0):
 from micropython import const
 from wire import PART_MPU6050, PART_MPU6500
 
-from drivers.chip import Chip, setting
+from drivers.chip import Chip, read_register, setting
 
 _SMPLRT_DIV = const(0x19)
 _CONFIG = const(0x1A)
@@ -27,6 +27,8 @@ _WHO_AM_I = const(0x75)
 
 _DEVICE_RESET = const(0x80)
 _CLOCK_OF_GYRO = const(0x01)
+_PWR_MGMT_1_VALUES = (0x40, 0x01)
+"""After power-on: MPU-6050 (asleep), MPU-6500; the second also once `configure` has run."""
 _DATA_READY = const(0x01)
 _FIFO_OVERFLOW = const(0x10)
 _GYRO_AND_ACCEL = const(0x78)
@@ -37,11 +39,12 @@ _FIFO_SIZE = const(1024)
 
 
 class MPU6050(Chip):
-    """fifo: samples through the FIFO at 250 Hz and below too; above, always.
+    """fifo: sample through the FIFO at 250 Hz and below too; above, always. wake_mg: not used.
 
     Raises ValueError for a setting outside the tables, OSError when nothing answers.
 
-    An unknown WHO_AM_I is not refused: PART is then 0, and Hello carries the id.
+    Chips sold as MPU-6050 have many WHO_AM_I: `probe` accepts an unknown one where PWR_MGMT_1 reads as after
+    power-on or as configured here. PART is then 0, and Hello carries the WHO_AM_I.
     """
 
     PART = PART_MPU6050
@@ -67,9 +70,16 @@ class MPU6050(Chip):
     """Whole samples that the FIFO holds."""
     WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
-    ANY_WHO_AM_I = True
 
-    def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False):
+    @classmethod
+    def probe(cls, i2c, address):
+        """Return the WHO_AM_I of the chip at `address` if it is an MPU or behaves like one, else -1."""
+        who_am_i = read_register(i2c, address, _WHO_AM_I)
+        if who_am_i in cls.WHO_AM_I or read_register(i2c, address, _PWR_MGMT_1) in _PWR_MGMT_1_VALUES:
+            return who_am_i
+        return -1
+
+    def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
         odr, self.rate_mhz, divider, low_pass = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)

@@ -50,6 +50,10 @@ class EmulatedBus:
             view[:] = data
         self._after(status, end)
 
+    def writeto(self, address, buffer):
+        status, end = self.bus.write(self.t, address, bytes(buffer))
+        self._after(status, end)
+
     def writeto_mem(self, address, register, buffer):
         status, end = self.bus.write(self.t, address, bytes([register]) + bytes(buffer))
         self._after(status, end)

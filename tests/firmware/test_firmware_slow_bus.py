@@ -21,15 +21,19 @@ def test_on_a_slow_bus_every_sample_arrives_through_the_fifo(rate):
 
 @pytest.mark.parametrize("rate", [104, 208])
 def test_polled_on_a_slow_bus_hardly_a_sample_is_lost_and_those_are_counted(rate):
-    """Two looks and a read take most of a period."""
-    sent, truth, _ = run(10, clock=Clock(call_cost_us=900), config={"rate_hz": rate, "fifo": False})
-    found = matched(sent, truth)
-    missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
-    assert np.array_equal(missing, jump) and missing.sum() <= 0.01 * len(truth.t)
-    at = max(i for i, (_, message) in enumerate(sent) if isinstance(message, m.Health))
-    health, before = sent[at][1], matched(sent[:at], truth)
-    assert (np.diff(before[:, 2]) - 1).sum() <= health.samples_missed <= jump.sum()
-    assert truth.t[-1] - health.t_us * 1e-6 < 1.1 and health.faults == 0
+    """Two polls and a read take most of a period; which samples that costs depends on the beat of the two."""
+    lost, taken = 0, 0
+    for cost_us in (880, 900, 920):
+        sent, truth, _ = run(5, clock=Clock(call_cost_us=cost_us), config={"rate_hz": rate, "fifo": False})
+        rows = matched(sent, truth)
+        missing, jump = np.diff(rows[:, 0]) - 1, np.diff(rows[:, 2]) - 1
+        assert np.array_equal(missing, jump)
+        lost, taken = lost + missing.sum(), taken + len(truth.t)
+        at = max(i for i, (_, message) in enumerate(sent) if isinstance(message, m.Health))
+        health, before = sent[at][1], matched(sent[:at], truth)
+        assert (np.diff(before[:, 2]) - 1).sum() <= health.samples_missed <= jump.sum()
+        assert truth.t[-1] - health.t_us * 1e-6 < 1.1 and health.faults == 0
+    assert lost <= 0.01 * taken
 
 
 @pytest.mark.parametrize(("rate", "cost_us"), [(208, 2000), (104, 4000)])

@@ -40,6 +40,10 @@ class FakeBus:
             self.made += new
         return self.made
 
+    def writeto(self, address, buffer):
+        if address != self.address and address != 0x1E:
+            raise OSError(5)
+
     def writeto_mem(self, address, register, buffer):
         if address != self.address and address != 0x1E:
             raise OSError(5)
