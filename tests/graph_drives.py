@@ -9,16 +9,14 @@ from hubodo.fuse.graph.build import build
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes, usable_fixes
-from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.track import Track
 
 
 def wiggly_path(rng, n=200, dt=0.1):
     t = np.arange(n) * dt
     speed, yaw = 1.0 + 0.5 * np.sin(0.7 * t + rng.uniform(0, 6)), 0.6 * np.sin(0.5 * t + rng.uniform(0, 6))
     heading = np.cumsum(yaw) * dt
-    return OdometryPath(
-        t, np.cumsum(speed * np.cos(heading)) * dt, np.cumsum(speed * np.sin(heading)) * dt, heading
-    )
+    return Track(t, np.cumsum(speed * np.cos(heading)) * dt, np.cumsum(speed * np.sin(heading)) * dt, heading)
 
 
 def small_drive(rng, fixes=40, config=None):
@@ -54,7 +52,7 @@ def make(seed, length=250.0, errors=None, motion=None, **kwargs):
 
 
 def path_of(drive):
-    return OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+    return Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
 
 
 def fixes_of(drive, keep=slice(None), sigma=None):

@@ -21,7 +21,8 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from accuracy.car import SETS, drives, truth_of, with_nodes  # noqa: E402
 from generators import gnss_drives  # noqa: E402
-from hubodo.fuse.graph.graph import Fixes, GraphConfig, OdometryPath, fuse_graph  # noqa: E402
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph  # noqa: E402
+from hubodo.fuse.track import Track  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
 from hubodo.fuse.wheel.track import run  # noqa: E402
 from hubodo.fuse.wheels import graph_constants  # noqa: E402
@@ -43,7 +44,7 @@ def paths(sets=SETS):
             if set(names) <= set(log.nodes):
                 made = run(wheel_config(with_nodes(names), list(names)), log.nodes)
                 track = made.track
-                path = OdometryPath(track.t, track.x, track.y, track.heading)
+                path = Track(track.t, track.x, track.y, track.heading)
                 found[name, names] = (path, graph_constants(made), truth_of(log))
     return found
 
@@ -57,7 +58,7 @@ def worse(path, rng, step, heading, walk):
     turn = np.diff(head) + heading * root * noise[2] + np.cumsum(walk * np.sqrt(dt) * noise[3]) * dt
     head = head[0] + np.append(0.0, np.cumsum(turn))
     place = place[0] + np.append(0.0, np.cumsum(way * np.exp(0.5j * (head[1:] + head[:-1]))))
-    return OdometryPath(path.t, place.real, place.imag, head)
+    return Track(path.t, place.real, place.imag, head)
 
 
 def one(path, constants, truth, seed, outage, estimated=True):

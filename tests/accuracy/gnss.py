@@ -25,7 +25,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives, wheel_drives
-from hubodo.fuse.graph.graph import Fixes, GraphConfig, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph
+from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.track import run
 from hubodo.fuse.wheels import graph_constants
@@ -46,7 +47,7 @@ def odometry(drive, names):
     }
     found = run(config, nodes)
     track = found.track
-    return OdometryPath(track.t, track.x, track.y, track.heading), graph_constants(found)
+    return Track(track.t, track.x, track.y, track.heading), graph_constants(found)
 
 
 def off(track, frame, drive):
@@ -99,7 +100,7 @@ def one(seed, names):
     keep = (t < start) | (t > start + OUTAGE)
     after = fuse_graph(path, Fixes(t[keep], latitude[keep], longitude[keep]), None, config)
     cut = path.t <= start + OUTAGE
-    ended = OdometryPath(path.t[cut], path.x[cut], path.y[cut], path.heading[cut])
+    ended = Track(path.t[cut], path.x[cut], path.y[cut], path.heading[cut])
     fixes = Fixes(t[t < start], latitude[t < start], longitude[t < start])
     before = fuse_graph(ended, fixes, None, config)
     end = int(np.count_nonzero(cut)) - 1

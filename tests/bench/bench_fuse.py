@@ -22,9 +22,10 @@ from told import tell
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives
-from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import Fixes, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph, LiveLimits
 from hubodo.fuse.projection import local_frame
+from hubodo.fuse.track import Track
 
 SEED, SIGMA = 54, 5.0
 LIMIT = 1.5
@@ -45,7 +46,7 @@ def timed(work):
 
 
 def ours(drive):
-    path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+    path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     fixes = Fixes(drive.fix_t, drive.fix_latitude_deg, drive.fix_longitude_deg)
     found, wall, cpu = timed(lambda: fuse_graph(path, fixes))
     zero = np.zeros(1)

@@ -6,7 +6,7 @@ from mutants.operators import Mutant
 
 _SAME: dict[tuple[str, str, str], str] = {
     (
-        "host/hubodo/fuse/graph/screening.py",
+        "host/hubodo/fuse/graph/fixes.py",
         "best, before = size.astype(np.float64), np.full(len(first), -1)",
         "1 -> 2",
     ): "the way back from run to run ends at whatever is below 0",

@@ -32,12 +32,14 @@ class FusedTrack(Track):
         sigma_x: m, 1 sigma; it grows from zero at the start.
         sigma_y: m, 1 sigma.
         sigma_heading: rad, 1 sigma.
+        yaw_rate: rad/s; empty where GNSS or headings took part.
+        step_inflation: m², of each step beyond what rolling wheels leave open; empty as `yaw_rate`.
         fused: how it was made: `methods`, `nodes`, `learnt`, `warnings`.
         truth: the table of that name in the log, or None.
     """
 
-    fused: Fused
-    truth: Table | None = field(default=None)
+    fused: Fused = field(kw_only=True)
+    truth: Table | None = field(default=None, kw_only=True)
 
     @property
     def score(self) -> Score | None:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from hubodo.atomic_files import atomic_files
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
-from hubodo.fuse.absolute import absolute_track
-from hubodo.fuse.track import Score, Track, error_words, score
-from hubodo.fuse.wheels import Method, wheel_odometry
+from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factors.heading import Headings
+from hubodo.fuse.graph.fixes import Fixes
+from hubodo.fuse.graph.graph import fuse_graph
+from hubodo.fuse.graph.review import COUNTS
+from hubodo.fuse.graph.track import GraphTrack
+from hubodo.fuse.track import Score, Track, error_words, outages, score
+from hubodo.fuse.wheels import Method, WheelOdometry, start_heading, wheel_odometry
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
@@ -21,6 +26,9 @@ from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
 
 TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
+_MAX_SIGMA_RATIO = 0.9
+"""Of the prior's sigma: a constant whose sigma the drive has not reduced by a tenth is not reported."""
+
 FILES = ("track.csv", "fuse.json")
 
 
@@ -105,7 +113,7 @@ def fuse_recording(
 
     calibration_from: its file and hash, for the account. graph: whether GNSS and headings of the log take
     part. antenna: m forward and left of midway between the wheels, None: the vehicle's. Raises InputError
-    and CalibrationError as `wheel_odometry` and `absolute_track` do, and for samples in wrong units.
+    and CalibrationError as `wheel_odometry` and `solve_graph` do, and for samples in wrong units.
     """
     check_units(recording, vehicle.nodes, log)
     graph = graph and (recording.gnss is not None or recording.heading is not None)
@@ -120,19 +128,73 @@ def fuse_recording(
         for_graph=graph,
     )
     antenna = antenna or vehicle.antenna or (0.0, 0.0)
-    absolute = absolute_track(recording, odometry, antenna) if graph else None
-    track = absolute.track if absolute else odometry.track
+    track, methods, learnt = odometry.track, [odometry.method], dict(odometry.learnt)
+    warnings = recording.warnings + odometry.warnings
+    if graph:
+        result = solve_graph(recording, odometry, antenna)
+        track = result.from_start
+        methods.append(f"factor graph with {' and '.join(_outside_sensors(recording, result))}")
+        learnt["graph"] = _graph_details(recording, odometry, result)
+        warnings += result.warnings
     return Fused(
         log,
         track,
-        (odometry.method, absolute.method) if absolute else (odometry.method,),
+        tuple(methods),
         lag,
         odometry.nodes,
-        {**odometry.learnt, **absolute.learnt} if absolute else odometry.learnt,
+        learnt,
         calibration_from,
         score_against_truth(track, recording),
-        recording.warnings + odometry.warnings + (absolute.warnings if absolute else ()),
+        warnings,
     )
+
+
+def solve_graph(
+    recording: Recording, odometry: WheelOdometry, antenna: tuple[float, float] = (0.0, 0.0)
+) -> GraphTrack:
+    """Return the maximum a posteriori track of odometry with the fixes, the headings, or both of a recording.
+
+    antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
+    InputError when there are fixes and none is usable.
+    """
+    gnss, compass = recording.gnss, recording.heading
+    fixes = headings = None
+    if gnss is not None:
+        fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))
+    if compass is not None:
+        headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
+    config = GraphConfig(antenna=antenna, constants=odometry.constants)
+    heading = start_heading(recording, odometry.track.t[0])
+    # Fixes determine the heading themselves; the heading of a truth that stands still may be anything.
+    if heading is not None and fixes is None:
+        config = replace(config, start_heading=heading)
+    return fuse_graph(odometry.track, fixes, headings, config)
+
+
+def _outside_sensors(recording: Recording, result: GraphTrack) -> list[str]:
+    """Return the sensors beside the wheels, as the method of a graph names them."""
+    fixes = [] if recording.gnss is None else [f"{len(result.fix_t)} fixes"]
+    return fixes if recording.heading is None else [*fixes, "headings"]
+
+
+def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphTrack) -> dict[str, Any]:
+    """Return the entry `graph` of fuse.json: the number of fixes, observed constants, GNSS outages."""
+    prior = asdict(odometry.constants)
+    observed = {
+        name: {"value": q.value, "sigma": q.sigma}
+        for name, q in result.constants.items()
+        if q.sigma < _MAX_SIGMA_RATIO * prior.get(name, float("inf"))
+    }
+    truth = None
+    if recording.truth is not None:
+        truth = (recording.truth.t, recording.truth["x"], recording.truth["y"])
+    used = result.fix_t[result.fix_weight > COUNTS]
+    gaps = outages(result.from_start, used, truth) if len(used) else ()
+    return {
+        "fixes": len(result.fix_t),
+        "constants": observed,
+        "outages": [{key: value for key, value in asdict(gap).items() if value is not None} for gap in gaps],
+    }
 
 
 def track_table(track: Track) -> Table:

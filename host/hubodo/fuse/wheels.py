@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hubodo.arrays import Array
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
@@ -42,8 +41,7 @@ class WheelOdometry:
     """A track from wheel nodes.
 
     nodes: the names used. method: in words. learnt: what the estimator found, as fuse.json has it. warnings:
-    one line each. constants: what the graph is to expect of its errors. full: the filter's own track, None
-    for differential odometry. loose: of its steps, as the graph takes it.
+    one line each. constants: what the graph is to expect of its errors.
     """
 
     track: Track
@@ -52,12 +50,6 @@ class WheelOdometry:
     learnt: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
     constants: ConstantSigmas = field(default_factory=of_wheel_speeds)
-    full: WheelTrack | None = field(default=None, repr=False)
-
-    @property
-    def loose(self) -> Array | None:
-        """(N - 1,) m² of the steps of `track`; None for differential odometry."""
-        return None if self.full is None else np.append(0.0, loose_way(self.full))
 
 
 def wheel_nodes(
@@ -199,7 +191,7 @@ def _filtered(
     doubts = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
     warnings = screenings + doubts + _steering(vehicle, names, config.nodes) + tuple(report.pop("warnings"))
     names = tuple(config.nodes)
-    track = _begun(result.track.plain(), config.start_heading, config.heading_sigma)
+    track = _with_start_pose(result.track, config.start_heading, config.heading_sigma)
     return WheelOdometry(
         track,
         names,
@@ -207,7 +199,6 @@ def _filtered(
         report,
         warnings,
         constants=graph_constants(result),
-        full=result.track,
     )
 
 
@@ -221,11 +212,22 @@ def graph_constants(found: WheelRun) -> ConstantSigmas:
     return of_wheel_filter(radius, scale, rate)
 
 
-def _begun(track: Track, heading: float, sigma: float) -> Track:
-    """The track with its beginning: the filter's first pose is the end of its first window."""
-    begin = {"t": track.t[0] - WINDOW, "heading": heading, "speed": track.speed[0], "sigma_heading": sigma}
-    names = [item.name for item in fields(Track)]
-    return Track(**{name: np.append(begin.get(name, 0.0), getattr(track, name)) for name in names})
+def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Track:
+    """Return the filter's track with its start prepended.
+
+    The filter's first pose is the end of its first window.
+    """
+    track = filtered.plain()
+    start = {
+        "t": track.t[0] - WINDOW,
+        "heading": heading,
+        "speed": track.speed[0],
+        "yaw_rate": track.yaw_rate[0],
+        "sigma_heading": sigma,
+    }
+    names = [item.name for item in fields(Track) if item.name != "step_inflation"]
+    poses = {name: np.append(start.get(name, 0.0), getattr(track, name)) for name in names}
+    return Track(**poses, step_inflation=np.append(0.0, loose_way(filtered)))
 
 
 def _steering(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import ConstantSigmas
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.graph import GraphConfig, Headings, fuse_graph
-from hubodo.fuse.graph.outages import outages
 from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.track import outages
 
 PAPER = GraphConfig(
     declared=False,

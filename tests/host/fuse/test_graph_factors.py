@@ -15,7 +15,8 @@ from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
-from hubodo.fuse.graph.steps import OdometryPath, StepNoise, cut_path
+from hubodo.fuse.graph.steps import StepNoise, check_odometry, cut_path
+from hubodo.fuse.track import Track
 
 POSES = 9
 
@@ -146,7 +147,7 @@ def test_constants_bend_the_odometry_as_an_odometer_with_those_errors_would():
     errors = gnss_drives.Errors(scale=0.01, turn=0.02, rate=2e-3, curve=5e-3)
     rng = np.random.default_rng(9)
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), errors)
-    path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+    path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     cut = cut_path(path, np.array([path.t[0], path.t[-1]]), StepNoise())
     undo = np.array([1 / 1.01 - 1, 1 / 1.02 - 1, -2e-3 / 1.02, -5e-3 / 1.02 / 1.01, 0.0, 0.0])
     moved = complex(cut.steps.moves(undo).sum()) * np.exp(1j * drive.heading[0])
@@ -182,27 +183,27 @@ def test_the_covariance_of_a_stretch_is_that_of_many_noisy_ones():
 def test_finer_odometry_gives_the_same_covariance():
     path = wiggly_path(np.random.default_rng(11), 100)
     fine_t = np.linspace(path.t[0], path.t[-1], 991)
-    fine = OdometryPath(fine_t, *(np.interp(fine_t, path.t, v) for v in (path.x, path.y, path.heading)))
+    fine = Track(fine_t, *(np.interp(fine_t, path.t, v) for v in (path.x, path.y, path.heading)))
     ends = np.array([path.t[0], 4.05, path.t[-1]])
     coarse, other = (cut_path(p, ends, StepNoise()).steps.covariance for p in (path, fine))
     assert np.allclose(coarse, other, rtol=0.02, atol=1e-9)
 
 
-STRAIGHT = OdometryPath(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5), np.zeros(5))
+STRAIGHT = Track(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5), np.zeros(5))
 ENDS = np.array([0.0, 0.75, 2.0])
 
 
 def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_loose_it_is():
     """Straight on, so that it adds up: 1.5 steps and 2.5 of four, beside what wheels that roll leave open."""
-    loose = replace(STRAIGHT, loose=np.array([1.0, 2.0, 4.0, 8.0]))
+    loose = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
     for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
         rolled, told = (cut_path(path, ENDS, StepNoise(times=times)).steps for path in (STRAIGHT, loose))
         beyond = told.covariance - rolled.covariance
         np.testing.assert_allclose(beyond[:, 0, 0], [2.0, 13.0])
         np.testing.assert_allclose(beyond[:, 1, 1], [2.0, 13.0])
         np.testing.assert_allclose(beyond[:, 2, 2], 0.0, atol=1e-12)
-    with pytest.raises(ValueError, match="loose"):
-        replace(STRAIGHT, loose=np.zeros(5))
+    with pytest.raises(ValueError, match="step_inflation"):
+        check_odometry(replace(STRAIGHT, step_inflation=np.zeros(5)))
 
 
 def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_stretch():
@@ -219,7 +220,7 @@ def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_str
 
 def test_where_no_pose_is_for_long_speed_and_turn_may_have_wandered_between():
     """A Brownian bridge over T seconds has an integral of variance T³ / 12; beside it, way and time."""
-    holes = OdometryPath(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
+    holes = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
     noise = StepNoise(along=0.3, sideways=0.2, heading=0.02, heading_way=0.05, speed_walk=0.7, yaw_walk=0.4)
     short, long = cut_path(holes, holes.t, noise).steps.covariance
     for found, way, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):

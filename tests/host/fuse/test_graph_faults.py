@@ -8,9 +8,9 @@ import pytest
 
 from graph_drives import errors_of, fixes_of, make, north, path_of, rms
 from hubodo.errors import InputError
+from hubodo.fuse.graph.fixes import scatter, without_jumps
 from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.review import error_growth
-from hubodo.fuse.graph.screening import scatter, without_jumps
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,10 @@ from scipy.stats import chi2
 
 from generators import gnss_drives
 from hubodo.fuse.graph import beginning
-from hubodo.fuse.graph.graph import Fixes, OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import Fixes, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph, LiveLimits, Reception
 from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.track import Track
 
 
 def run(drive, fixes, late=0.15, seconds=None, limits=None, headings=(), since=0.0):
@@ -98,7 +99,7 @@ def test_its_end_is_the_batch_of_the_same_data(lag, apart):
     """
     drive, fixes = drive_and_fixes(2, fix_hz=2.0)
     state = run(drive, fixes, late=0.0, limits=LiveLimits(lag=lag), since=np.inf)[3].state()
-    path = OdometryPath(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
+    path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     batch = fuse_graph(path, Fixes(*np.array(fixes).T))
     place, frame = gnss_drives.geodetic(0.0, 0.0, *drive.origin), (state.frame, batch.frame)
     (ox, oy), (bx, by) = (each.to_local(*place) for each in frame)

@@ -15,11 +15,12 @@ from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.constants import COUNT
 from hubodo.fuse.graph.factors.factor import Factor, Linear
 from hubodo.fuse.graph.fixes import Fixes, one_fix, usable_fixes
-from hubodo.fuse.graph.graph import OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.live import LiveGraph
 from hubodo.fuse.graph.solver import solve
 from hubodo.fuse.graph.steps import StepNoise
 from hubodo.fuse.projection import local_frame
+from hubodo.fuse.track import Track
 
 ROW = 3
 
@@ -180,6 +181,6 @@ def test_a_kind_of_factor_that_nobody_knew_counts_live():
 def test_the_odometry_of_a_path_is_checked():
     t = np.arange(3.0)
     with pytest.raises(InputError, match="increasing time"):
-        OdometryPath(t[::-1], t, t, t)
+        fuse_graph(Track(t[::-1], t, t, t), None)
     with pytest.raises(InputError, match="not finite"):
-        OdometryPath(t, t, t * np.nan, t)
+        fuse_graph(Track(t, t, t * np.nan, t), None)

@@ -15,9 +15,10 @@ from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.graph import OdometryPath, fuse_graph
+from hubodo.fuse.graph.graph import fuse_graph
 from hubodo.fuse.graph.solver import solve
 from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.track import Track
 
 
 def noisier(path, rng, along, sideways, heading):
@@ -29,7 +30,7 @@ def noisier(path, rng, along, sideways, heading):
     way = way + root * (along * white[0] + 1j * sideways * white[1])
     head = head[0] + np.append(0.0, np.cumsum(np.diff(head) + heading * root * white[2]))
     place = place[0] + np.append(0.0, np.cumsum(way * np.exp(0.5j * (head[1:] + head[:-1]))))
-    return OdometryPath(path.t, place.real, place.imag, head)
+    return Track(path.t, place.real, place.imag, head)
 
 
 def test_precise_fixes_tell_each_noise_apart():

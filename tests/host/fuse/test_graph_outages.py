@@ -5,8 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from hubodo.fuse.graph.outages import outages
-from hubodo.fuse.track import Track
+from hubodo.fuse.track import Track, outages
 
 T = np.arange(0.0, 100.5, 0.5)
 NONE = np.zeros(len(T))

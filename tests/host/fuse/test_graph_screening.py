@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from hubodo.fuse.graph.screening import scatter, without_jumps
+from hubodo.fuse.graph.fixes import scatter, without_jumps
 
 
 def reachable(place, way, sigma, a, b):

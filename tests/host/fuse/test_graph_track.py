@@ -15,8 +15,9 @@ from hubodo.fuse.graph.factors.constants import COUNT, NAMES
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.fixes import Fixes, usable_fixes
 from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.steps import OdometryPath, StepNoise, cut_path
+from hubodo.fuse.graph.steps import StepNoise, cut_path
 from hubodo.fuse.graph.track import DriveGraph, track_of
+from hubodo.fuse.track import Track
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.4])
@@ -25,7 +26,7 @@ def test_a_vehicle_that_reverses_has_a_negative_speed_wherever_it_looks(speed):
     t = np.arange(0.0, 8.0, 0.1)
     heading = 2.0 + 0.5 * t
     x, y = (speed / 0.5 * part for part in (np.sin(heading) - np.sin(2.0), np.cos(2.0) - np.cos(heading)))
-    track = fuse_graph(OdometryPath(t, x, y, heading), None).track
+    track = fuse_graph(Track(t, x, y, heading), None).track
     # A chord of 0.05 rad is 1e-4 shorter than its arc.
     assert track.speed == pytest.approx(np.full(len(t), speed), rel=2e-4)
 
@@ -37,7 +38,7 @@ def test_the_first_guess_lies_on_the_fixes_however_far_off_and_turned_the_odomet
     at = slice(0, None, 5)
     there = gnss_drives.geodetic(way.real[at], way.imag[at], 47.0, 8.0)
     local = usable_fixes(Fixes(path.t[at], *there), path.t[0], path.t[-1], 0.1, True)
-    off = OdometryPath(path.t, path.x + 300.0, path.y - 200.0, path.heading)
+    off = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
     drive = build(off, [local], GraphConfig())
     use = np.searchsorted(drive.cut.state_t, local.t)
     assert drive.poses[use, 0] == pytest.approx(local.place.real, abs=0.1)
@@ -49,7 +50,7 @@ def test_the_first_guess_lies_on_the_fixes_however_far_off_and_turned_the_odomet
 @pytest.mark.parametrize("t", [[0.0, 1.0, 0.5, 2.0], [0.0, 1.0, 1.0, 2.0], [0.0]])
 def test_an_odometry_whose_time_does_not_go_on_is_refused(t):
     with pytest.raises(InputError, match="increasing time"):
-        OdometryPath(np.array(t), *np.zeros((3, len(t))))
+        fuse_graph(Track(np.array(t), *np.zeros((3, len(t)))), None)
 
 
 UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
@@ -58,7 +59,7 @@ UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
 def test_the_velocity_at_a_pose_is_that_of_the_two_steps_beside_it():
     """Steps at 1, 2, 3, 4 m/s; at either end the two that are nearest."""
     way = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
-    path = OdometryPath(UNEVEN, way * np.cos(0.5), way * np.sin(0.5), np.full(5, 0.5))
+    path = Track(UNEVEN, way * np.cos(0.5), way * np.sin(0.5), np.full(5, 0.5))
     whole = cut_path(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
     ends = [0.5 / 0.3, 1.3 / 0.5, 2.5 / 0.7]
     np.testing.assert_allclose(whole, np.column_stack([ends, np.zeros(3)]), atol=1e-12)
@@ -72,7 +73,7 @@ def test_a_cut_odometry_knows_its_heading_at_any_time_and_the_share_of_a_stretch
     """Round and round, with headings told within half a turn."""
     t = np.arange(0.0, 20.0, 0.1)
     heading = 1.0 + 0.9 * t
-    path = OdometryPath(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
+    path = Track(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
     cut = cut_path(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
     asked = np.linspace(2.0, 17.5, 53)
     np.testing.assert_allclose(cut.heading_at(asked), 1.0 + 0.9 * asked, atol=1e-9)
@@ -99,7 +100,7 @@ def solved(rng):
 def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_spread_over_time():
     """Of an odometry that goes straight on evenly that is a line from pose to pose."""
     t = np.arange(0.0, 4.1, 0.25)
-    path = OdometryPath(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
+    path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
     found = solved(np.random.default_rng(31))
     state, place = np.array([0, 2]), found.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
@@ -134,7 +135,7 @@ def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_s
 
 def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_poses():
     t = np.arange(0.0, 4.1, 0.25)
-    path = OdometryPath(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
+    path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
     found = solved(np.random.default_rng(33))
     found.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
@@ -152,7 +153,7 @@ def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_p
 
 
 def test_without_fixes_a_track_says_of_none():
-    path = OdometryPath(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
+    path = Track(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
     cut, found = cut_path(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
     made = track_of(
         path, DriveGraph(Graph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()

@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factors.factor import SensorSamples, gathered
 from hubodo.fuse.graph.fixes import Fixes, usable_fixes
 from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.sensor_samples import SensorSamples, gathered
-from hubodo.fuse.graph.steps import OdometryPath, StepNoise
+from hubodo.fuse.graph.steps import StepNoise
 from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
+from hubodo.fuse.track import Track
 
 _FEWEST = 3
 """Fixes from which a start is worth trying: two tell a turn and shift, the third whether it is true."""
@@ -40,7 +41,7 @@ class Underway:
 
 
 def begin(
-    path: OdometryPath,
+    path: Track,
     samples: Sequence[Fixes | SensorSamples],
     config: GraphConfig,
     heading_sigma: float,
@@ -80,7 +81,7 @@ def begin(
     return Underway(window, batch.frame, batch.sigma_growth, batch.noise, newest, batch.warnings)
 
 
-def _information(path: OdometryPath, fixes: Fixes, config: GraphConfig) -> float:
+def _information(path: Track, fixes: Fixes, config: GraphConfig) -> float:
     """1 / rad² of the heading in fixes, at most: that of their lever arms, were the path's shape certain."""
     local = usable_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.declared)
     if not len(local.t):

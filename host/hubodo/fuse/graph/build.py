@@ -13,13 +13,14 @@ from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.between import BetweenFactors, Complex
 from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factors.factor import SensorSamples
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.prior import ConstantsFactor, StartFactor
 from hubodo.fuse.graph.fixes import LocalFixes
-from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution
-from hubodo.fuse.graph.steps import CutPath, OdometryPath, cut_path
+from hubodo.fuse.graph.steps import CutPath, cut_path
 from hubodo.fuse.graph.track import DriveGraph
+from hubodo.fuse.track import Track
 
 _FAR_OFF = 1e4
 """m; the frame stands at the median fix, and no drive is longer than that."""
@@ -32,7 +33,7 @@ _SILENCE = 2.0
 
 
 def build(
-    path: OdometryPath,
+    path: Track,
     measured: Sequence[SensorSamples],
     config: GraphConfig,
     solution: Solution | None = None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,11 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.between import Complex
+from hubodo.fuse.graph.factors.factor import stretches
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.steps import CutPath
 from hubodo.fuse.projection import FARTHEST, LocalFrame, local_frame
+from hubodo.fuse.track import Track
 
 _FINEST = 0.005
 """m; the centre of an antenna is no better known, whatever a receiver says."""
@@ -22,6 +24,18 @@ _AWAY = 1e7
 """m; a fix beyond the grid is a quarter of the way round the Earth, for a loss to refuse."""
 _EDGE = 2.0
 """s; a receiver that runs a little longer than the wheels is nothing to speak of."""
+_SIGMAS = 6.0
+"""Of the change between two fixes: chance goes beyond in one of 6e7."""
+_STRETCH = 1.05
+"""Times the way that the wheels say they rolled: a radius by tape measure, and a tyre's growth."""
+_MOST_RUNS = 400
+"""With more changes than that the sigmas are false, not the fixes; comparing all pairs would take long."""
+_RAYLEIGH_MEDIAN = 1.1774
+"""sqrt(2 ln 2), the median length of a pair of unit normals."""
+_ENOUGH = 30
+"""Fixes whose median change is known to an eighth."""
+_BEYOND_CHANCE = 1.3
+"""More than twice that eighth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,3 +145,71 @@ def _say(warnings: list[str], fixes: Fixes, bad: NDArray[np.bool_], why: str) ->
             f"gnss: {len(rows)} of {len(bad)} fixes left out, the first in row {rows[0] + 1} "
             f"(t = {fixes.t[rows[0]]:.3f} s): they {why}"
         )
+
+
+def screen_fixes(path: Track, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
+    """The fixes that did not jump further than the wheels rolled, with sigmas that their scatter bears out.
+
+    Besides, by what the sigmas grew, and what is to be said.
+    """
+    rolled = np.append(0.0, np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y))))
+    way = np.interp(local.t, path.t, rolled)
+    said = []
+    size = scatter(local.place, way, local.sigma)
+    if size > 1.0:
+        local = replace(local, sigma=local.sigma * size)
+        said.append(f"gnss: the fixes scatter {size:.1f} times as much as their sigma says; it was widened")
+    keep = without_jumps(local.place, way, local.sigma)
+    for first, last in stretches(~keep):
+        before = max(first - 1, 0) if first > 0 else last + 1
+        jump = float(np.abs(local.place[first] - local.place[before]))
+        said.append(
+            f"gnss: {last - first + 1} fixes from t = {local.t[first]:.1f} to {local.t[last]:.1f} s "
+            f"jumped, by {jump:.0f} m; left out"
+        )
+    return local.chosen(keep), size, said
+
+
+def scatter(place: Complex, way: Array, sigma: Array) -> float:
+    """How many times its sigma a fix is off, from the changes between successive fixes; at least 1.
+
+    place: (M,) m; way: (M,) m rolled until then; sigma: (M,) m. The median length of a change of two white
+    errors is 1.18 sqrt(2) sigma; the way in between is taken off. Less than 30 % beyond chance is left
+    alone.
+    """
+    if len(place) < _ENOUGH:
+        return 1.0
+    free = np.maximum(np.abs(np.diff(place)) - np.diff(way), 0.0)
+    size = float(np.median(free / np.hypot(sigma[1:], sigma[:-1]))) / _RAYLEIGH_MEDIAN
+    return size if size > _BEYOND_CHANCE else 1.0
+
+
+def without_jumps(place: Complex, way: Array, sigma: Array) -> NDArray[np.bool_]:
+    """Which of the fixes, (M,), to keep: the most that never move further than the wheels rolled.
+
+    A change beyond the way and six sigma of both fixes parts runs of fixes. Of the sequences of runs in
+    which each can be reached from the one before it, the one with the most fixes is kept.
+    """
+    n = len(place)
+    noise = _SIGMAS * np.hypot(sigma[1:], sigma[:-1])
+    cuts = np.flatnonzero(np.abs(np.diff(place)) > _STRETCH * np.diff(way) + noise) + 1
+    if len(cuts) == 0 or len(cuts) > _MOST_RUNS:
+        return np.ones(n, np.bool_)
+    first, last = np.append(0, cuts), np.append(cuts, n) - 1
+    size = last - first + 1
+    best, before = size.astype(np.float64), np.full(len(first), -1)
+    for run in range(1, len(first)):
+        reach = _STRETCH * (way[first[run]] - way[last[:run]])
+        reach = reach + _SIGMAS * np.hypot(sigma[first[run]], sigma[last[:run]])
+        near = np.abs(place[first[run]] - place[last[:run]]) <= reach
+        total = np.where(near, best[:run], 0.0)
+        chosen = int(np.argmax(total))
+        if total[chosen] > 0.0:
+            best[run] += total[chosen]
+            before[run] = chosen
+    keep = np.zeros(n, np.bool_)
+    run = int(np.argmax(best))
+    while run >= 0:
+        keep[first[run] : last[run] + 1] = True
+        run = int(before[run])
+    return keep

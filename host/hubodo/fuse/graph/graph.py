@@ -13,17 +13,16 @@ from hubodo.fuse.graph.build import build, prior_of
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
-from hubodo.fuse.graph.factors.factor import stretches
+from hubodo.fuse.graph.factors.factor import SensorSamples
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.factors.prior import ConstantsFactor
-from hubodo.fuse.graph.fixes import Fixes, LocalFixes, usable_fixes
+from hubodo.fuse.graph.fixes import Fixes, LocalFixes, screen_fixes, usable_fixes
 from hubodo.fuse.graph.odometry_noise import odometry_noise
 from hubodo.fuse.graph.review import error_growth, review
-from hubodo.fuse.graph.screening import scatter, without_jumps
-from hubodo.fuse.graph.sensor_samples import SensorSamples
 from hubodo.fuse.graph.solver import Solution, solve, solve_from_afar
-from hubodo.fuse.graph.steps import OdometryPath
+from hubodo.fuse.graph.steps import check_odometry
 from hubodo.fuse.graph.track import DriveGraph, GraphTrack, track_of
+from hubodo.fuse.track import Track
 
 _WIDE_DELAY = 2.0
 """s; 1 sigma of the fixes' delay while it is searched: a receiver's latency with a clock set by hand."""
@@ -44,7 +43,7 @@ _GROWTHS, _GROWN = 3, 1.05
 
 
 def fuse_graph(
-    path: OdometryPath,
+    path: Track,
     fixes: Fixes | None,
     headings: Headings | None = None,
     config: GraphConfig | None = None,
@@ -54,6 +53,7 @@ def fuse_graph(
 
     others: whatever else was measured. Raises InputError when there are fixes and none is usable.
     """
+    check_odometry(path)
     config = config or GraphConfig()
     beside = ([headings] if headings is not None else []) + list(others)
     local = None
@@ -62,7 +62,7 @@ def fuse_graph(
     warnings = list(local.warnings) if local is not None else []
     grown = 1.0
     if local is not None and config.honest:
-        local, grown, said = _screened(path, local)
+        local, grown, said = screen_fixes(path, local)
         warnings += said
     widest = replace(config.constants, gnss_delay=_WIDE_DELAY) if config.search_delay else config.constants
     wide = replace(config, constants=widest)
@@ -102,7 +102,7 @@ def _all(local: LocalFixes | None, beside: Sequence[SensorSamples]) -> list[Sens
 
 
 def _with_own_noise(
-    path: OdometryPath,
+    path: Track,
     measured: Sequence[SensorSamples],
     config: GraphConfig,
     wide: GraphConfig,
@@ -118,31 +118,8 @@ def _with_own_noise(
     return replace(config, noise=noise), drive, solve(drive.graph, solution.poses, solution.constants)
 
 
-def _screened(path: OdometryPath, local: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
-    """The fixes that did not jump further than the wheels rolled, with sigmas that their scatter bears out.
-
-    Besides, by what the sigmas grew, and what is to be said.
-    """
-    rolled = np.append(0.0, np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y))))
-    way = np.interp(local.t, path.t, rolled)
-    said = []
-    size = scatter(local.place, way, local.sigma)
-    if size > 1.0:
-        local = replace(local, sigma=local.sigma * size)
-        said.append(f"gnss: the fixes scatter {size:.1f} times as much as their sigma says; it was widened")
-    keep = without_jumps(local.place, way, local.sigma)
-    for first, last in stretches(~keep):
-        before = max(first - 1, 0) if first > 0 else last + 1
-        jump = float(np.abs(local.place[first] - local.place[before]))
-        said.append(
-            f"gnss: {last - first + 1} fixes from t = {local.t[first]:.1f} to {local.t[last]:.1f} s "
-            f"jumped, by {jump:.0f} m; left out"
-        )
-    return local.chosen(keep), size, said
-
-
 def _delay(
-    path: OdometryPath,
+    path: Track,
     local: LocalFixes,
     beside: Sequence[SensorSamples],
     config: GraphConfig,
@@ -186,4 +163,4 @@ def _with_prior(graph: Graph, prior: ConstantsFactor) -> Graph:
     return Graph(tuple(prior if isinstance(factor, ConstantsFactor) else factor for factor in graph.factors))
 
 
-__all__ = ["Fixes", "GraphConfig", "GraphTrack", "Headings", "OdometryPath", "build", "fuse_graph"]
+__all__ = ["Fixes", "GraphConfig", "GraphTrack", "Headings", "build", "fuse_graph"]

@@ -17,12 +17,10 @@ from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import NAMES
-from hubodo.fuse.graph.factors.factor import Factor, Linear
+from hubodo.fuse.graph.factors.factor import Factor, Linear, SensorSamples
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes, one_fix
-from hubodo.fuse.graph.sensor_samples import SensorSamples
-from hubodo.fuse.graph.steps import CutPath
-from hubodo.fuse.graph.trail import Trail
+from hubodo.fuse.graph.steps import CutPath, Trail
 from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
@@ -111,7 +109,7 @@ class LiveGraph:
         return tuple(self._warnings)
 
     def odometry(self, t: float, x: float, y: float, heading: float, loose: float = 0.0) -> Reception:
-        """A pose of the odometry; loose: m², of the way since the one before, as OdometryPath's."""
+        """A pose of the odometry; loose: m², of the way since the one before, as Track's."""
         if not all(math.isfinite(v) for v in (t, x, y, heading)):
             return Reception.IMPOSSIBLE
         if t <= self._trail.newest:

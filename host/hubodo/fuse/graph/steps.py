@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,36 +14,24 @@ from hubodo.errors import InputError
 from hubodo.fuse.graph.factors.between import Complex, Steps
 from hubodo.fuse.track import Track
 
+Pose = tuple[float, float, float, float]
+"""t s, x m, y m, heading rad."""
 
-@dataclass(frozen=True, eq=False)
-class OdometryPath:
-    """Poses of an odometry, N of them at any rate, in its own frame.
 
-    t: s, strictly increasing; x, y: m; heading: rad (wrapped or not). loose: (N - 1,) m², variance of each
-    increment, in any direction, beyond what StepNoise tells; None: there is none.
+def check_odometry(path: Track) -> None:
+    """Raise InputError for odometry that the graph cannot take: too few poses, unordered or not finite.
+
+    Raises ValueError when `step_inflation` does not fit the number of steps.
     """
-
-    t: Array
-    x: Array
-    y: Array
-    heading: Array
-    loose: Array | None = None
-
-    def __post_init__(self) -> None:
-        n = len(self.t)
-        if n < 2 or not bool((np.diff(self.t) > 0.0).all()):
-            raise InputError(
-                f"odometry of {n} poses: the graph needs at least two, with increasing time; check the nodes"
-            )
-        if not all(np.isfinite(v).all() and v.shape == (n,) for v in (self.x, self.y, self.heading)):
-            raise InputError("odometry has poses that are missing or not finite; check the nodes")
-        if self.loose is not None and self.loose.shape != (n - 1,):
-            raise ValueError(f"loose has shape {self.loose.shape}, not {(n - 1,)}")
-
-
-def path_of(track: Track, loose: Array | None = None) -> OdometryPath:
-    """A track as odometry."""
-    return OdometryPath(track.t, track.x, track.y, track.heading, loose)
+    n = len(path.t)
+    if n < 2 or not bool((np.diff(path.t) > 0.0).all()):
+        raise InputError(
+            f"odometry of {n} poses: the graph needs at least two, with increasing time; check the nodes"
+        )
+    if not all(np.isfinite(v).all() and v.shape == (n,) for v in (path.x, path.y, path.heading)):
+        raise InputError("odometry has poses that are missing or not finite; check the nodes")
+    if len(path.step_inflation) not in (0, n - 1):
+        raise ValueError(f"step_inflation has {len(path.step_inflation)} values, not {n - 1}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +89,7 @@ class CutPath:
         return np.asarray(np.interp(t, np.append(self.state_t[0], self.t), np.append(self.pose[0, 2], ends)))
 
 
-def cut_path(path: OdometryPath, state_t: Array, noise: StepNoise) -> CutPath:
+def cut_path(path: Track, state_t: Array, noise: StepNoise) -> CutPath:
     """Cut at state_t (n,), increasing, within the odometry's time.
 
     Between its poses by linear interpolation (Shah et al. Fig. 5).
@@ -141,7 +131,7 @@ def cut_path(path: OdometryPath, state_t: Array, noise: StepNoise) -> CutPath:
 
 
 def _covariance(
-    path: OdometryPath,
+    path: Track,
     noise: StepNoise,
     t: Array,
     way: Complex,
@@ -169,10 +159,11 @@ def _covariance(
     q[:, 1, 1] = noise.sideways**2 * rolled
     q[:, 2, 2] = noise.heading**2 * dt + noise.heading_way**2 * rolled + noise.yaw_walk**2 * hole
     q = q * np.outer(noise.times, noise.times)
-    if path.loose is not None:
+    if len(path.step_inflation):
         # What a drive's fixes say of wheels that roll is not said of wheels that do not.
-        q[:, 0, 0] += path.loose[own] * dt / length
-        q[:, 1, 1] += path.loose[own] * dt / length
+        inflation = path.step_inflation[own] * dt / length
+        q[:, 0, 0] += inflation
+        q[:, 1, 1] += inflation
     total = np.cumsum(moves)
     base = (total - moves)[first]
     # A turn within a step swings half of it, on average.
@@ -183,3 +174,47 @@ def _covariance(
     j[:, 0, 1], j[:, 1, 0] = -sin, sin
     j[:, 0, 2], j[:, 1, 2], j[:, 2, 2] = -rest.imag, rest.real, 1.0
     return np.asarray(np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first, axis=0) + _FLOOR)
+
+
+@dataclass(slots=True)
+class Trail:
+    """Poses by increasing time, and how loose the way to each is, as Track's, m²."""
+
+    _poses: deque[Pose] = field(default_factory=deque)
+    _loose: deque[float] = field(default_factory=deque)
+
+    def __len__(self) -> int:
+        return len(self._poses)
+
+    @property
+    def newest(self) -> float:
+        """s; -inf before the first pose."""
+        return self._poses[-1][0] if self._poses else -np.inf
+
+    def add(self, pose: Pose, loose: float) -> None:
+        """One more pose."""
+        self._poses.append(pose)
+        self._loose.append(loose)
+
+    def forget(self, before: float) -> None:
+        """Leaves out what is older, but for one pose before that time."""
+        while len(self._poses) > 2 and self._poses[1][0] <= before:
+            self._poses.popleft()
+            self._loose.popleft()
+
+    def path(self, begin: float) -> Track:
+        """The odometry since `begin`, with one pose before it."""
+        count = 0
+        for t, *_ in reversed(self._poses):
+            count += 1
+            if t <= begin:
+                break
+        first = len(self._poses) - count
+        rows = np.array(list(itertools.islice(self._poses, first, None)))
+        loose = np.array(list(itertools.islice(self._loose, first + 1, None)))
+        t, x, y, heading = rows.T
+        return Track(t, x, y, heading, step_inflation=loose)
+
+    def cut(self, begin: float, end: float, noise: StepNoise) -> CutPath:
+        """The stretch between two times."""
+        return cut_path(self.path(begin), np.array([begin, end]), noise)

@@ -12,7 +12,7 @@ from hubodo.fuse.graph.factor_graph import Graph
 from hubodo.fuse.graph.factors.constants import CURVATURE, GNSS_DELAY, NAMES, YAW_RATE, YAW_SCALE
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.solver import Solution
-from hubodo.fuse.graph.steps import CutPath, OdometryPath, StepNoise
+from hubodo.fuse.graph.steps import CutPath, StepNoise
 from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.track import Track
 
@@ -57,7 +57,7 @@ class DriveGraph:
 
 
 def track_of(
-    path: OdometryPath,
+    path: Track,
     drive: DriveGraph,
     solution: Solution,
     frame: LocalFrame | None,
@@ -106,9 +106,7 @@ def track_of(
     )
 
 
-def _at_odometry(
-    path: OdometryPath, cut: CutPath, graph: Graph, solution: Solution, variance: Array
-) -> Track:
+def _at_odometry(path: Track, cut: CutPath, graph: Graph, solution: Solution, variance: Array) -> Track:
     """Poses at the odometry's times: the steps with the constants found.
 
     What a stretch still lacks at its end is spread evenly over its time.

@@ -55,9 +55,10 @@ class WheelTrack:
     carrying: Array
 
     def plain(self) -> Track:
-        """The same as the common track: no yaw rate, sigmas instead of covariances."""
+        """The same as the common track: sigmas instead of covariances."""
         sigma = np.sqrt(np.maximum(np.einsum("nii->in", self.covariance), 0.0))
-        return Track(self.t, self.x, self.y, self.heading, self.speed, *sigma[:3])
+        x, y, heading = sigma[:3]
+        return Track(self.t, self.x, self.y, self.heading, self.speed, x, y, heading, self.yaw_rate)
 
 
 @dataclass(frozen=True)

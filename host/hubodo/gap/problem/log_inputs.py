@@ -145,12 +145,12 @@ def _across(
     recording: Recording, model: Model, origin: float, where: str
 ) -> tuple[SmoothingSpline, float, float]:
     """What the odometry makes of the gyros across the axles, from the whole log."""
-    made = wheel_odometry(recording, model.vehicle, log=where, lag=np.inf).full
-    if made is None or len(made.t) < 10:
+    odometry = wheel_odometry(recording, model.vehicle, log=where, lag=np.inf)
+    if not odometry.nodes or len(odometry.track.t) < 11:
         raise InputError(f'{where}: yaw_rate = "nodes" needs a node on a wheel that has driven for a while')
-    # Each is a mean of the window that ends there.
-    t = made.t - 0.5 * WINDOW - origin
-    return _behind(t, made.yaw_rate), float(t[0]), float(t[-1])
+    # Each is the mean of the window that ends there; the first pose, the start, ends none.
+    t = odometry.track.t[1:] - 0.5 * WINDOW - origin
+    return _behind(t, odometry.track.yaw_rate[1:]), float(t[0]), float(t[-1])
 
 
 def _column(

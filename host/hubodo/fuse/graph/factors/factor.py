@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.loss import QUADRATIC, Loss
+
+if TYPE_CHECKING:  # both are built from factors
+    from hubodo.fuse.graph.config import GraphConfig
+    from hubodo.fuse.graph.steps import CutPath
 
 Flags = NDArray[np.bool_]
 
@@ -92,3 +97,30 @@ def stretches(flags: Flags) -> list[tuple[int, int]]:
     ends = np.flatnonzero(np.diff(places) > _BRIDGED)
     firsts, lasts = np.append(0, ends + 1), np.append(ends, len(places) - 1)
     return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
+
+
+class SensorSamples(Protocol):
+    """N samples of one sensor, or one that just came."""
+
+    @property
+    def marks(self) -> Array:
+        """Times at which a pose must stand, s; none for what is carried to the nearest."""
+        ...
+
+    def factors(self, cut: CutPath, config: GraphConfig) -> Factor | None:
+        """The factors of one kind that the samples make of the poses at cut.state_t; None without any.
+
+        At most one on each pose. Samples before the first pose or after the last are left out.
+        """
+        ...
+
+
+Samples = TypeVar("Samples")
+
+
+def gathered(samples: Sequence[Samples]) -> Samples:
+    """Samples of one sensor put together. Each is a dataclass whose fields are all arrays."""
+    kind: Any = type(samples[0])
+    names = [item.name for item in fields(kind)]
+    made: Samples = kind(*(np.concatenate([getattr(sample, name) for sample in samples]) for name in names))
+    return made
