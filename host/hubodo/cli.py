@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
 from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
-from hubodo.log.claims import memory_limit
+from hubodo.log.input_limits import memory_limit
 from hubodo.safe_text import json_text, printable
 from hubodo.verbs import VERBS, load
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
 

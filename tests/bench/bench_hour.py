@@ -24,7 +24,7 @@ from told import tell
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives, wheel_drives
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 
 SEED, SIGMA, LIMIT, RUNS = 71, 5.0, 6.0, 5

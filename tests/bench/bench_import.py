@@ -20,8 +20,8 @@ from mcap.writer import CompressionType, Writer
 from told import tell
 
 from hubodo.log import ros2
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
+from hubodo.log.recording_writer import write_recording
 
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 AIM = 0.5

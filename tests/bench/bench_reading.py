@@ -20,8 +20,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from told import tell
 
-from hubodo.log.mcap import read_recording
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import read_recording
 
 RATE_HZ, BATCH = 208.0, 16
 AIM = 40.0
@@ -34,11 +34,11 @@ def make(path, seconds, seed):
     t_ns = 1_700_000_000_000_000_000 + np.round(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
     gyro = np.round(rng.normal(size=(count, 3)) / 0.00122) * 0.00122
     accel = np.round(rng.normal(size=(count, 3)) / 0.00479) * 0.00479
-    with McapLog(path, t_zero_ns=int(t_ns[0]), clock=None) as log:
+    with LogWriter(path, t_zero_ns=int(t_ns[0]), clock=None) as log:
         for first in range(0, count, BATCH):
             rows = slice(first, first + BATCH)
-            log.imu("left", t_ns[rows], int(t_ns[first]), gyro[rows], accel[rows])
-            log.temperature("left", t_ns[first : first + 1], int(t_ns[first]), [25.0])
+            log.write_imu("left", t_ns[rows], int(t_ns[first]), gyro[rows], accel[rows])
+            log.write_temperature("left", t_ns[first : first + 1], int(t_ns[first]), [25.0])
     return count
 
 

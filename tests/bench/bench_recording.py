@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 from told import tell
 
 from hubodo.log import ros2
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 
 RUNS = 5
 MESSAGES = 200_000
@@ -56,13 +56,13 @@ def imu_foxglove(path: Path) -> int:
 
 
 def imu_ours(batch: int) -> Job:
-    """McapLog.imu with batches as they come off the wire: encoding counts as well."""
+    """LogWriter.write_imu with batches as they come off the wire: encoding counts as well."""
 
     def job(path: Path) -> int:
-        with McapLog(path) as log:
+        with LogWriter(path) as log:
             for first in range(0, MESSAGES, batch):
                 rows = slice(first, first + batch)
-                log.imu("left", _T[rows], first, _GYRO[rows], _ACCEL[rows])
+                log.write_imu("left", _T[rows], first, _GYRO[rows], _ACCEL[rows])
         return MESSAGES
 
     return job
@@ -81,8 +81,8 @@ def small_peer(path: Path) -> int:
 
 
 def small_single(path: Path) -> int:
-    """McapLog.write, one message a call."""
-    with McapLog(path) as log:
+    """LogWriter.write, one message a call."""
+    with LogWriter(path) as log:
         channel = log.add_channel("/raw", "", "", b"", "hubodo")
         for i in range(MESSAGES):
             log.write(channel, i, i, _PAYLOADS[i % len(_PAYLOADS)])

@@ -26,7 +26,7 @@ sys.path.insert(0, str(TESTS))
 from fakes.udp_nodes import UdpNodes  # noqa: E402 the folder of the tests is to be found first
 from faults.line import HELLO, Node  # noqa: E402
 from hubodo.ingest.link.keys import KeyRing  # noqa: E402
-from hubodo.log.mcap import open_log, read_recording  # noqa: E402
+from hubodo.log.recording_reader import open_log, read_recording  # noqa: E402
 from waiting import until  # noqa: E402
 
 _SERIALS = [f"e6614103000000{k:02x}" for k in range(1, 5)]
@@ -180,7 +180,7 @@ def _in_log(log: Path) -> tuple[int, dict[str, int]]:
     found, recorded, kinds = read_recording(log), 0, dict[str, int]()
     with open_log(log) as records:
         for name, table in found.nodes.items():
-            if records.records[f"node.{name}"]["serial"] in _SERIALS:
+            if records.metadata_records[f"node.{name}"]["serial"] in _SERIALS:
                 recorded += len(table.t)
         for message in records.messages():
             if message.topic == "/hubodo/events":

@@ -61,13 +61,13 @@ class Kept:
         self.raws: list[tuple[str, bytes]] = []
         self.rows: dict[str, list[np.ndarray[Any, Any]]] = {}
 
-    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None:
+    def write_raw_frame(self, link: str, t_log_ns: int, frame: bytes) -> None:
         self.raws.append((link, frame))
 
-    def event(self, event: Event) -> None:
+    def write_event(self, event: Event) -> None:
         self.events.append(event)
 
-    def imu(self, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
+    def write_imu(self, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
         self.rows.setdefault(node, []).append(np.asarray(gyro))
 
     def __getattr__(self, name: str) -> Any:

@@ -15,8 +15,8 @@ import pytest
 import zstandard
 
 from drive_model import DRIVE_MODEL
-from hubodo.log.container import McapFile
-from hubodo.log.mcap import open_log
+from hubodo.log.mcap_file import McapFile
+from hubodo.log.recording_reader import open_log
 from in_process import hubodo
 
 CLAIMED = 1 << 30
@@ -42,7 +42,7 @@ def zeros(compression: str, size: int) -> bytes:
 def bomb(path: Path, *chunks: bytes) -> Path:
     file = McapFile(path)
     for record in chunks:
-        file.put(record)
+        file.append_records(record)
     file.finish()
     return path
 

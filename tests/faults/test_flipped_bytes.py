@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from hubodo.errors import LogError
-from hubodo.log.mcap import open_log
-from hubodo.log.recover import recover
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log
+from hubodo.log.recover import recover_log
 from hubodo.recording import Event
 from in_process import hubodo
 
@@ -19,7 +19,7 @@ VEHICLE = b"[vehicle]\nwheel_radius = 0.165\ntrack_width = 0.55\n"
 
 def write_log(path: Path, compression: str) -> None:
     """Two links, an event, metadata, an attachment: every kind of record that a recording has."""
-    with McapLog(
+    with LogWriter(
         path,
         t_zero_ns=1_700_000_000 * 10**9,
         compression=compression,  # type: ignore[arg-type]
@@ -27,12 +27,12 @@ def write_log(path: Path, compression: str) -> None:
         clock=None,
         metadata={"fingerprint": "abc"},
     ) as log:
-        log.attach("vehicle.toml", "application/toml", VEHICLE)
+        log.add_attachment("vehicle.toml", "application/toml", VEHICLE)
         speed = log.add_channel("/speed", "std_msgs/msg/Float64", "ros2msg", b"float64 data", "cdr")
         for i in range(3):
-            log.raw("usb1", log.t_zero_ns + i * 1000 + 1, bytes([i] * 9))
+            log.write_raw_frame("usb1", log.t_zero_ns + i * 1000 + 1, bytes([i] * 9))
             log.write(speed, log.t_zero_ns + i, log.t_zero_ns + i, bytes(4) + struct.pack("<d", i))
-        log.event(Event(log.t_zero_ns + 99, "gap", "left", "lost", {"samples_lost": 1}))
+        log.write_event(Event(log.t_zero_ns + 99, "gap", "left", "lost", {"samples_lost": 1}))
 
 
 def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
@@ -40,8 +40,8 @@ def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
     with open_log(path) as log:
         by_time = list(log.messages())
         in_file = [chunk.data.tobytes() for chunk in log.chunks()]
-        said = (log.attachments, by_time, in_file, log.streams, log.records, log.t_zero_ns)
-        return (*said, log.found.library, log.found.profile), log.warnings()
+        said = (log.attachments, by_time, in_file, log.streams, log.metadata_records, log.t_zero_ns)
+        return (*said, log.scan.library, log.scan.profile), log.warnings()
 
 
 @pytest.mark.parametrize(("compression", "step"), [("zstd", 1), ("none", 5)])
@@ -77,8 +77,8 @@ def test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs(tmp_p
     assert "vehicle.toml fails its checksum" in told.out
     assert json.loads(told.out)["damaged"] == 1 and json.loads(told.out)["attachments"] == {}
     assert "1 damaged places" in hubodo("info", path).out
-    done = recover(path, tmp_path / "whole.mcap")
-    assert not done.was_whole and "vehicle.toml" in done.losses[0]
+    done = recover_log(path, tmp_path / "whole.mcap")
+    assert not done.was_complete and "vehicle.toml" in done.losses[0]
     path.write_bytes(data.replace(b"1700000000000000000", b"1700000100000000000"))
     assert "t = 0" in hubodo("info", path).out
     assert "t = 0" in hubodo("recover", path, "-o", tmp_path / "again.mcap").out

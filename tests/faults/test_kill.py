@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 
 from hubodo.log.log_names import LogNames
-from hubodo.log.mcap import open_log
-from hubodo.log.recover import recover
-from hubodo.log.series import LogSeries, SeriesRules
-from hubodo.log.writer import McapLog
+from hubodo.log.log_series import LogSeries, RotationRules
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log
+from hubodo.log.recover import recover_log
 from hubodo.units import NS_PER_S
 
 AT_ONCE = 10
@@ -29,12 +29,12 @@ STEP_S = 0.01
 
 def record_for_ever(path: Path, told: int, silent_after: float) -> None:
     """Rows with the time of receipt, told on a pipe as they are handed over; then only ticks."""
-    log, i, n, start = McapLog(path), 0, 8, time.monotonic()
+    log, i, n, start = LogWriter(path), 0, 8, time.monotonic()
     while True:
         if time.monotonic() - start < silent_after:
             rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
             now = time.time_ns()
-            log.imu("left", now + np.arange(n), now, rows, rows)
+            log.write_imu("left", now + np.arange(n), now, rows, rows)
             i += n
             os.write(told, f"{now} {i}\n".encode())
         log.tick()
@@ -43,17 +43,17 @@ def record_for_ever(path: Path, told: int, silent_after: float) -> None:
 
 def rotate_for_ever(out: Path, report: int, steps: int) -> None:
     """Record into logs of `steps` steps each; the end of a step is reported with a number of -1."""
-    series = LogSeries(out, SeriesRules(after=3600.0), time.time_ns)
-    log, i, n = McapLog(series, clock=time.time_ns), 0, 8
+    series = LogSeries(out, RotationRules(max_duration=3600.0), time.time_ns)
+    log, i, n = LogWriter(series, clock=time.time_ns), 0, 8
     for step in itertools.count(1):
         rows = np.repeat(np.arange(i, i + n, dtype=float)[:, None], 3, axis=1)
         now = time.time_ns()
         i += n
         os.write(report, f"{now} {i}\n".encode())
-        log.imu("left", now + np.arange(n), now, rows, rows)
+        log.write_imu("left", now + np.arange(n), now, rows, rows)
         if step % steps == 0:
             log.flush()
-            series.cut()
+            series.rotate()
         log.tick()
         series.tick(now)
         os.write(report, f"{now} -1\n".encode())
@@ -132,7 +132,7 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             reports = heard(reader)
             last_step = max((now for now, i in reports if i < 0), default=0)
             due = max((i for now, i in reports if now <= last_step - NS_PER_S // 2), default=0)
-            paths = LogNames(tmp_path / f"{number}.mcap", plain=False).logs()
+            paths = LogNames(tmp_path / f"{number}.mcap", plain=False).existing_logs()
             logs += len(paths)
             where = f"seed {seed}, kill {number}"
             assert all(is_whole(path) for path in paths[:-1]), where
@@ -155,7 +155,7 @@ def recovered(path: Path, out: Path) -> list[float]:
     """The numbers of the samples that come back; none where not even the head of the file was there."""
     if not path.exists() or path.stat().st_size < 8:
         return []
-    recover(path, out)
+    recover_log(path, out)
     with open_log(out) as log:
         return [
             float(np.frombuffer(m.data, "<f8", 1, len(m.data) - 24 - 72)[0])

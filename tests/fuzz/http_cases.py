@@ -47,7 +47,7 @@ def request(case: Case, folder: Path) -> None:
         from starlette.testclient import TestClient
 
     from hubodo.ingest.live.recorder import Recorder
-    from hubodo.log.writer import McapLog
+    from hubodo.log.log_writer import LogWriter
     from hubodo.web.actions import Actions
     from hubodo.web.address import Address
     from hubodo.web.app import make_app
@@ -77,7 +77,7 @@ def request(case: Case, folder: Path) -> None:
         answer = client.post(path, content=case.files["body"], headers=headers)
     if answer.status_code >= 500:
         raise Defect(f"{' '.join(case.words)}: status {answer.status_code}")
-    with McapLog(folder / "log.mcap", clock=lambda: 5, t_zero_ns=0) as log:
+    with LogWriter(folder / "log.mcap", clock=lambda: 5, t_zero_ns=0) as log:
         recorder = Recorder({"left": None}, log, lambda link, data, to: True, lambda: 5, t_zero_ns=0)
         for wish in wishes:
             wish(recorder)

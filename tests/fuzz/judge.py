@@ -19,9 +19,9 @@ from fuzz.case import Case, Defect
 from fuzz.http_cases import request
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.log.claims import memory_limit
-from hubodo.log.mcap import read_recording
-from hubodo.log.writer import McapLog
+from hubodo.log.input_limits import memory_limit
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import read_recording
 from hubodo.vehicle import load_vehicle
 from in_process import Done, hubodo
 
@@ -82,7 +82,7 @@ def _receive(case: Case, folder: Path) -> None:
     """The stream through link, node, odometry into a log, which then reads without a complaint."""
     rng, label = random.Random(int(case.words[1])), "gnss" if "gnss" in case.words else "left"
     now = seeds.T0
-    with McapLog(folder / "log.mcap", t_zero_ns=seeds.T0, clock=lambda: now) as log:
+    with LogWriter(folder / "log.mcap", t_zero_ns=seeds.T0, clock=lambda: now) as log:
         recorder = Recorder(
             {"left": None},
             log,

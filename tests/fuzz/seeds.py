@@ -20,7 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.log import ros2
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, MESSAGES, Frame, FrameDecoder, encode, encode_frame
 from hubowire.codec import layout
@@ -144,26 +144,28 @@ def node_frames(seconds: float = 2.0) -> list[tuple[int, bytes]]:
 def our_log(path: Path) -> bytes:
     """Samples, GNSS, odometry, raw frames, events, columns, attachments, metadata."""
     metadata = {"ports": "left=/dev/ttyACM0", "odometry_rate_hz": "50"}
-    with McapLog(path, t_zero_ns=T0, chunk_bytes=4000, clock=None, metadata=metadata) as log:
-        log.attach("vehicle.toml", "application/toml", VEHICLE.encode())
+    with LogWriter(path, t_zero_ns=T0, chunk_bytes=4000, clock=None, metadata=metadata) as log:
+        log.add_attachment("vehicle.toml", "application/toml", VEHICLE.encode())
         log.add_metadata("node.left", {"serial": "abc", "fingerprint": f"{FINGERPRINT:08x}"})
         for t, wire in node_frames(0.5):
-            log.raw("left", T0 + t, wire)
+            log.write_raw_frame("left", T0 + t, wire)
         for k in range(0, 64, 8):
             t = T0 + (k + np.arange(8)) * 5_000_000
-            log.imu("left", t, t + 1000, np.full((8, 3), 0.01 * k), np.full((8, 3), 3.0))
-            log.temperature("left", t[:1], t[:1], [20.0])
-            log.battery("left", t[:1], t[:1], [3.7], 0.5)
-            log.fix(t[:1], t[:1], [47.0], [8.0], [400.0], sigma=[[1.0, 1.0, 2.0]])
-            log.odometry(t[:1], t[:1], [[1.0, 2.0]], [0.1], [1.0], [0.0])
-            log.columns("reference", t[:1], t[:1], {"speed": [1.0], "yaw_rate": [0.1]})
+            log.write_imu("left", t, t + 1000, np.full((8, 3), 0.01 * k), np.full((8, 3), 3.0))
+            log.write_temperature("left", t[:1], t[:1], [20.0])
+            log.write_battery("left", t[:1], t[:1], [3.7], 0.5)
+            log.write_gnss_fix(t[:1], t[:1], [47.0], [8.0], [400.0], sigma=[[1.0, 1.0, 2.0]])
+            log.write_odometry(t[:1], t[:1], [[1.0, 2.0]], [0.1], [1.0], [0.0])
+            log.write_columns("reference", t[:1], t[:1], {"speed": [1.0], "yaw_rate": [0.1]})
             rows = [k + 1, 1, 0, *[0.0] * 12]
-            log.bias_filter("left", t[:1], t[:1], dict(zip(_FILTER, np.array(rows)[:, None], strict=True)))
-        log.event(
+            log.write_bias_filter(
+                "left", t[:1], t[:1], dict(zip(_FILTER, np.array(rows)[:, None], strict=True))
+            )
+        log.write_event(
             Event(T0 + 5, "gap", "left", "lost", {"node": "left", "samples_lost": 3, "duration_s": 0.02})
         )
-        log.event(Event(T0 + 6, "health", "left", "well", {"node": "left", "battery_mv": 3700}))
-        log.event(Event(T0 + 7, "started", "left", "on", {"node": "left", "power_on_ns": T0}))
+        log.write_event(Event(T0 + 6, "health", "left", "well", {"node": "left", "battery_mv": 3700}))
+        log.write_event(Event(T0 + 7, "started", "left", "on", {"node": "left", "power_on_ns": T0}))
     return path.read_bytes()
 
 

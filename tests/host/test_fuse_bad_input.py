@@ -12,7 +12,7 @@ from generators import wheel_drives
 from generators.fake_drive import VEHICLE_TOML
 from generators.gnss_drives import geodetic
 from hubodo.cli import main
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 
 SEED = 21

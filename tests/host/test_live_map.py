@@ -22,7 +22,7 @@ from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
 from in_process import hubodo
 
 SEED = 6

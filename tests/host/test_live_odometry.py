@@ -25,7 +25,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.vehicle import NodeMount, Vehicle
 from in_process import hubodo
 
@@ -102,7 +102,7 @@ def test_the_poses_of_a_frame_are_published_before_the_next_frame_is_looked_at(r
             columns = (messages.heads[key].tolist() for key in ("channel", "publish_time"))
             for channel, t_ns in zip(*columns, strict=True):
                 topic = log.streams[channel].topic
-                if topic.startswith(topics.RAW) and newest[topics.ODOM]:
+                if topic.startswith(topics.RAW_PREFIX) and newest[topics.ODOM]:
                     behind.append((newest["imu"] - newest[topics.ODOM]) * 1e-9)
                 kind = "imu" if topic.endswith("/imu") else topic
                 if kind in newest:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from generators.fake_drive import VEHICLE_TOML
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from in_process import hubodo
 from wheel_runs import short, tables

@@ -12,8 +12,8 @@ from generators.fake_drive import VEHICLE_TOML, short_drive
 from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.ingest.replay.playback import Playback
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
 from wheel_runs import tables

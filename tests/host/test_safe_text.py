@@ -13,7 +13,7 @@ import hubodo.safe_text
 from fuzz.seeds import T0
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubodo.safe_text import json_text, printable
 from hubodo.terminal import SafeConsole
@@ -83,9 +83,9 @@ def log(tmp_path_factory) -> Path:
     event = Event(T0 + 5, "mark", "user", "x", {"note": HOSTILE, "value": float("nan")})
     object.__setattr__(event, "text", HOSTILE)
     t = T0 + np.arange(2000) * 10_000_000
-    with McapLog(path, t_zero_ns=T0, clock=None) as made:
-        made.event(event)
-        made.imu("left", t, t, np.outer(np.arange(2000), np.full(3, 1e-6)), np.full((2000, 3), 3.0))
+    with LogWriter(path, t_zero_ns=T0, clock=None) as made:
+        made.write_event(event)
+        made.write_imu("left", t, t, np.outer(np.arange(2000), np.full(3, 1e-6)), np.full((2000, 3), 3.0))
     return path
 
 

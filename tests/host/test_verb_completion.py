@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hubodo.effects import EFFECTS
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.verbs import VERBS
 from in_process import hubodo

@@ -8,7 +8,7 @@ import pytest
 
 from generators.gnss_drives import geodetic
 from hubodo.cli import main
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 
 VEHICLE = """

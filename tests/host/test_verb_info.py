@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hubodo.cli import main
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 
 PERIOD_NS = 4_800_000
@@ -19,21 +19,21 @@ def log(tmp_path: Path) -> Path:
     """Two nodes at 208 Hz for 2 s, 20 µs of jitter; left misses 10 samples, explained, and 3, unexplained."""
     path, seed = tmp_path / "drive.mcap", 2
     rng = np.random.default_rng(seed)
-    with McapLog(path, t_zero_ns=T0, metadata={"fingerprint": "abc", "firmware.left": "1.2.3"}) as made:
+    with LogWriter(path, t_zero_ns=T0, metadata={"fingerprint": "abc", "firmware.left": "1.2.3"}) as made:
         t = T0 + np.arange(416) * PERIOD_NS + rng.normal(0, 20_000, 416).astype(np.int64)
         here = np.ones(416, bool)
         here[100:110] = here[300:303] = False
         for node, keep in (("left", here), ("right", np.ones(416, bool))):
             rows = np.zeros((int(keep.sum()), 3))
-            made.imu(node, t[keep], t[keep] + 5_000_000, rows, rows)
-        made.event(
+            made.write_imu(node, t[keep], t[keep] + 5_000_000, rows, rows)
+        made.write_event(
             Event(
                 int(t[99]), "gap", "usb0", "unplugged",
                 {"node": "left", "samples_lost": 10, "cause": "USB unplugged", "duration_s": 0.05},
             )
         )  # fmt: skip
         for battery in (3900, 3700):
-            made.event(Event(int(t[-1]), "health", "left", "", {"node": "left", "battery_mv": battery}))
+            made.write_event(Event(int(t[-1]), "health", "left", "", {"node": "left", "battery_mv": battery}))
     return path
 
 
@@ -67,7 +67,7 @@ def test_each_gap_is_found_in_the_data_and_explained_by_its_event_where_there_is
 
 
 def test_recorded_losses_are_added_up_by_node_stream_and_cause(tmp_path: Path, capsys) -> None:
-    with McapLog(tmp_path / "x.mcap", t_zero_ns=0) as made:
+    with LogWriter(tmp_path / "x.mcap", t_zero_ns=0) as made:
         for i in range(5):
             data = {
                 "node": "left",
@@ -76,7 +76,7 @@ def test_recorded_losses_are_added_up_by_node_stream_and_cause(tmp_path: Path, c
                 "frames_lost": 1,
             }
             data |= {"cause": "damage" if i % 2 else "unplugged", "duration_s": 0.5}
-            made.event(Event(i, "gap", "left", f"gap {i}", data))
+            made.write_event(Event(i, "gap", "left", f"gap {i}", data))
     expected = {"node": "left", "stream": "ImuBatch"}
     assert info(tmp_path / "x.mcap", capsys)["losses"] == [
         expected | {"cause": "damage", "gaps": 2, "samples": 4, "frames": 2, "unknown": 0, "duration": 1.0},
@@ -122,7 +122,7 @@ def test_what_is_no_log_exits_2_with_one_line(content: bytes, tmp_path: Path, ca
 
 
 def test_an_empty_but_valid_log_is_described(tmp_path: Path, capsys) -> None:
-    McapLog(tmp_path / "empty.mcap").close()
+    LogWriter(tmp_path / "empty.mcap").close()
     told = info(tmp_path / "empty.mcap", capsys)
     assert (told["messages"], told["streams"], told["duration"], told["warnings"]) == (0, [], 0.0, [])
     assert main(["info", str(tmp_path / "empty.mcap")]) == 0

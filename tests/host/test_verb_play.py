@@ -15,8 +15,8 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.pty_player import PtyPlayer
 from hubodo.ingest.replay.replay import made_frames, raw_links, recorded_frames
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubowire.messages import Ack, Nack, TimeReply
 from in_process import hubodo

@@ -34,9 +34,9 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.log.summary import summarise
 from hubodo.recording import BIAS_FILTER_COLUMNS
 from hubodo.report.log_page import log_page
@@ -64,7 +64,7 @@ def raw_frames(path, link="*"):
     """The frames in a log, as they came."""
     for message in open_log(path).messages():
         if message.topic.startswith("/hubodo/raw/") and not message.topic.endswith("/damaged"):
-            yield own_bytes("cdr", message.data)
+            yield decode_bytes_message("cdr", message.data)
 
 
 def events(path, kind):

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from hubodo.cli import main
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 
 
 @pytest.fixture
 def cut(tmp_path: Path) -> Path:
     """A recording of 300 samples cut in its second half."""
-    with McapLog(tmp_path / "log.mcap", t_zero_ns=0, chunk_bytes=4000, clock=None) as log:
+    with LogWriter(tmp_path / "log.mcap", t_zero_ns=0, chunk_bytes=4000, clock=None) as log:
         for i in range(0, 300, 5):
             t = np.arange(i, i + 5) * 10_000_000
-            log.imu("left", t, t, np.ones((5, 3)), np.ones((5, 3)))
+            log.write_imu("left", t, t, np.ones((5, 3)), np.ones((5, 3)))
     path = tmp_path / "cut.mcap"
     data = (tmp_path / "log.mcap").read_bytes()
     path.write_bytes(data[: len(data) * 2 // 3])

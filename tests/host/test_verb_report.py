@@ -16,8 +16,8 @@ from hubodo.calibration.file import (
     format_calibration,
 )
 from hubodo.errors import CalibrationError, InputError
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Event, Recording, Table
 from hubodo.verbs import VERBS
 from hubodo.verbs.report import add_arguments, run

@@ -11,9 +11,9 @@ from generators.gnss_drives import drive as gnss_drive
 from generators.gnss_drives import loop as gnss_loop
 from hubodo.cli import main
 from hubodo.earth import EARTH_RATE
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.model.bench import Handled, Programme
 from hubodo.model.inputs import Earth
 from hubodo.recording import Recording, Table

@@ -26,7 +26,7 @@ from rich.console import Console
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubowire.messages import ImuBatch
 
 HERE = Path(__file__).parent
@@ -86,21 +86,21 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8192), hard))
     late, stop = Latency(), threading.Event()
-    written, kept_raw, period_ns = McapLog.imu, McapLog.raw, round(1e9 / rate)
+    written, kept_raw, period_ns = LogWriter.write_imu, LogWriter.write_raw_frame, round(1e9 / rate)
     kept: list[bool] = []
     # The first half second of a node waits for its clock.
     settled = time.monotonic() + 4.0
 
-    def imu(log: McapLog, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
+    def write_imu(log: LogWriter, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
         written(log, node, t_pub_ns, t_log_ns, gyro, accel)
         if time.monotonic() > settled:
             late.add(time.time_ns() - int(np.asarray(t_pub_ns).reshape(-1)[-1]) - period_ns)
 
-    def raw(log: McapLog, link: str, t_log_ns: int, frame: bytes) -> None:
+    def write_raw_frame(log: LogWriter, link: str, t_log_ns: int, frame: bytes) -> None:
         kept_raw(log, link, t_log_ns, frame)
         kept.append(frame[1] == ImuBatch.type_id)
 
-    McapLog.imu, McapLog.raw = imu, raw  # type: ignore[method-assign]
+    LogWriter.write_imu, LogWriter.write_raw_frame = write_imu, write_raw_frame  # type: ignore[method-assign]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as nodes,

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from test_wire_vectors import FILES
 
-from hubodo.log.mcap import open_log
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.writer import McapLog
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log
 from hubowire import FrameDecoder
 
 SOURCE = Path(__file__).with_name("foreign_decoder.c")
@@ -75,11 +75,13 @@ def test_vectors_in_a_row_and_damaged_streams_are_given_up_at_the_same_bytes_as_
 
 def test_frames_come_out_of_a_log_by_leaving_sixteen_bytes_out(decoder, tmp_path):
     frames = [bytes.fromhex(vector["stream"]) for stem, vector in VECTORS if stem in ("hello", "imu_batch")]
-    with McapLog(tmp_path / "log.mcap") as log:
+    with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(frames):
-            log.raw("usb0", i, frame)
+            log.write_raw_frame("usb0", i, frame)
     with open_log(tmp_path / "log.mcap") as log:
         messages = [m.data for m in log.messages()]
-    assert [own_bytes("cdr", data) for data in messages] == [data[16:] for data in messages] == frames
+    assert (
+        [decode_bytes_message("cdr", data) for data in messages] == [data[16:] for data in messages] == frames
+    )
     (answer,) = decoder([b"".join(data[16:] for data in messages).hex()], 50)
     assert len(answer["frames"]) == len(frames)

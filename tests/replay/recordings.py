@@ -24,8 +24,8 @@ import wanted
 from generators.fake_drive import RADIUS, TRACK, short_drive
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
 from hubodo.ingest.replay.playback import Playback, as_messages
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 

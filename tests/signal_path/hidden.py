@@ -17,8 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.cli import main as hubodo
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 
 MODEL = """[vehicle]
 wheel_radius = 0.31

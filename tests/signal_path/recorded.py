@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 
-from hubodo.log.mcap import open_log
-from hubodo.log.own_messages import own_bytes
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.recording_reader import open_log
 from hubowire import FrameDecoder, decode
 from virtual_runs import matched
 
@@ -36,7 +36,11 @@ def logged(log):
     """[(frame, message)] of everything that the daemon kept."""
     decoder = FrameDecoder()
     with open_log(log) as records:
-        raw = [own_bytes("cdr", r.data) for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+        raw = [
+            decode_bytes_message("cdr", r.data)
+            for r in records.messages()
+            if r.topic.startswith("/hubodo/raw/")
+        ]
     return [(f, decode(f.type_id, f.payload)) for data in raw for f in decoder.feed(data)]
 
 

@@ -15,7 +15,7 @@ from scipy.integrate import cumulative_trapezoid
 from hubodo.cli import main
 from hubodo.demo.ride import choose_interpreter, ride
 from hubodo.demo.scenario import TRACK_WIDTH, VEHICLE_TOML, WHEEL_RADIUS, make_scenario
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.model.drive import loop_drive
 from hubodo.verbs import demo as verb
 from in_process import hubodo

@@ -8,8 +8,8 @@ import pytest
 
 from gap_runs import gap
 from hubodo.cli import main
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 from virtual_runs import micropython_or_skip
 
 G = 9.80665

@@ -6,8 +6,8 @@ from recorded import SECONDS, judge, logged, recorder, stopped
 
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.log.mcap import open_log
-from hubodo.log.own_messages import own_bytes
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.recording_reader import open_log
 from hubowire import messages as m
 from virtual_runs import FIRMWARE, micropython_or_skip, of, unique_motion
 from waiting import until
@@ -45,7 +45,11 @@ def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tm
         truth, stats = node.chip.truth(), node.stats
     judge(done, log, truth)
     with open_log(log) as records:
-        raw = [own_bytes("cdr", r.data) for r in records.messages() if r.topic.startswith("/hubodo/raw/")]
+        raw = [
+            decode_bytes_message("cdr", r.data)
+            for r in records.messages()
+            if r.topic.startswith("/hubodo/raw/")
+        ]
     assert {data.count(0) for data in raw} == {1}
     assert stats["calls"]["UDP_SEND"] >= len(raw)
     assert of(logged(log), m.Hello)[0].serial == bytes.fromhex("e6614103e7452d2f")

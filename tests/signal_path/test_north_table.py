@@ -14,7 +14,7 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.sensors.north.find_stops import find_motion
 from virtual_runs import FIRMWARE, micropython_or_skip
 

@@ -13,7 +13,7 @@ from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from virtual_runs import pico_or_skip, unique_motion
 
 # Seconds of the wall for one of its own: an idle core would do with 2, but a busy one has to keep up as well.

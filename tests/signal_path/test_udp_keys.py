@@ -11,7 +11,7 @@ from hubodo.cli import main
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
 from virtual_runs import FIRMWARE, unique_motion
 from waiting import until
 
@@ -88,7 +88,7 @@ def judge(log, truths, first=None):
     found = read_recording(log)
     assert set(found.nodes) == {"left", "left_2"}
     with open_log(log) as records:
-        told = {name: records.records[f"node.{name}"]["serial"] for name in found.nodes}
+        told = {name: records.metadata_records[f"node.{name}"]["serial"] for name in found.nodes}
         events = [r.data for r in records.messages() if r.topic == "/hubodo/events"]
     assert sorted(told.values()) == sorted(SERIALS)
     assert not [event for event in events if b"gap" in event]

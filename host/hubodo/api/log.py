@@ -242,10 +242,10 @@ class LoadedLog:
             InputError: no such node or axis, samples in wrong units, a sensor that moved, too few samples.
         """
         from hubodo.api.sensor import warmup_of
-        from hubodo.sensors.rest_channel import CHANNELS, rest_channel
+        from hubodo.sensors.rest_channel import IMU_CHANNELS, rest_channel
 
-        if channel not in CHANNELS[:3]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(CHANNELS[:3])}")
+        if channel not in IMU_CHANNELS[:3]:
+            raise InputError(f"channel {channel!r}: choose from {', '.join(IMU_CHANNELS[:3])}")
         rest = rest_channel(
             self.recording,
             self._node(node),
@@ -319,8 +319,8 @@ class LoadedLog:
 
         Raises InputError where something is there already.
         """
-        from hubodo.log.convert import write_recording
         from hubodo.log.csv_folder import write_folder
+        from hubodo.log.recording_writer import write_recording
 
         target = Path(path)
         if target.exists():

@@ -8,8 +8,8 @@ from pathlib import Path
 from hubodo.api.given import StrPath, given_vehicle
 from hubodo.api.log import LoadedLog
 from hubodo.log.any_log import read_log
-from hubodo.log.foreign import LogForm
-from hubodo.log.roles import TopicChoice
+from hubodo.log.number_recording import InputFormat
+from hubodo.log.roles import TopicSelection
 from hubodo.progress import progress_line
 from hubodo.vehicle import Vehicle
 
@@ -52,11 +52,11 @@ def open(
     """
     where = Path(path)
     known = None if vehicle is None else given_vehicle(vehicle)
-    choice = TopicChoice(topics or {}, needed=frozenset())
+    choice = TopicSelection(topics or {}, required_roles=frozenset())
     if known is not None:
         on_wheels = {name: mount.side is not None for name, mount in known.nodes.items()}
-        choice = TopicChoice(topics or {}, known.topics, on_wheels, known.wheel_radius, frozenset())
-    form = LogForm(rate, tuple(units), tuple(columns), variable, channel, choice)
+        choice = TopicSelection(topics or {}, known.topics, on_wheels, known.wheel_radius, frozenset())
+    form = InputFormat(rate, tuple(units), tuple(columns), variable, channel, choice)
     with progress_line() as show:
-        recording = read_log(where, form=form, progress=show)
+        recording = read_log(where, input_format=form, progress=show)
     return LoadedLog(where, recording, known)

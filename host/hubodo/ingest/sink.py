@@ -12,17 +12,17 @@ from hubodo.recording import Event
 
 
 class Sink(Protocol):
-    """Times are ns: publish = measured, log = received; shapes and units as in `McapLog`."""
+    """Times are ns: publish = measured, log = received; shapes and units as in `LogWriter`."""
 
-    def imu(
+    def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None: ...
 
-    def temperature(
+    def write_temperature(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
     ) -> None: ...
 
-    def battery(
+    def write_battery(
         self,
         node: str,
         t_pub_ns: ArrayLike,
@@ -31,15 +31,15 @@ class Sink(Protocol):
         charge: ArrayLike = ...,
     ) -> None: ...
 
-    def magnetic_field(
+    def write_magnetic_field(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
     ) -> None: ...
 
-    def bias_filter(
+    def write_bias_filter(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None: ...
 
-    def odometry(
+    def write_odometry(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -55,7 +55,7 @@ class Sink(Protocol):
         child_frame: str = "base_link",
     ) -> None: ...
 
-    def transform(
+    def write_transform(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -66,7 +66,7 @@ class Sink(Protocol):
         child_frame: str = "base_link",
     ) -> None: ...
 
-    def fix(
+    def write_gnss_fix(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -78,15 +78,15 @@ class Sink(Protocol):
         status: ArrayLike = 0,
     ) -> None: ...
 
-    def columns(
+    def write_columns(
         self, name: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None: ...
 
-    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None: ...
+    def write_raw_frame(self, link: str, t_log_ns: int, frame: bytes) -> None: ...
 
-    def asked(self, link: str, t_ns: int, token: bytes) -> None: ...
+    def write_clock_request(self, link: str, t_ns: int, token: bytes) -> None: ...
 
-    def event(self, event: Event, t_log_ns: int | None = None) -> None: ...
+    def write_event(self, event: Event, t_log_ns: int | None = None) -> None: ...
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None: ...
 

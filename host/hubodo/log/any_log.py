@@ -11,64 +11,70 @@ from typing import Any
 
 from hubodo.errors import InputError
 from hubodo.log.bag import METADATA_FILE, open_bag
-from hubodo.log.claims import check_regular
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import Progress, read_files, read_folder
-from hubodo.log.foreign import LogForm, in_si, read_number_file
+from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
-from hubodo.log.mcap import recording_of
-from hubodo.log.number_file import kind_of
+from hubodo.log.number_file import detect_file_kind
+from hubodo.log.number_recording import InputFormat, convert_to_si, read_number_file
 from hubodo.log.parquet_table import is_parquet
-from hubodo.log.sound_rows import believable_tables
-from hubodo.log.source import Source, is_ours
+from hubodo.log.recording_reader import build_recording
+from hubodo.log.recording_writer import write_recording
+from hubodo.log.row_checks import drop_implausible_rows
+from hubodo.log.source import MessageSource, is_hubodo_log
 from hubodo.recording import TABLE_FILE_COLUMNS, Recording
 
-_AS_IT_IS = LogForm()
+_DEFAULT_FORMAT = InputFormat()
 
 
 def read_log(
-    path: Path, *, form: LogForm = _AS_IT_IS, progress: Progress | None = None, keep_empty: bool = False
+    path: Path,
+    *,
+    input_format: InputFormat = _DEFAULT_FORMAT,
+    progress: Progress | None = None,
+    keep_empty: bool = False,
 ) -> Recording:
     """Read a whole log. form: what the user says of it, for what it does not say itself.
 
     keep_empty: all as it stands; else tables without a row and rows that nothing can have measured are left
     out and told. Raises LogError or InputError as the readers of those files do.
     """
-    recording = _read(path, form, progress)
+    recording = _read_any(path, input_format, progress)
     if keep_empty:
         return recording
-    tables, said = believable_tables(recording.files())
-    kept = {name: table for name, table in tables.items() if len(table)}
-    said += [f"nothing in {name}; left out" for name in tables if name not in kept]
-    if not said:
+    tables, notes = drop_implausible_rows(recording.files())
+    non_empty = {name: table for name, table in tables.items() if len(table)}
+    notes += [f"nothing in {name}; left out" for name in tables if name not in non_empty]
+    if not notes:
         return recording
-    special: dict[str, Any] = {name: kept.get(name) for name in TABLE_FILE_COLUMNS}
-    nodes = {name: kept[name] for name in recording.nodes if name in kept}
-    warnings = (*recording.warnings, *(f"{path}: {line}" for line in said))
+    special: dict[str, Any] = {name: non_empty.get(name) for name in TABLE_FILE_COLUMNS}
+    nodes = {name: non_empty[name] for name in recording.nodes if name in non_empty}
+    warnings = (*recording.warnings, *(f"{path}: {line}" for line in notes))
     return replace(recording, nodes=nodes, warnings=warnings, **special)
 
 
-def _read(path: Path, form: LogForm, progress: Progress | None) -> Recording:
+def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) -> Recording:
     with open_source(path) as source:
         if source is not None:
-            return in_si(recording_of(source, form.choice, progress=progress), form)
-    if form.choice.said:
+            return convert_to_si(
+                build_recording(source, input_format.topic_selection, progress=progress), input_format
+            )
+    if input_format.topic_selection.explicit:
         raise InputError(f"{path}: has no topics; leave --topic out")
     if path.is_dir():
-        return in_si(read_folder(path, progress=progress), form)
+        return convert_to_si(read_folder(path, progress=progress), input_format)
     if is_parquet(path):
-        return in_si(read_files({path.name.split(".")[0]: path}, progress=progress), form)
-    return read_number_file(path, kind_of(path), form)
+        return convert_to_si(read_files({path.name.split(".")[0]: path}, progress=progress), input_format)
+    return read_number_file(path, detect_file_kind(path), input_format)
 
 
 @contextmanager
-def open_source(path: Path) -> Iterator[Source | None]:
+def open_source(path: Path) -> Iterator[MessageSource | None]:
     """The messages of a log; None where it has none: a CSV folder or a file of numbers."""
-    file = mcap_file(path)
+    file = find_mcap_file(path)
     if file is not None:
         with open_log(file) as log:
             yield log
-    elif is_bag(path):
+    elif is_rosbag(path):
         with closing(open_bag(path)) as bag:
             yield bag
     else:
@@ -76,35 +82,40 @@ def open_source(path: Path) -> Iterator[Source | None]:
 
 
 @contextmanager
-def as_mcap(path: Path, form: LogForm = _AS_IT_IS) -> Iterator[Path]:
+def open_as_mcap(path: Path, input_format: InputFormat = _DEFAULT_FORMAT) -> Iterator[Path]:
     """The log as an MCAP file with hubodo's topics; of any other form one that is gone afterwards."""
-    file = mcap_file(path)
-    if file is not None and not form.units and not form.choice.said and has_our_topics(file):
+    file = find_mcap_file(path)
+    if (
+        file is not None
+        and not input_format.units
+        and not input_format.topic_selection.explicit
+        and is_hubodo_mcap(file)
+    ):
         yield file
         return
     with tempfile.TemporaryDirectory(prefix="hubodo-") as folder:
-        made = Path(folder) / f"{path.absolute().name}.mcap"
-        write_recording(read_log(path, form=form, keep_empty=True), made)
-        yield made
+        converted = Path(folder) / f"{path.absolute().name}.mcap"
+        write_recording(read_log(path, input_format=input_format, keep_empty=True), converted)
+        yield converted
 
 
-def has_our_topics(file: Path) -> bool:
+def is_hubodo_mcap(file: Path) -> bool:
     """Whether hubodo wrote an MCAP file, or nobody can tell."""
     with open_log(file) as log:
         if not log.streams:
             next(log.chunks(), None)  # some writers announce channels inside the chunks only
-        return is_ours(log) or not log.streams
+        return is_hubodo_log(log) or not log.streams
 
 
-def mcap_file(path: Path) -> Path | None:
+def find_mcap_file(path: Path) -> Path | None:
     """The MCAP file that a path means; None for a log of another form.
 
     A file that is nothing known is taken as one, for the reader of MCAP says best what is wrong with it.
     """
     check_regular(path)
     if not path.is_dir():
-        return path if kind_of(path) in ("mcap", "unknown") and not is_parquet(path) else None
-    if not is_bag(path):
+        return path if detect_file_kind(path) in ("mcap", "unknown") and not is_parquet(path) else None
+    if not is_rosbag(path):
         return None
     files = sorted(path.glob("*.mcap"))
     if len(files) == 1:
@@ -116,13 +127,13 @@ def mcap_file(path: Path) -> Path | None:
     return None
 
 
-def is_bag(path: Path) -> bool:
+def is_rosbag(path: Path) -> bool:
     """Whether a path is a rosbag: a file, or a folder, which a killed recorder leaves without metadata."""
     check_regular(path)
     if not path.is_dir():
-        return kind_of(path) in ("rosbag", "sqlite")
+        return detect_file_kind(path) in ("rosbag", "sqlite")
     if (path / METADATA_FILE).exists():
         return True
     parts = [*path.glob("*.db3"), *path.glob("*.mcap")]
-    of_one = len(parts) == 1 or all(part.name.startswith(f"{path.name}_") for part in parts)
-    return bool(parts) and of_one and not any(path.glob("*.csv*"))
+    is_one_recording = len(parts) == 1 or all(part.name.startswith(f"{path.name}_") for part in parts)
+    return bool(parts) and is_one_recording and not any(path.glob("*.csv*"))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.tables_of_arrays import is_table
+from hubodo.log.array_shapes import is_table
 from hubodo.safe_text import json_text
 
 Found = tuple[str, tuple[int, ...], str | None, Callable[[], NDArray[Any]]]

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, check_regular, limit_bytes
-from hubodo.log.tables_of_arrays import as_rows, shape_only
+from hubodo.log.array_shapes import as_rows, shape_only
+from hubodo.log.input_limits import MemoryBudget, check_regular, limit_bytes
 from hubodo.safe_text import json_text
 
 _CPU_BASE = 15  # s of processor time for any file

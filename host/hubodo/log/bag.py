@@ -8,21 +8,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log.chunk_body import Messages, walk
+from hubodo.log.chunk_reader import Messages, walk
 from hubodo.log.compressed_bag import Expander, StorageFiles, compression_mode, message_expander
 from hubodo.log.logfile import Log, open_log
-from hubodo.log.message_records import message_record
-from hubodo.log.number_file import kind_of
-from hubodo.log.source import Facts, Stream
+from hubodo.log.message_records import encode_message_record
+from hubodo.log.number_file import detect_file_kind
+from hubodo.log.source import FileInfo, Stream
 from hubodo.log.sqlite_bag import READ_ERRORS, iterate_messages, read_facts
 
 METADATA_FILE = "metadata.yaml"
-_PORTION = 4 << 20
-Row = tuple[int, int, bytes]
+_BATCH_BYTES = 4 << 20
+BagRow = tuple[int, int, bytes]
 """Channel, time in ns, message."""
 
 
-def _nothing() -> None:
+def _no_op() -> None:
     """Close nothing."""
 
 
@@ -32,54 +32,54 @@ class Bag:
     def __init__(
         self,
         path: Path,
-        facts: Facts,
+        facts: FileInfo,
         streams: Sequence[Stream],
-        rows: Callable[[], Iterator[Row]],
+        rows: Callable[[], Iterator[BagRow]],
         count: int,
         *,
         notes: Callable[[], Sequence[str]] = tuple,
-        close: Callable[[], None] = _nothing,
+        close: Callable[[], None] = _no_op,
         read_errors: tuple[type[Exception], ...] = (*READ_ERRORS, OSError),
     ) -> None:
-        self.path, self._facts = path, facts
+        self.path, self._file_info = path, facts
         self.streams = {stream.id: stream for stream in streams}
-        self.records: dict[str, dict[str, str]] = {}
+        self.metadata_records: dict[str, dict[str, str]] = {}
         self.metadata: dict[str, str] = {}
         self.t_zero_ns: int | None = None
-        self._rows, self._count, self._read = rows, count, 0
+        self._iterate_rows, self._n_rows, self._n_read = rows, count, 0
         self._notes, self._warnings = notes, list[str]()
         self.close = close
         self._read_errors = read_errors
 
     @property
-    def facts(self) -> Facts:
+    def file_info(self) -> FileInfo:
         """Size, generation, and whether all of it could be read."""
-        return replace(self._facts, damaged=len(self.warnings()))
+        return replace(self._file_info, damaged=len(self.warnings()))
 
     @property
     def progress(self) -> float:
         """Fraction of the messages that `chunks()` has gone through."""
-        return self._read / max(1, self._count)
+        return self._n_read / max(1, self._n_rows)
 
     def chunks(self) -> Iterator[Messages]:
         """All messages, some megabytes at a time; what comes behind damage is lost and told."""
-        self._read, self._warnings = 0, []
-        waiting, size = [], 0
+        self._n_read, self._warnings = 0, []
+        records, size = [], 0
         try:
-            for channel, t_ns, payload in self._rows():
-                waiting.append(message_record(channel, self._read, t_ns, t_ns, payload))
+            for channel, t_ns, payload in self._iterate_rows():
+                records.append(encode_message_record(channel, self._n_read, t_ns, t_ns, payload))
                 size += len(payload)
-                self._read += 1
-                if size >= _PORTION:
-                    yield walk(b"".join(waiting))
-                    waiting, size = [], 0
+                self._n_read += 1
+                if size >= _BATCH_BYTES:
+                    yield walk(b"".join(records))
+                    records, size = [], 0
         except self._read_errors as error:
             self._warnings.append(
-                f"{self.path}: {self._read} of {self._count} messages are kept, the others cannot be read "
+                f"{self.path}: {self._n_read} of {self._n_rows} messages are kept, the others cannot be read "
                 f"({error})"
             )
-        if waiting:
-            yield walk(b"".join(waiting))
+        if records:
+            yield walk(b"".join(records))
 
     def warnings(self) -> tuple[str, ...]:
         """Return a line for each thing that could not be read; complete once its chunks were read."""
@@ -89,110 +89,114 @@ class Bag:
 def open_bag(path: Path) -> Bag:
     """Open a ROS 1 bag, a rosbag2 folder or a .db3 file of one. Raises InputError where it cannot be read."""
     if not path.is_dir():
-        return _sqlite(path, [path]) if kind_of(path) == "sqlite" else _rosbag1(path)
+        return _open_sqlite(path, [path]) if detect_file_kind(path) == "sqlite" else _open_rosbag1(path)
     # Files are those in the folder. What metadata.yaml names is not followed: it may lie outside of it.
     mode = compression_mode(path / METADATA_FILE)
-    unpack = message_expander(path) if mode == "message" else None
+    expand = message_expander(path) if mode == "message" else None
     storage = StorageFiles(path)
     try:
         if storage.databases:
-            return _sqlite(path, storage.databases, unpack, storage.close)
+            return _open_sqlite(path, storage.databases, expand, storage.close)
         if storage.logs:
-            return _mcap_parts(path, storage.logs, unpack, storage.close)
+            return _open_mcap_parts(path, storage.logs, expand, storage.close)
     except BaseException:
         storage.close()
         raise
     raise InputError(f"{path}: holds neither an .mcap nor a .db3 file; give the file that holds the messages")
 
 
-def _unreadable(path: Path, error: Exception) -> InputError:
+def _unreadable_error(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: cannot be read as a rosbag ({error}); try ros2 bag reindex, or convert it")
 
 
-def _size(path: Path) -> int:
+def _total_size(path: Path) -> int:
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())
 
 
-def _numbered(keys: Iterable[tuple[str, str, str]]) -> dict[tuple[str, str, str], Stream]:
+def _number_streams(keys: Iterable[tuple[str, str, str]]) -> dict[tuple[str, str, str], Stream]:
     """Return a stream for each distinct (topic, type, encoding)."""
     distinct = dict.fromkeys(keys)
     return {key: Stream(number, *key, {}) for number, key in enumerate(distinct, 1)}
 
 
-def _sqlite(
+def _open_sqlite(
     path: Path,
     files: Sequence[Path],
-    unpack: Expander | None = None,
-    close: Callable[[], None] = _nothing,
+    expand: Expander | None = None,
+    close: Callable[[], None] = _no_op,
 ) -> Bag:
     """Read topics and messages of SQLite files; a killed recorder never writes metadata.yaml."""
     try:
         facts = [read_facts(file) for file in files]
     except READ_ERRORS as error:
-        raise _unreadable(path, error) from None
-    streams = _numbered(topic[1:] for fact in facts for topic in fact.topics)
+        raise _unreadable_error(path, error) from None
+    streams = _number_streams(topic[1:] for fact in facts for topic in fact.topics)
 
-    def rows() -> Iterator[Row]:
+    def rows() -> Iterator[BagRow]:
         for file, fact in zip(files, facts, strict=True):
             ids = {topic[0]: streams[topic[1:]].id for topic in fact.topics}
             for number, t_ns, payload in iterate_messages(file, fact):
                 if number in ids:
-                    yield ids[number], t_ns, payload if unpack is None else unpack(payload)
+                    yield ids[number], t_ns, payload if expand is None else expand(payload)
 
     count, unusable = sum(fact.n_messages for fact in facts), sum(fact.n_unusable for fact in facts)
     notes = [f"{unusable} rows are not of the types that rosbag2 writes; left out"] if unusable else []
-    bag_facts = Facts(_size(path), "rosbag2", "ros2", True)
+    bag_facts = FileInfo(_total_size(path), "rosbag2", "ros2", True)
     return Bag(path, bag_facts, list(streams.values()), rows, count, notes=lambda: notes, close=close)
 
 
-def _mcap_parts(path: Path, parts: Sequence[Path], unpack: Expander | None, close: Callable[[], None]) -> Bag:
+def _open_mcap_parts(
+    path: Path, parts: Sequence[Path], expand: Expander | None, close: Callable[[], None]
+) -> Bag:
     """Read a rosbag2 folder whose recording went into several MCAP files, by time."""
     logs = [open_log(part) for part in parts]
     for log in logs:
         for _ in log.chunks():  # some writers announce channels inside the chunks only
             pass
-    streams = _numbered((s.topic, s.schema, s.encoding) for log in logs for s in log.streams.values())
+    streams = _number_streams((s.topic, s.schema, s.encoding) for log in logs for s in log.streams.values())
 
-    def rows() -> Iterator[Row]:
-        def of(log: Log) -> Iterator[Row]:
+    def rows() -> Iterator[BagRow]:
+        def of(log: Log) -> Iterator[BagRow]:
             ids = {s.id: streams[s.topic, s.schema, s.encoding].id for s in log.streams.values()}
             for message in log.messages():
                 yield ids[message.channel], message.log_time, message.data
 
         for channel, t_ns, payload in heapq.merge(*map(of, logs), key=lambda row: row[1]):
-            yield channel, t_ns, payload if unpack is None else unpack(payload)
+            yield channel, t_ns, payload if expand is None else expand(payload)
 
     def close_all() -> None:
         for log in logs:
             log.close()
         close()
 
-    facts = Facts(_size(path), logs[0].facts.library, "ros2", all(log.facts.complete for log in logs))
-    count = sum(log.kept for log in logs)
+    facts = FileInfo(
+        _total_size(path), logs[0].file_info.library, "ros2", all(log.file_info.complete for log in logs)
+    )
+    count = sum(log.messages_read for log in logs)
     return Bag(path, facts, list(streams.values()), rows, count, close=close_all)
 
 
-def _rosbag1(path: Path) -> Bag:
+def _open_rosbag1(path: Path) -> Bag:
     """Read a bag of ROS 1."""
     from hubodo.log import rosbag1
 
     try:
         bag = rosbag1.Rosbag1(path)
     except rosbag1.READ_ERRORS as error:
-        raise _unreadable(path, error) from None
+        raise _unreadable_error(path, error) from None
     streams = {
         topic: Stream(number, topic.topic, topic.type, "cdr" if topic.is_cdr else "ros1", {})
         for number, topic in enumerate(bag.topics, 1)
     }
 
-    def rows() -> Iterator[Row]:
+    def rows() -> Iterator[BagRow]:
         for topic, t_ns, payload in bag.messages():
             yield streams[topic].id, t_ns, payload
 
     def notes() -> list[str]:
         return [f"{bag.n_unfit} messages do not fit their type; left out"] if bag.n_unfit else []
 
-    facts = Facts(_size(path), "rosbag", "ros1", True)
-    streams_found = list(streams.values())
-    return Bag(path, facts, streams_found, rows, bag.n_messages, notes=notes, read_errors=rosbag1.READ_ERRORS)
+    facts = FileInfo(_total_size(path), "rosbag", "ros1", True)
+    stream_list = list(streams.values())
+    return Bag(path, facts, stream_list, rows, bag.n_messages, notes=notes, read_errors=rosbag1.READ_ERRORS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import zstandard
 
 from hubodo.errors import InputError
-from hubodo.log.claims import (
+from hubodo.log.input_limits import (
     MemoryBudget,
     check_claim,
     check_regular,

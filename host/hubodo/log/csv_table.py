@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, file_budget, open_regular, room_of
-from hubodo.log.timebase import EXACT_S, ns_of_texts, text_of_ns
+from hubodo.log.input_limits import MemoryBudget, file_budget, open_regular, room_of
+from hubodo.log.timebase import MAX_EXACT_S, format_decimal_seconds, parse_decimal_seconds
 from hubodo.recording import Table
 
 UNREADABLE, MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
@@ -95,7 +95,7 @@ def write_table(path: Path, table: Table) -> None:
             if table.t_ns is not None:
                 place = list(table).index("t")
                 for row, t_ns in zip(cells, table.t_ns[first : first + (1 << 16)].tolist(), strict=True):
-                    row[place] = text_of_ns(t_ns)
+                    row[place] = format_decimal_seconds(t_ns)
             stream.write("".join([",".join(row) + "\n" for row in cells]))
 
 
@@ -115,10 +115,10 @@ class _Reader:
             rows, texts = self._parse_lines(block, line)
         if not len(rows):
             return
-        if abs(rows[0, self.t_column]) >= EXACT_S:
+        if abs(rows[0, self.t_column]) >= MAX_EXACT_S:
             if texts is None:
                 texts = [row.split(b",")[self.t_column] for row in block.splitlines()]
-            exact = ns_of_texts(texts)
+            exact = parse_decimal_seconds(texts)
             self.exact += [] if exact is None else [exact]
         self.last_t = float(rows[-1, self.t_column])
         self.blocks.append(rows)

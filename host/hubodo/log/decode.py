@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import ros2
-from hubodo.log.chunk_body import Messages
-from hubodo.log.claims import MemoryBudget
-from hubodo.log.message_records import PREFIX
+from hubodo.log.chunk_reader import Messages
+from hubodo.log.input_limits import MemoryBudget
+from hubodo.log.message_records import MESSAGE_HEADER
 from hubodo.units import NS_PER_S
 
 WANTED: Mapping[str, tuple[str, ...]] = {
@@ -139,7 +139,7 @@ class Decoder:
             # The window doubles while the layout fits: a change of layout must not cost a pass over the rest.
             part = chosen[done : done + self._window]
             heads = messages.heads[part]
-            starts = messages.places[part] + PREFIX.itemsize
+            starts = messages.places[part] + MESSAGE_HEADER.itemsize
             count = self._fitting(messages, starts, heads["length"].astype(np.int64) - 22)
             if count:
                 self._decode(messages, heads[:count], starts[:count], order[done : done + count])
@@ -227,7 +227,7 @@ def stamps(messages: Messages, chosen: NDArray[np.intp], otherwise: NDArray[np.i
     whole = np.flatnonzero(messages.heads["length"][chosen] >= 22 + _STAMP.itemsize)
     if not len(whole):
         return stated
-    starts = messages.places[chosen[whole]] + PREFIX.itemsize
+    starts = messages.places[chosen[whole]] + MESSAGE_HEADER.itemsize
     big = messages.data[starts + 1] == 0
     parts = [_gather(messages.data, starts, _STAMP, name).view(np.uint32) for name in ("sec", "nanosec")]
     seconds, nanoseconds = (np.where(big, part.byteswap(), part) for part in parts)

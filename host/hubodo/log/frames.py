@@ -8,21 +8,21 @@ from hubodo.vehicle import Vehicle, side_sign
 
 
 @dataclass(frozen=True)
-class PlacedFrame:
+class SensorFrame:
     """A frame in base_link. position: m; turn: quaternion x, y, z, w, of its vectors to base_link's."""
 
     name: str
     position: tuple[float, float, float]
-    turn: tuple[float, float, float, float]
+    rotation: tuple[float, float, float, float]
 
 
-_AS_BODY = (0.0, 0.0, 0.0, 1.0)
+_IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
 # x up, y forward, z left; and x up, y backward, z right: a wheel's node at wheel angle 0.
-_FACING = {"left": (-0.5, -0.5, -0.5, 0.5), "right": (0.5, -0.5, 0.5, 0.5)}
-GNSS = "gnss"
+_FACING_QUATERNIONS = {"left": (-0.5, -0.5, -0.5, 0.5), "right": (0.5, -0.5, 0.5, 0.5)}
+GNSS_FRAME = "gnss"
 
 
-def placed(vehicle: Vehicle) -> list[PlacedFrame]:
+def sensor_frames(vehicle: Vehicle) -> list[SensorFrame]:
     """The nodes, those on wheels at their hubs at wheel angle 0, and the antenna where it is known.
 
     base_link is on the ground midway between the wheels, x forward, y left, z up (REP 103).
@@ -30,10 +30,12 @@ def placed(vehicle: Vehicle) -> list[PlacedFrame]:
     frames = []
     for name, mount in vehicle.nodes.items():
         if mount.side is None or mount.facing is None:
-            frames.append(PlacedFrame(name, (0.0, 0.0, 0.0), _AS_BODY))
+            frames.append(SensorFrame(name, (0.0, 0.0, 0.0), _IDENTITY_QUATERNION))
         else:
-            aside = side_sign(mount.side) * vehicle.track_width / 2
-            frames.append(PlacedFrame(name, (0.0, aside, vehicle.wheel_radius), _FACING[mount.facing]))
+            lateral = side_sign(mount.side) * vehicle.track_width / 2
+            frames.append(
+                SensorFrame(name, (0.0, lateral, vehicle.wheel_radius), _FACING_QUATERNIONS[mount.facing])
+            )
     if vehicle.antenna is not None:
-        frames.append(PlacedFrame(GNSS, (*vehicle.antenna, 0.0), _AS_BODY))
+        frames.append(SensorFrame(GNSS_FRAME, (*vehicle.antenna, 0.0), _IDENTITY_QUATERNION))
     return frames

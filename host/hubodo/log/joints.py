@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.log.chunk_body import Messages
-from hubodo.log.claims import MemoryBudget
+from hubodo.log.chunk_reader import Messages
+from hubodo.log.input_limits import MemoryBudget
 from hubodo.units import NS_PER_S
 
 _ROW_BYTES = 200  # of memory per joint and message: a tuple of two numbers in a list, at first its name

@@ -34,20 +34,20 @@ class LogNames:
         if self._plain is not None and out.exists():
             raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
 
-    def fresh(self, now_ns: int) -> Path:
+    def next_path(self, now_ns: int) -> Path:
         """A name that no file has, for a log that begins now."""
         if self._plain is not None and not self._plain.exists():
             return self._plain
         stamp = datetime.fromtimestamp(now_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
-        newest = max((order[0] for order, _ in self._ordered()), default=0)
+        newest = max((order[0] for order, _ in self._list_logs()), default=0)
         paths = (self.folder / f"{self._stem}{n:06d}-{stamp}{self._suffix}" for n in count(newest + 1))
         return next(path for path in paths if not path.exists())
 
-    def logs(self) -> list[Path]:
+    def existing_logs(self) -> list[Path]:
         """Return all logs with such names, oldest first, those of earlier recordings too."""
-        return [path for _, path in sorted(self._ordered())]
+        return [path for _, path in sorted(self._list_logs())]
 
-    def _ordered(self) -> list[tuple[tuple[int, str, int], Path]]:
+    def _list_logs(self) -> list[tuple[tuple[int, str, int], Path]]:
         try:
             paths = list(self.folder.iterdir())
         except OSError:

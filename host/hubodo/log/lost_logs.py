@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from hubodo.log.container import McapFile
+from hubodo.log.mcap_file import McapFile
 
 
 def loss_words(file: McapFile) -> str | None:
     """Return why the messages of an open log are lost; None where they are not."""
-    match file.whereabouts():
+    match file.file_state():
         case "nowhere":
             why = (
                 f"was deleted or replaced while it was written; {file.message_count} messages in it are lost"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from hubodo.log import ros2
 
-PREFIX = np.dtype(
+MESSAGE_HEADER = np.dtype(
     [
         ("opcode", "u1"),
         ("length", "<u8"),
@@ -23,18 +23,20 @@ PREFIX = np.dtype(
     ]
 )
 """What stands before the payload of each message record: 31 bytes, of which 22 count in `length`."""
-_HEAD = struct.Struct("<BQHIqq")
-SLAB = 2048
+_MESSAGE_HEADER_STRUCT = struct.Struct("<BQHIqq")
+MAX_PENDING_ROWS = 2048
 """Rows that wait at most."""
 
 
-def message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> bytes:
+def encode_message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> bytes:
     """A message as a chunk holds it."""
-    head = _HEAD.pack(5, 22 + len(payload), channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns)
-    return head + payload
+    header = _MESSAGE_HEADER_STRUCT.pack(
+        5, 22 + len(payload), channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns
+    )
+    return header + payload
 
 
-class BatchStream:
+class RowBuffer:
     """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch.
 
     The first `filled` rows wait for their chunk.
@@ -43,9 +45,11 @@ class BatchStream:
     def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
         size = layout.dtype.itemsize
         self.channel = channel
-        self.filled = 0
-        self.record_size = PREFIX.itemsize + size
-        self.rows = np.zeros(SLAB, np.dtype([*_fields(PREFIX), ("message", layout.dtype)]))
+        self.n_filled = 0
+        self.record_size = MESSAGE_HEADER.itemsize + size
+        self.rows = np.zeros(
+            MAX_PENDING_ROWS, np.dtype([*_dtype_fields(MESSAGE_HEADER), ("message", layout.dtype)])
+        )
         self.rows["opcode"] = Opcode.MESSAGE
         self.rows["length"] = 22 + size
         self.rows["channel"] = channel
@@ -56,14 +60,14 @@ class BatchStream:
         message = self.rows["message"]
         self.seconds = message[stamp + "stamp.sec"] if stamp else None
         self.nanoseconds = message[stamp + "stamp.nanosec"] if stamp else None
-        self.views: dict[str, NDArray[Any]] = {}
+        self.field_views: dict[str, NDArray[Any]] = {}
 
-    def view(self, path: str) -> NDArray[Any]:
-        view = self.views.get(path)
+    def field_view(self, path: str) -> NDArray[Any]:
+        view = self.field_views.get(path)
         if view is None:
-            view = self.views[path] = self.rows["message"][path]
+            view = self.field_views[path] = self.rows["message"][path]
         return view
 
 
-def _fields(dtype: np.dtype[Any]) -> Sequence[tuple[str, Any]]:
+def _dtype_fields(dtype: np.dtype[Any]) -> Sequence[tuple[str, Any]]:
     return [(name, dtype[name]) for name in dtype.names or ()]

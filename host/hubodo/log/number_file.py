@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
-from hubodo.log.claims import open_regular
+from hubodo.log.input_limits import open_regular
 from hubodo.log.number_text import read_text
 from hubodo.log.numpy_file import read_numpy
 
-Kind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
+FileKind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
 FloatArray = NDArray[np.float64]
 
-_MAGIC: tuple[tuple[bytes, Kind], ...] = (
+_MAGIC_BYTES: tuple[tuple[bytes, FileKind], ...] = (
     (b"\x89MCAP0\r\n", "mcap"),
     (b"#ROSBAG V2.0", "rosbag"),
     (b"SQLite format 3\0", "sqlite"),
@@ -33,16 +33,18 @@ _MAGIC: tuple[tuple[bytes, Kind], ...] = (
 )
 _MATLAB_4 = re.compile(rb"[\0-\x34]\0\0\0.{8}[\0\1]\0\0\0[\2-\x40]\0\0\0[A-Za-z][A-Za-z0-9_]*\0", re.DOTALL)
 """Little-endian header of a MATLAB 4 file: type, rows, columns, imaginary flag, length of the name, name."""
-_READERS: Mapping[str, Callable[[Path, tuple[str, ...]], tuple[dict[str, FloatArray], dict[str, str]]]] = {
+_ARRAY_READERS: Mapping[
+    str, Callable[[Path, tuple[str, ...]], tuple[dict[str, FloatArray], dict[str, str]]]
+] = {
     "numpy": read_numpy,
     "matlab": lambda path, names: read_isolated(path, "matlab", names),
     "hdf5": lambda path, names: read_isolated(path, "hdf5", names),
 }
-_LISTED = 12  # names in an error message
+_MAX_LISTED_NAMES = 12  # names in an error message
 
 
 @dataclass(frozen=True)
-class Numbers:
+class NumberTable:
     """A table. values: (N, C); names: of the columns, or empty; units: by name where the file tells."""
 
     values: FloatArray
@@ -50,7 +52,7 @@ class Numbers:
     units: Mapping[str, str]
 
 
-def kind_of(path: Path) -> Kind:
+def detect_file_kind(path: Path) -> FileKind:
     """Return what a file is by its first bytes; unknown where it cannot be read or is nothing of these.
 
     Raises InputError for a pipe or a device.
@@ -60,18 +62,18 @@ def kind_of(path: Path) -> Kind:
             head = stream.read(4096)
     except OSError:
         return "unknown"
-    for magic, kind in _MAGIC:
+    for magic, kind in _MAGIC_BYTES:
         if head.startswith(magic):
             return kind
     if _MATLAB_4.match(head):
         return "matlab"
-    words = all(byte >= 32 or byte in b"\t\r\n" for byte in head) and any(
+    is_text = all(byte >= 32 or byte in b"\t\r\n" for byte in head) and any(
         byte in b"0123456789" for byte in head
     )
-    return "text" if words else "unknown"
+    return "text" if is_text else "unknown"
 
 
-def read_numbers(path: Path, kind: Kind, variable: str | None) -> Numbers:
+def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTable:
     """Read the table of a file. variable: names of the arrays to take, separated by commas.
 
     Raises InputError: not readable, nothing numeric in it, several variables and none chosen.
@@ -80,18 +82,18 @@ def read_numbers(path: Path, kind: Kind, variable: str | None) -> Numbers:
     try:
         if kind == "text":
             values, columns = read_text(path)
-            return Numbers(values, columns, {})
-        arrays, units = _READERS[kind](path, wanted)
+            return NumberTable(values, columns, {})
+        arrays, units = _ARRAY_READERS[kind](path, wanted)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error}); check the file") from None
-    return _join(path, arrays, units, wanted)
+    return _join_arrays(path, arrays, units, wanted)
 
 
-def _join(
+def _join_arrays(
     path: Path, arrays: Mapping[str, FloatArray], units: Mapping[str, str], wanted: tuple[str, ...]
-) -> Numbers:
+) -> NumberTable:
     """Place the wanted arrays, or all, beside each other. Raises InputError: they differ in length."""
-    present = list_names(f"{name} {' x '.join(map(str, it.shape))}" for name, it in arrays.items())
+    present = format_names(f"{name} {' x '.join(map(str, it.shape))}" for name, it in arrays.items())
     if not arrays:
         raise InputError(f"{path}: holds no array of numbers")
     names = wanted or tuple(arrays)
@@ -104,11 +106,11 @@ def _join(
     for name in names:
         width = arrays[name].shape[1]
         labels += [name] if width == 1 else [f"{name}[{k}]" for k in range(width)]
-    return Numbers(np.hstack([arrays[name] for name in names]), tuple(labels), units)
+    return NumberTable(np.hstack([arrays[name] for name in names]), tuple(labels), units)
 
 
-def list_names(names: Iterable[str]) -> str:
+def format_names(names: Iterable[str]) -> str:
     """Return the first names as one text, and how many more there are."""
     listed = list(names)
-    rest = f" and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
-    return ", ".join(listed[:_LISTED]) + rest
+    rest = f" and {len(listed) - _MAX_LISTED_NAMES} more" if len(listed) > _MAX_LISTED_NAMES else ""
+    return ", ".join(listed[:_MAX_LISTED_NAMES]) + rest

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, open_regular
+from hubodo.log.input_limits import MemoryBudget, open_regular
 
 _GZIP = b"\x1f\x8b"
 _DELIMITERS = (",", ";", "\t")

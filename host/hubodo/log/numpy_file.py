@@ -16,8 +16,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, open_regular
-from hubodo.log.tables_of_arrays import as_rows, is_table, shape_only
+from hubodo.log.array_shapes import as_rows, is_table, shape_only
+from hubodo.log.input_limits import MemoryBudget, open_regular
 
 FloatArray = NDArray[np.float64]
 

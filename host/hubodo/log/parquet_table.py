@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from hubodo.errors import InputError
-from hubodo.log.claims import MemoryBudget, open_regular
 from hubodo.log.csv_table import (
     BEYOND,
     MOST_COLUMNS,
@@ -21,6 +20,7 @@ from hubodo.log.csv_table import (
     ParsedFile,
     longest_increasing,
 )
+from hubodo.log.input_limits import MemoryBudget, open_regular
 from hubodo.recording import Table
 
 MAGIC = b"PAR1"

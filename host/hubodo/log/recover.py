@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError
-from hubodo.log.chunk_body import Messages
-from hubodo.log.container import LIBRARY, PROFILE, Compression, McapFile
+from hubodo.log.chunk_reader import Messages
 from hubodo.log.logfile import Log
-from hubodo.log.message_records import PREFIX
+from hubodo.log.mcap_file import LIBRARY, PROFILE, Compression, McapFile
+from hubodo.log.message_records import MESSAGE_HEADER
 from hubodo.log.scan import scan
 
 Progress = Callable[[str, float], None]
@@ -24,7 +24,7 @@ Indexes = dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
 
 
 @dataclass(frozen=True)
-class Recovered:
+class RecoveryReport:
     """What `recover` did.
 
     messages: kept, by topic. start_ns, end_ns: log time of the first and last of them, None without any.
@@ -43,12 +43,12 @@ class Recovered:
     bytes_lost: int
     chunks_kept: int
     chunks_lost: int
-    unknown: int
-    was_whole: bool
+    unknown_channel_messages: int
+    was_complete: bool
     losses: tuple[str, ...]
 
 
-def recover(path: Path, out: Path, *, progress: Progress | None = None) -> Recovered:
+def recover_log(path: Path, out: Path, *, progress: Progress | None = None) -> RecoveryReport:
     """Rebuild a valid, indexed log from a damaged one.
 
     Raises LogError when the input holds nothing of an MCAP file, InputError when `out` exists. The input
@@ -58,13 +58,13 @@ def recover(path: Path, out: Path, *, progress: Progress | None = None) -> Recov
     if out.exists() and path.exists() and out.samefile(path):
         raise InputError(f"{out}: is the log itself; give another name, the damaged log is kept as it is")
     with atomic_new_file(out) as part, Log(scan(path, lenient=True)) as log:
-        target = McapFile(part, profile=log.found.profile or PROFILE, library=log.found.library or LIBRARY)
+        target = McapFile(part, profile=log.scan.profile or PROFILE, library=log.scan.library or LIBRARY)
         try:
             salvage = _Salvage(log, target)
             salvage.run(progress)
             target.finish()
         finally:
-            target.abandon()
+            target.close_without_footer()
         return salvage.account(out)
 
 
@@ -78,7 +78,7 @@ class _Salvage:
         self.span: tuple[int, int] | None = None
 
     def run(self, progress: Progress | None) -> None:
-        found = self.log.found
+        found = self.log.scan
         for record in found.metadata:
             self.target.add_metadata(record.name, record.metadata)
         for file in found.attachments:
@@ -97,7 +97,7 @@ class _Salvage:
         )
 
     def _announce(self) -> None:
-        found = self.log.found
+        found = self.log.scan
         for channel in list(found.channels.values()):
             if channel.id in self.known:
                 continue
@@ -117,7 +117,7 @@ class _Salvage:
         if not len(chosen):
             return
         places, heads = messages.places[chosen], messages.heads[chosen]
-        sizes = heads["length"].astype(np.int64) + PREFIX.itemsize - 22
+        sizes = heads["length"].astype(np.int64) + MESSAGE_HEADER.itemsize - 22
         raw = messages.data.tobytes()
         records = b"".join(
             [raw[start:end] for start, end in zip(places.tolist(), (places + sizes).tolist(), strict=True)]
@@ -135,17 +135,17 @@ class _Salvage:
         self.span = (start, end) if self.span is None else (min(start, self.span[0]), max(end, self.span[1]))
 
     def _compression(self) -> Compression:
-        used = next((place.compression for place in self.log.found.chunks if place.compression), "none")
+        used = next((place.compression for place in self.log.scan.chunks if place.compression), "none")
         return used if used in get_args(Compression) else "zstd"  # type: ignore[return-value]
 
-    def account(self, out: Path) -> Recovered:
-        log, found = self.log, self.log.found
+    def account(self, out: Path) -> RecoveryReport:
+        log, found = self.log, self.log.scan
         streams = log.streams
         messages: Counter[str] = Counter()
         for id, count in self.kept.items():
             messages[streams[id].topic] += count
         broken = {damage.offset for damage in found.damage}
-        return Recovered(
+        return RecoveryReport(
             path=found.path,
             out=out,
             messages=dict(sorted(messages.items())),
@@ -156,7 +156,7 @@ class _Salvage:
             bytes_lost=sum(damage.length for damage in found.damage),
             chunks_kept=self.chunks_kept,
             chunks_lost=sum(place.offset in broken for place in found.chunks),
-            unknown=self.unknown,
-            was_whole=found.complete and not found.damage and not found.doubts,
+            unknown_channel_messages=self.unknown,
+            was_complete=found.complete and not found.damage and not found.doubts,
             losses=log.warnings(),
         )

@@ -11,8 +11,8 @@ from hubodo.log import ros2, topics
 from hubodo.recording import TABLE_FILE_COLUMNS
 from hubodo.toml_file import suggest_spelling
 
-NODES = "nodes"
-TYPES: Mapping[str, tuple[str, ...]] = {
+NODES_ROLE = "nodes"
+ROLE_TYPES: Mapping[str, tuple[str, ...]] = {
     "gnss": (ros2.NAV_SAT_FIX,),
     "reference": (ros2.ODOMETRY, ros2.TWIST_STAMPED, ros2.TWIST_WITH_COVARIANCE_STAMPED),
     "wheels": (ros2.JOINT_STATE,),
@@ -20,12 +20,12 @@ TYPES: Mapping[str, tuple[str, ...]] = {
     "truth": (ros2.ODOMETRY,),
 }
 """The message types that each file can be made of; a node is made of `ros2.IMU`."""
-ALL_ROLES = frozenset({NODES, *TYPES})
-LEFT_OUT = "-"
+ALL_ROLES = frozenset({NODES_ROLE, *ROLE_TYPES})
+EXCLUDED = "-"
 
 
 @dataclass(frozen=True)
-class TopicChoice:
+class TopicSelection:
     """What the user says of a log's topics.
 
     said: by --topic, role or node to topic, "-" to leave it out; one that is not there is refused. known: the
@@ -33,30 +33,30 @@ class TopicChoice:
     whether on a wheel. wheel_radius: m. needed: the roles of which two candidates are refused, not told.
     """
 
-    said: Mapping[str, str] = field(default_factory=dict)
-    known: Mapping[str, str] = field(default_factory=dict)
-    nodes: Mapping[str, bool] = field(default_factory=dict)
+    explicit: Mapping[str, str] = field(default_factory=dict)
+    configured: Mapping[str, str] = field(default_factory=dict)
+    node_is_on_wheel: Mapping[str, bool] = field(default_factory=dict)
     wheel_radius: float | None = None
-    needed: frozenset[str] = ALL_ROLES
+    required_roles: frozenset[str] = ALL_ROLES
 
     def __bool__(self) -> bool:
-        return bool(self.said or self.known)
+        return bool(self.explicit or self.configured)
 
 
-BY_TYPE = TopicChoice()
+SELECT_BY_TYPE = TopicSelection()
 """Nothing is said."""
 
 
 @dataclass(frozen=True)
-class RoleTopic:
+class TopicCandidate:
     """A topic with messages: their type, and of joint states the joints that have a speed."""
 
-    kind: str
+    message_type: str
     joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class Roles:
+class RoleAssignment:
     """What was settled. nodes, files: name to topic. joints: left, right. notes: what was not, and why."""
 
     nodes: Mapping[str, str]
@@ -65,181 +65,214 @@ class Roles:
     notes: tuple[str, ...]
 
 
-def assign(found: Mapping[str, RoleTopic], choice: TopicChoice, *, ours: bool, where: str) -> Roles:
+def assign_roles(
+    candidates: Mapping[str, TopicCandidate], selection: TopicSelection, *, is_hubodo: bool, log_name: str
+) -> RoleAssignment:
     """Give each topic its role.
 
     found: by topic. ours: hubodo wrote the log, so names count and not types. Raises InputError for a --topic
     that is not there or of another type, and where a role that is needed has several candidates.
     """
-    return _Assignment(found, choice, ours, where).roles()
+    return _RoleAssigner(candidates, selection, is_hubodo, log_name).assign()
 
 
-class _Assignment:
-    def __init__(self, found: Mapping[str, RoleTopic], choice: TopicChoice, ours: bool, where: str) -> None:
-        self.found, self.choice, self.ours, self.where = found, choice, ours, where
+class _RoleAssigner:
+    def __init__(
+        self,
+        candidates: Mapping[str, TopicCandidate],
+        selection: TopicSelection,
+        is_hubodo: bool,
+        log_name: str,
+    ) -> None:
+        self.candidates, self.selection, self.is_hubodo, self.log_name = (
+            candidates,
+            selection,
+            is_hubodo,
+            log_name,
+        )
         self.notes: list[str] = []
-        self.picked: dict[str, tuple[str, ...]] = {}
-        self.dropped: set[str] = set()
+        self.stated_joints: dict[str, tuple[str, ...]] = {}
+        self.excluded: set[str] = set()
         self.joints: tuple[str, str] | None = None
 
-    def roles(self) -> Roles:
-        stated = self._stated()
-        files = {role: topic for role, topic in stated.items() if role in TYPES}
-        nodes = {name: topic for name, topic in stated.items() if name not in TYPES}
-        for role in TYPES:
-            if role not in files and role not in self.dropped:
-                topic = self._by_type(role, set(stated.values()))
+    def assign(self) -> RoleAssignment:
+        stated = self._stated_topics()
+        files = {role: topic for role, topic in stated.items() if role in ROLE_TYPES}
+        nodes = {name: topic for name, topic in stated.items() if name not in ROLE_TYPES}
+        for role in ROLE_TYPES:
+            if role not in files and role not in self.excluded:
+                topic = self._topic_by_type(role, set(stated.values()))
                 if topic is not None:
                     files[role] = topic
         if "wheels" in files:
-            self.joints = self._pair(files["wheels"], self.picked.get("wheels", ()))
+            self.joints = self._wheel_joints(files["wheels"], self.stated_joints.get("wheels", ()))
             if self.joints is None:
                 del files["wheels"]
-        return Roles(self._nodes(nodes, set(stated.values())), files, self.joints, tuple(self.notes))
+        return RoleAssignment(
+            self._assign_nodes(nodes, set(stated.values())), files, self.joints, tuple(self.notes)
+        )
 
-    def _stated(self) -> dict[str, str]:
+    def _stated_topics(self) -> dict[str, str]:
         """What --topic and [topics] say, as far as it is there."""
-        made: dict[str, str] = {}
-        for name, text in {**self.choice.known, **self.choice.said}.items():
-            by_user = name in self.choice.said
-            if text == LEFT_OUT:
-                self.dropped.add(name)
+        assigned: dict[str, str] = {}
+        for name, text in {**self.selection.configured, **self.selection.explicit}.items():
+            by_user = name in self.selection.explicit
+            if text == EXCLUDED:
+                self.excluded.add(name)
                 continue
             topic, _, joints = text.partition(":")
-            topic = topic if topic in self.found else "/" + topic if "/" + topic in self.found else topic
-            kinds = TYPES.get(name, (ros2.IMU,))
-            if topic not in self.found:
-                fitting = [it for it, candidate in self.found.items() if candidate.kind in kinds]
-                words = (
+            topic = (
+                topic
+                if topic in self.candidates
+                else "/" + topic
+                if "/" + topic in self.candidates
+                else topic
+            )
+            types = ROLE_TYPES.get(name, (ros2.IMU,))
+            if topic not in self.candidates:
+                fitting = [it for it, candidate in self.candidates.items() if candidate.message_type in types]
+                problem = (
                     f"{name}={topic}: no such topic with messages that are understood"
-                    f"{suggest_spelling(topic, self.found)}; "
+                    f"{suggest_spelling(topic, self.candidates)}; "
                     f"of its type there are {', '.join(fitting) or 'none'}"
                 )
                 if by_user:
-                    raise InputError(f"{self.where}: --topic {words}")
-                if not self.ours:
-                    self.notes.append(f"[topics] {words}")
+                    raise InputError(f"{self.log_name}: --topic {problem}")
+                if not self.is_hubodo:
+                    self.notes.append(f"[topics] {problem}")
                 continue
-            if self.found[topic].kind not in kinds:
+            if (found := self.candidates[topic].message_type) not in types:
                 raise InputError(
-                    f"{self.where}: --topic {name}={topic}: is {self.found[topic].kind}; {name} is made of "
-                    f"{' or '.join(kinds)}"
+                    f"{self.log_name}: --topic {name}={topic}: is {found}; {name} is made of "
+                    f"{' or '.join(types)}"
                 )
-            self.picked[name] = tuple(part for part in joints.split(",") if part)
-            made[name] = topic
-        return made
+            self.stated_joints[name] = tuple(part for part in joints.split(",") if part)
+            assigned[name] = topic
+        return assigned
 
-    def _by_type(self, role: str, claimed: set[str]) -> str | None:
+    def _topic_by_type(self, role: str, claimed: set[str]) -> str | None:
         """The only topic of a role's types; None where there is none, or several that do not matter."""
-        own = {"gnss": topics.FIX, "truth": topics.TRUTH}.get(role, "")
-        if own in self.found and (self.ours or role == "truth") and self.found[own].kind in TYPES[role]:
+        own = {"gnss": topics.GNSS_FIX, "truth": topics.TRUTH}.get(role, "")
+        if (
+            own in self.candidates
+            and (self.is_hubodo or role == "truth")
+            and self.candidates[own].message_type in ROLE_TYPES[role]
+        ):
             return own
-        if self.ours or role in ("truth", "heading"):
+        if self.is_hubodo or role in ("truth", "heading"):
             return None
         candidates = [
             topic
-            for topic, candidate in self.found.items()
-            if candidate.kind in TYPES[role] and topic not in claimed and self._likely(role, topic, candidate)
+            for topic, candidate in self.candidates.items()
+            if candidate.message_type in ROLE_TYPES[role]
+            and topic not in claimed
+            and self._is_plausible(role, topic, candidate)
         ]
         if len(candidates) <= 1:
             return candidates[0] if candidates else None
-        listed = ", ".join(f"{topic} ({self.found[topic].kind})" for topic in candidates)
-        self._undecided(
+        listed = ", ".join(f"{topic} ({self.candidates[topic].message_type})" for topic in candidates)
+        self._report_ambiguity(
             role, f"{listed} could each be {role}; add --topic {role}={candidates[0]}, or {role}=- for none"
         )
         return None
 
-    def _likely(self, role: str, topic: str, candidate: RoleTopic) -> bool:
+    def _is_plausible(self, role: str, topic: str, candidate: TopicCandidate) -> bool:
         """Commands are no measurements, the truth is no reference, and joints of an arm are no wheels."""
         if role == "reference":
-            return topic != topics.TRUTH and not {"cmd", "command", "cmds"} & _words(topic)
-        return role != "wheels" or all(_on_side(candidate.joints, side) for side in ("left", "right"))
+            return topic != topics.TRUTH and not {"cmd", "command", "cmds"} & _split_words(topic)
+        return role != "wheels" or all(_joints_on_side(candidate.joints, side) for side in ("left", "right"))
 
-    def _pair(self, topic: str, picked: tuple[str, ...]) -> tuple[str, str] | None:
+    def _wheel_joints(self, topic: str, stated: tuple[str, ...]) -> tuple[str, str] | None:
         """The joints of the left and the right wheel."""
-        joints = self.found[topic].joints
-        if len(picked) == 2 and set(picked) <= set(joints):
-            return picked[0], picked[1]
-        sides = [_on_side(joints, side) for side in ("left", "right")]
-        if not picked and all(len(side) == 1 for side in sides):
+        joints = self.candidates[topic].joints
+        if len(stated) == 2 and set(stated) <= set(joints):
+            return stated[0], stated[1]
+        sides = [_joints_on_side(joints, side) for side in ("left", "right")]
+        if not stated and all(len(side) == 1 for side in sides):
             return sides[0][0], sides[1][0]
-        asked = f"--topic wheels={topic}:{','.join(side[0] if side else 'JOINT' for side in sides)}"
-        self._undecided(
+        option = f"--topic wheels={topic}:{','.join(side[0] if side else 'JOINT' for side in sides)}"
+        self._report_ambiguity(
             "wheels",
             f"{topic} has the joints {', '.join(joints) or 'without speeds'}; say which turns left and which "
-            f"right: {asked}, or wheels=- for none",
-            refuse=bool(picked) or topic in self.choice.said.get("wheels", ""),
+            f"right: {option}, or wheels=- for none",
+            refuse=bool(stated) or topic in self.selection.explicit.get("wheels", ""),
         )
         return None
 
-    def _undecided(self, role: str, words: str, *, refuse: bool = False) -> None:
-        if refuse or role in self.choice.needed:
-            raise InputError(f"{self.where}: {words}")
-        self.notes.append(words)
+    def _report_ambiguity(self, role: str, problem: str, *, refuse: bool = False) -> None:
+        if refuse or role in self.selection.required_roles:
+            raise InputError(f"{self.log_name}: {problem}")
+        self.notes.append(problem)
 
-    def _nodes(self, stated: Mapping[str, str], claimed: set[str]) -> dict[str, str]:
+    def _assign_nodes(self, stated: Mapping[str, str], claimed: set[str]) -> dict[str, str]:
         """Node name to topic: as stated, then by the vehicle's names, the rest by their topics."""
-        made = dict(stated)
-        free = [
+        assigned = dict(stated)
+        unassigned = [
             topic
-            for topic, candidate in self.found.items()
-            if candidate.kind == ros2.IMU and topic not in claimed
+            for topic, candidate in self.candidates.items()
+            if candidate.message_type == ros2.IMU and topic not in claimed
         ]
-        if not self.ours:
-            self._vehicle_nodes(made, free)
-        for topic in free:
-            name = node_name(topic)
-            if name in self.dropped:
+        if not self.is_hubodo:
+            self._match_vehicle_nodes(assigned, unassigned)
+        for topic in unassigned:
+            name = node_name_of_topic(topic)
+            if name in self.excluded:
                 continue
-            while name in made or name in TABLE_FILE_COLUMNS:
+            while name in assigned or name in TABLE_FILE_COLUMNS:
                 name += "_"
-            made[name] = topic
-        return made
+            assigned[name] = topic
+        return assigned
 
-    def _vehicle_nodes(self, made: dict[str, str], free: list[str]) -> None:
+    def _match_vehicle_nodes(self, assigned: dict[str, str], unassigned: list[str]) -> None:
         """Moves those topics from free to made that can only be one node of the vehicle."""
-        names = {node_name(topic) for topic in free}
-        open_nodes = [it for it in self.choice.nodes if it not in {*made, *names, *self.dropped}]
-        fits = {
-            node: [topic for topic in free if _words(node) <= _words(topic) and node_name(topic) not in made]
-            for node in open_nodes
+        names = {node_name_of_topic(topic) for topic in unassigned}
+        unmatched = [
+            it for it in self.selection.node_is_on_wheel if it not in {*assigned, *names, *self.excluded}
+        ]
+        matches = {
+            node: [
+                topic
+                for topic in unassigned
+                if _split_words(node) <= _split_words(topic) and node_name_of_topic(topic) not in assigned
+            ]
+            for node in unmatched
         }
-        several = {node: fit for node, fit in fits.items() if len(fit) > 1}
-        if len(self.choice.nodes) == len(free) == len(open_nodes) == 1:
-            fits = {open_nodes[0]: list(free)}
-        for node, fit in fits.items():
-            if len(fit) == 1 and sum(fit[0] in other for other in fits.values()) == 1:
-                made[node] = fit[0]
-                free.remove(fit[0])
+        ambiguous = {node: fit for node, fit in matches.items() if len(fit) > 1}
+        if len(self.selection.node_is_on_wheel) == len(unassigned) == len(unmatched) == 1:
+            matches = {unmatched[0]: list(unassigned)}
+        for node, fit in matches.items():
+            if len(fit) == 1 and sum(fit[0] in other for other in matches.values()) == 1:
+                assigned[node] = fit[0]
+                unassigned.remove(fit[0])
                 self.notes.append(f"node {node} is taken to be {fit[0]}; --topic {node}=... says another")
-        missing = [node for node in open_nodes if node not in made]
-        found_none = not any(node in made or node in names for node in self.choice.nodes)
-        if missing and free and (several or found_none):
-            node = next(iter(several), missing[0])
-            listed = several.get(node, free)
-            self._undecided(
-                NODES,
+        missing = [node for node in unmatched if node not in assigned]
+        found_none = not any(node in assigned or node in names for node in self.selection.node_is_on_wheel)
+        if missing and unassigned and (ambiguous or found_none):
+            node = next(iter(ambiguous), missing[0])
+            listed = ambiguous.get(node, unassigned)
+            self._report_ambiguity(
+                NODES_ROLE,
                 f"{', '.join(listed)} ({ros2.IMU}) could each be node {node}; add --topic {node}={listed[0]}",
             )
-        elif missing and free:
+        elif missing and unassigned:
             self.notes.append(
-                f"no topic is named like node {missing[0]}, not used for it: {', '.join(free)}; "
-                f"--topic {missing[0]}={free[0]} would"
+                f"no topic is named like node {missing[0]}, not used for it: {', '.join(unassigned)}; "
+                f"--topic {missing[0]}={unassigned[0]} would"
             )
 
 
-def node_name(topic: str) -> str:
+def node_name_of_topic(topic: str) -> str:
     """A node's name from its topic: `/left/imu` is `left`, `/imu/data_raw` is `imu_data_raw`."""
     return topic.strip("/").removesuffix("/imu").replace("/", "_") or "imu"
 
 
-def _words(text: str) -> set[str]:
+def _split_words(text: str) -> set[str]:
     """`/imu/leftWheel2` has the words imu, left, wheel, 2."""
     return {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+|\d+", text)}
 
 
-def _on_side(joints: Iterable[str], side: str) -> tuple[str, ...]:
+def _joints_on_side(joints: Iterable[str], side: str) -> tuple[str, ...]:
     """The joints of one side; where some of them are called wheels, those."""
-    there = [joint for joint in joints if {side, side[0]} & _words(joint)]
-    wheels = [joint for joint in there if "wheel" in joint.lower()]
-    return tuple(wheels or there)
+    on_side = [joint for joint in joints if {side, side[0]} & _split_words(joint)]
+    wheels = [joint for joint in on_side if "wheel" in joint.lower()]
+    return tuple(wheels or on_side)

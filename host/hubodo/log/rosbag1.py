@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from hubodo.log import ros2
-from hubodo.log.claims import MemoryBudget, check_claim, file_budget, limit_bytes, open_regular, room_of
+from hubodo.log.input_limits import MemoryBudget, check_claim, file_budget, limit_bytes, open_regular, room_of
 
 READ_ERRORS = (
     *(ReaderError, SerdeError, OSError, EOFError, ValueError, TypeError, AttributeError, LookupError),

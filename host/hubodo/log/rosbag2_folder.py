@@ -57,7 +57,7 @@ def _link(log: Log, bag: Any, channel: int) -> Any:
     from rosbags.rosbag2 import WriterError
     from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-    stream, found = log.streams[channel], log.found
+    stream, found = log.streams[channel], log.scan
     schema = found.schemas.get(found.channels[channel].schema_id)
     if stream.encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
         return None

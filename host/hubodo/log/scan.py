@@ -22,10 +22,10 @@ from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metada
 
 from hubodo.errors import LogError
 from hubodo.log.checksums import attachment_holds, data_section_holds
-from hubodo.log.chunk_body import ChunkPlace
-from hubodo.log.claims import MemoryBudget, open_regular, room_of
-from hubodo.log.container import MAGIC
+from hubodo.log.chunk_reader import ChunkPlace
 from hubodo.log.descriptor import pread
+from hubodo.log.input_limits import MemoryBudget, open_regular, room_of
+from hubodo.log.mcap_file import MAGIC
 
 _MAX_RECORD = 1 << 28
 _LOOSE = 1 << 22

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from hubodo.log import topics
-from hubodo.log.chunk_body import Messages
+from hubodo.log.chunk_reader import Messages
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class Facts:
+class FileInfo:
     """What `hubodo info` tells of a file. size: bytes; complete: whether it was closed.
 
     attachments: bytes of each file kept in it. damaged: places that could not be used or trusted.
@@ -37,17 +37,17 @@ class Facts:
     damaged: int = 0
 
 
-class Source(Protocol):
+class MessageSource(Protocol):
     """Messages by channel, and what the file says besides; `chunks` makes all of it whole."""
 
     @property
     def path(self) -> Path: ...
     @property
-    def facts(self) -> Facts: ...
+    def file_info(self) -> FileInfo: ...
     @property
     def streams(self) -> Mapping[int, Stream]: ...
     @property
-    def records(self) -> Mapping[str, Mapping[str, str]]: ...
+    def metadata_records(self) -> Mapping[str, Mapping[str, str]]: ...
     @property
     def metadata(self) -> Mapping[str, str]: ...
     @property
@@ -58,7 +58,7 @@ class Source(Protocol):
     def warnings(self) -> tuple[str, ...]: ...
 
 
-def is_ours(source: Source) -> bool:
+def is_hubodo_log(source: MessageSource) -> bool:
     """Whether hubodo wrote a log: by its metadata, or, in a copy that lost them, by its topics."""
-    own = any(stream.topic.startswith(topics.OWN) for stream in source.streams.values())
-    return own or topics.METADATA in source.records
+    own = any(stream.topic.startswith(topics.HUBODO_PREFIX) for stream in source.streams.values())
+    return own or topics.METADATA_RECORD in source.metadata_records

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log.claims import check_claim, check_regular, file_budget, limit_bytes
+from hubodo.log.input_limits import check_claim, check_regular, file_budget, limit_bytes
 
 READ_ERRORS = (sqlite3.Error, ValueError)
 """What reading a damaged database raises; its words may themselves be no text."""

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.chunk_body import Messages
-from hubodo.log.claims import MemoryBudget
+from hubodo.log.chunk_reader import Messages
 from hubodo.log.decode import Decoder, column_names, message_type, stamps
+from hubodo.log.hubodo_messages import decode_string_message
+from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import open_log
-from hubodo.log.mcap import EVENT_MEMORY, events_of
-from hubodo.log.own_messages import own_text
-from hubodo.log.roles import BY_TYPE, RoleTopic, TopicChoice, assign
-from hubodo.log.source import Source, Stream, is_ours
+from hubodo.log.recording_reader import EVENT_MEMORY_RATIO, parse_events
+from hubodo.log.roles import SELECT_BY_TYPE, TopicCandidate, TopicSelection, assign_roles
+from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event
 
 Progress = Callable[[str, float], None]
@@ -125,16 +125,18 @@ class Summary:
 def summarise(path: Path, *, progress: Progress | None = None) -> Summary:
     """Read an MCAP file once and describe it. Raises LogError when it is missing, empty or no MCAP."""
     with open_log(path) as log:
-        return summary_of(log, progress=progress)
+        return summarise_source(log, progress=progress)
 
 
-def summary_of(source: Source, choice: TopicChoice = BY_TYPE, *, progress: Progress | None = None) -> Summary:
+def summarise_source(
+    source: MessageSource, choice: TopicSelection = SELECT_BY_TYPE, *, progress: Progress | None = None
+) -> Summary:
     """Read a log once and describe it. choice: what the user says of its topics.
 
     Raises InputError for a --topic that is not there, or of another type.
     """
     found = _collect(source, progress)
-    events, notes = events_of(found.payloads)
+    events, notes = parse_events(found.payloads)
     roles, doubts = _roles(source, found, choice)
     notes = (
         *notes,
@@ -147,7 +149,7 @@ def summary_of(source: Source, choice: TopicChoice = BY_TYPE, *, progress: Progr
     if start is None:
         stamped = [int(found.times[id][1].min()) for id in found.stamped]
         start = min(stamped, default=first)
-    facts, streams = source.facts, source.streams
+    facts, streams = source.file_info, source.streams
     return Summary(
         path=source.path,
         size=facts.size,
@@ -192,7 +194,7 @@ class _Found:
     joints: dict[str, JointSpeeds]
 
 
-def _collect(log: Source, progress: Progress | None) -> _Found:
+def _collect(log: MessageSource, progress: Progress | None) -> _Found:
     parts: dict[int, list[tuple[NDArray[np.int64], NDArray[np.int64]]]] = {}
     found, budget = _Found({}, set(), [], {}, Counter(), {}), MemoryBudget(log.path)
     for messages in log.chunks():
@@ -213,8 +215,10 @@ def _collect(log: Source, progress: Progress | None) -> _Found:
                 found.stamped.add(id)
             parts.setdefault(id, []).append((heads["log_time"].astype(np.int64), measured))
             if stream.topic == topics.EVENTS:
-                budget.claim(EVENT_MEMORY * messages.size_of(chosen), "the list of its events")
-                found.payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
+                budget.claim(EVENT_MEMORY_RATIO * messages.size_of(chosen), "the list of its events")
+                found.payloads += [
+                    decode_string_message(stream.encoding, messages.payload(i)) for i in chosen.tolist()
+                ]
             elif _of_filter(stream):
                 found.filters.setdefault(id, Decoder(ros2.COLUMNS, budget=budget)).feed(messages, chosen)
             elif kind == ros2.JOINT_STATE:
@@ -230,21 +234,23 @@ def _collect(log: Source, progress: Progress | None) -> _Found:
     return found
 
 
-def _roles(source: Source, found: _Found, choice: TopicChoice) -> tuple[Mapping[str, str], tuple[str, ...]]:
+def _roles(
+    source: MessageSource, found: _Found, choice: TopicSelection
+) -> tuple[Mapping[str, str], tuple[str, ...]]:
     """What the topics of a foreign log would be taken for, and what is in doubt."""
     streams = source.streams
     candidates = {
-        streams[id].topic: RoleTopic(
+        streams[id].topic: TopicCandidate(
             message_type(streams[id].schema),
             tuple(found.joints[streams[id].topic].rows) if streams[id].topic in found.joints else (),
         )
         for id in found.times
         if streams[id].encoding == "cdr"
     }
-    if is_ours(source) and not choice:
+    if is_hubodo_log(source) and not choice:
         return {}, ()
-    choice = replace(choice, needed=frozenset())
-    roles = assign(candidates, choice, ours=is_ours(source), where=str(source.path))
+    choice = replace(choice, required_roles=frozenset())
+    roles = assign_roles(candidates, choice, is_hubodo=is_hubodo_log(source), log_name=str(source.path))
     return {**roles.nodes, **roles.files}, roles.notes
 
 
@@ -278,7 +284,9 @@ def _of_filter(stream: Stream) -> bool:
     return message_type(stream.schema) == ros2.COLUMNS and stream.topic.endswith("/bias_filter")
 
 
-def _bias_filters(log: Source, filters: Mapping[int, Decoder], start: int) -> dict[str, Mapping[str, float]]:
+def _bias_filters(
+    log: MessageSource, filters: Mapping[int, Decoder], start: int
+) -> dict[str, Mapping[str, float]]:
     found: dict[str, Mapping[str, float]] = {}
     for id, decoder in filters.items():
         rows, stream = decoder.rows(), log.streams[id]

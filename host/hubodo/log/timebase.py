@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.units import NS_PER_S
 
-EXACT_S = 2**53 / NS_PER_S
+MAX_EXACT_S = 2**53 / NS_PER_S
 """s; from here on (104 days) float64 does not hold every ns."""
 
 _DECIMAL = re.compile(rb"\s*([+-]?)(\d{1,10})(?:\.(\d{0,9})0*)?\s*")
@@ -32,7 +32,7 @@ def to_seconds(t_ns: NDArray[np.int64], t_zero_ns: int) -> NDArray[np.float64]:
     return since / NS_PER_S
 
 
-def survives(t: NDArray[np.float64], t_zero_ns: int) -> bool:
+def round_trips_exactly(t: NDArray[np.float64], t_zero_ns: int) -> bool:
     """Whether each t comes back to the last bit from its ns, and no two share one."""
     t_ns = to_ns(t, t_zero_ns)
     back = to_seconds(t_ns, t_zero_ns)
@@ -40,19 +40,19 @@ def survives(t: NDArray[np.float64], t_zero_ns: int) -> bool:
     return bool(same.all())
 
 
-def ns_of_texts(texts: Iterable[bytes]) -> NDArray[np.int64] | None:
+def parse_decimal_seconds(texts: Iterable[bytes]) -> NDArray[np.int64] | None:
     """Exact ns of decimal seconds; None when one of them is no plain decimal of at most nine places."""
-    found = []
+    times_ns = []
     for text in texts:
         match = _DECIMAL.fullmatch(text)
         if match is None:
             return None
         ns = int(match[2]) * NS_PER_S + int((match[3] or b"").ljust(9, b"0"))
-        found.append(-ns if match[1] == b"-" else ns)
-    return np.array(found, np.int64)
+        times_ns.append(-ns if match[1] == b"-" else ns)
+    return np.array(times_ns, np.int64)
 
 
-def text_of_ns(t_ns: int) -> str:
+def format_decimal_seconds(t_ns: int) -> str:
     """Decimal seconds, exact, without closing zeros."""
     whole, rest = divmod(abs(t_ns), NS_PER_S)
     sign = "-" if t_ns < 0 else ""

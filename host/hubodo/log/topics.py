@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from hubodo.safe_text import json_text
 
-OWN = "/hubodo/"
+HUBODO_PREFIX = "/hubodo/"
 EVENTS = "/hubodo/events"
-RAW = "/hubodo/raw/"
-ASKED = "/hubodo/asked/"
-COLUMNS = "/hubodo/columns/"
+RAW_PREFIX = "/hubodo/raw/"
+CLOCK_REQUEST_PREFIX = "/hubodo/asked/"
+COLUMNS_PREFIX = "/hubodo/columns/"
 ODOM = "/odom"
 ODOM_MAP = "/odom_map"
 TF = "/tf"
 TF_STATIC = "/tf_static"
-FIX = "/gnss/fix"
+GNSS_FIX = "/gnss/fix"
 TRUTH = "/truth"
 
-METADATA = "hubodo"
+METADATA_RECORD = "hubodo"
 """The main metadata record: fingerprint, versions, and whatever the daemon adds."""
-CSV_FILES = "hubodo.csv"
+CSV_COLUMNS_RECORD = "hubodo.csv"
 """Metadata record of an import: file name without suffix -> JSON list of its columns in order."""
-T_ZERO = "t_zero_ns"
+T_ZERO_KEY = "t_zero_ns"
 """Key in the main metadata record: host time of t = 0, ns."""
 
 EVENT_JSON_SCHEMA = json_text(
@@ -39,26 +39,26 @@ EVENT_JSON_SCHEMA = json_text(
 )
 
 
-def imu(node: str) -> str:
+def imu_topic(node: str) -> str:
     """Topic of a node's inertial samples."""
     return f"/{node}/imu"
 
 
-def temperature(node: str) -> str:
+def temperature_topic(node: str) -> str:
     """Topic of a node's temperature."""
     return f"/{node}/temperature"
 
 
-def battery(node: str) -> str:
+def battery_topic(node: str) -> str:
     """Topic of a node's supply."""
     return f"/{node}/battery"
 
 
-def bias_filter(node: str) -> str:
+def bias_filter_topic(node: str) -> str:
     """Topic of what a node's own filter says of its gyro."""
     return f"/{node}/bias_filter"
 
 
-def magnetic_field(node: str) -> str:
+def magnetic_field_topic(node: str) -> str:
     """Topic of a node's magnetometer."""
     return f"/{node}/mag"

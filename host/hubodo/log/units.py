@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from hubodo.errors import InputError
 from hubodo.recording import Recording, Table
 
-_GRAVITY = 9.80665
-_IN_G = (0.7, 1.4)
+STANDARD_GRAVITY = 9.80665
+_GRAVITY_RANGE_IN_G = (0.7, 1.4)
 # rad/s; the widest range of the gyros that there are ends at 4000 deg/s.
-_FASTEST = 72.0
+_MAX_GYRO_RATE = 72.0
 GYRO_UNITS = {
     "rad/s": 1.0,
     "mrad/s": 1e-3,
@@ -22,8 +22,13 @@ GYRO_UNITS = {
     "mdeg/s": math.pi / 180e3,
     "deg/h": math.pi / 648e3,
 }
-ACCEL_UNITS = {"m/s^2": 1.0, "g": _GRAVITY, "mg": _GRAVITY * 1e-3, "ug": _GRAVITY * 1e-6}
-_SAME = {
+ACCEL_UNITS = {
+    "m/s^2": 1.0,
+    "g": STANDARD_GRAVITY,
+    "mg": STANDARD_GRAVITY * 1e-3,
+    "ug": STANDARD_GRAVITY * 1e-6,
+}
+_UNIT_ALIASES = {
     "°/s": "deg/s",
     "dps": "deg/s",
     "degree/s": "deg/s",
@@ -41,7 +46,7 @@ def si_factor(text: str) -> tuple[str, float]:
     Raises InputError for another unit.
     """
     number, _, unit = text.strip().replace("*", " ").rpartition(" ")
-    unit = _SAME.get(unit, unit)
+    unit = _UNIT_ALIASES.get(unit, unit)
     try:
         factor = float(number) if number else 1.0
     except ValueError:
@@ -56,35 +61,35 @@ def si_factor(text: str) -> tuple[str, float]:
     )
 
 
-def doubtful(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:
+def explain_suspect_units(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:
     """What speaks against rad/s and m/s² in a record of any motion, in words; None where nothing does.
 
     gyro, accel: (N, 3); rows that are not finite are passed over. A median force of 0.7 to 1.4 m/s² would be
     one on the Moon, and no gyro of these parts reads beyond 72 rad/s.
     """
-    felt = np.linalg.norm(accel, axis=1)
-    felt = felt[np.isfinite(felt)]
-    size = float(np.median(felt)) if len(felt) else _GRAVITY
-    if _IN_G[0] < size < _IN_G[1]:
+    force = np.linalg.norm(accel, axis=1)
+    force = force[np.isfinite(force)]
+    median_force = float(np.median(force)) if len(force) else STANDARD_GRAVITY
+    if _GRAVITY_RANGE_IN_G[0] < median_force < _GRAVITY_RANGE_IN_G[1]:
         return (
-            f"its accelerometer feels {size:.2f} m/s² where gravity is 9.8: ax, ay, az look to be in g; "
-            "write them in m/s², or say --unit g"
+            f"its accelerometer feels {median_force:.2f} m/s² where gravity is 9.8: ax, ay, az look to be in "
+            "g; write them in m/s², or say --unit g"
         )
     rates = np.abs(gyro[np.isfinite(gyro).all(axis=1)])
-    fastest = float(np.quantile(rates, 0.999)) if len(rates) else 0.0
-    if fastest > _FASTEST:
+    high_rate = float(np.quantile(rates, 0.999)) if len(rates) else 0.0
+    if high_rate > _MAX_GYRO_RATE:
         return (
-            f"its gyro reads {fastest:.3g} rad/s, beyond the range of any: gx, gy, gz look to be in degrees "
-            "per second; write them in rad/s, or say --unit deg/s"
+            f"its gyro reads {high_rate:.3g} rad/s, beyond the range of any: gx, gy, gz look to be in "
+            "degrees per second; write them in rad/s, or say --unit deg/s"
         )
     return None
 
 
-def check_node_units(table: Table, where: str) -> None:
+def check_node_units(table: Table, table_name: str) -> None:
     """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
-    words = doubtful(table.gyro, table.accel)
-    if words is not None:
-        raise InputError(f"{where}: {words}")
+    problem = explain_suspect_units(table.gyro, table.accel)
+    if problem is not None:
+        raise InputError(f"{table_name}: {problem}")
 
 
 def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:

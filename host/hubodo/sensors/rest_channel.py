@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hubodo.calibration.file import find_node_serial
 from hubodo.errors import InputError
-from hubodo.log.foreign import CHANNELS as CHANNELS
+from hubodo.log.number_recording import IMU_CHANNELS as IMU_CHANNELS
 from hubodo.recording import Recording, Table
 from hubodo.sensors.at_rest import TemperatureStep, check_still, check_units, rest_of, temperature_step
 
@@ -56,7 +56,7 @@ def rest_channel(
     table = recording.nodes[node]
     bounds = -np.inf if start is None else start, np.inf if end is None else end
     span = slice(*np.searchsorted(table.t, bounds))
-    measured = [name for name in CHANNELS if np.isfinite(table[name][span]).any()]
+    measured = [name for name in IMU_CHANNELS if np.isfinite(table[name][span]).any()]
     if channel not in measured:
         raise InputError(
             f"{log}: node {node} has no {channel}; say --channel with {', '.join(measured) or 'another'}"

@@ -29,7 +29,7 @@ from hubodo.report.drawing import drawing_path, save
 from hubodo.sensors.allan.characterise import AllanReport, characterise
 from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
-from hubodo.sensors.rest_channel import CHANNELS
+from hubodo.sensors.rest_channel import IMU_CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive
 from hubodo.verbs.standstill import add_span_arguments, standstill
@@ -114,7 +114,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--channel",
         default="gz",
-        help=f"columns of the node, with commas: {', '.join(CHANNELS)} (default gz)",
+        help=f"columns of the node, with commas: {', '.join(IMU_CHANNELS)} (default gz)",
     )
     add_span_arguments(parser)
     parser.add_argument(
@@ -154,7 +154,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     form, sensors = log_form(args, needed=()), []
     for log in args.log:
         with progress_line() as show:
-            recording = read_log(log, form=form, progress=show)
+            recording = read_log(log, input_format=form, progress=show)
         for node in _nodes(log, recording, args.node):
             sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
     made: Characterised | Compared = sensors[0] if len(sensors) == 1 else Compared(tuple(sensors), sheets)
@@ -194,8 +194,8 @@ def _channels(text: str) -> list[str]:
     """The channels named. Raises InputError: none such, or gyro beside accelerometer in one figure."""
     channels = [name.strip() for name in text.split(",")]
     for name in channels:
-        if name not in CHANNELS:
-            raise InputError(f"--channel {name!r}: choose from {', '.join(CHANNELS)}")
+        if name not in IMU_CHANNELS:
+            raise InputError(f"--channel {name!r}: choose from {', '.join(IMU_CHANNELS)}")
     if len({is_gyro(name) for name in channels}) > 1:
         raise InputError(
             f"--channel {text}: gyro and accelerometer share no unit; ask for them one after the other"

@@ -131,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> CalibratedImu:
     """Read, calibrate, add to the calibration file."""
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args, needed=()), progress=show)
+        recording = read_log(args.log, input_format=log_form(args, needed=()), progress=show)
         show("rests, poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
         check_node_units(table, f"{args.log}, node {args.node}")

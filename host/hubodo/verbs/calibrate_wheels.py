@@ -29,7 +29,7 @@ from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_times import check_times
 from hubodo.fuse.wheels import located, log_ranges
 from hubodo.log.any_log import read_log
-from hubodo.log.roles import NODES
+from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle, load_vehicle
@@ -116,7 +116,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> CalibratedWheels:
     """Read, calibrate, add to the calibration file."""
     vehicle = load_vehicle(args.vehicle)
-    recording = read_log(args.log, form=log_form(args, vehicle, needed=(NODES, "gnss")))
+    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=(NODES_ROLE, "gnss")))
     check_units(recording, vehicle.nodes, str(args.log))
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))

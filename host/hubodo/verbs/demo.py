@@ -31,7 +31,7 @@ from hubodo.errors import HubodoError
 from hubodo.fuse.fused import score_against_truth
 from hubodo.fuse.track import Score, error_words
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import Summary, summarise
 from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid

@@ -9,10 +9,10 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.log.any_log import as_mcap, read_log
+from hubodo.log.any_log import open_as_mcap, read_log
 from hubodo.log.csv_folder import write_folder
-from hubodo.log.foreign import LogForm
 from hubodo.log.logfile import open_log
+from hubodo.log.number_recording import InputFormat
 from hubodo.log.rosbag2_folder import write_rosbag2
 from hubodo.progress import progress_line
 from hubodo.vehicle import load_vehicle
@@ -62,14 +62,14 @@ def run(args: argparse.Namespace) -> Exported:
     if args.format == "rosbag2":
         return _rosbag2(args, log_form(args, vehicle))
     with progress_line() as show:
-        recording = read_log(args.log, form=log_form(args, vehicle), progress=show, keep_empty=True)
+        recording = read_log(args.log, input_format=log_form(args, vehicle), progress=show, keep_empty=True)
         names = write_folder(recording, args.output, form=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return Exported(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
 
 
-def _rosbag2(args: argparse.Namespace, form: LogForm) -> Exported:
-    with progress_line() as show, as_mcap(args.log, form) as file, open_log(file) as log:
+def _rosbag2(args: argparse.Namespace, form: InputFormat) -> Exported:
+    with progress_line() as show, open_as_mcap(args.log, form) as file, open_log(file) as log:
         counts = write_rosbag2(log, args.output, progress=show)
         left_out = sorted({stream.topic for stream in log.streams.values()} - set(counts))
         words = f"{args.log}: without a complete ROS 2 type, left out: {', '.join(left_out)}"

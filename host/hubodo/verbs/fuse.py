@@ -14,7 +14,7 @@ from hubodo.errors import InputError
 from hubodo.fuse.fused import Fused, check_free, fuse_recording, write_fused
 from hubodo.fuse.wheels import METHODS
 from hubodo.log.any_log import read_log
-from hubodo.log.roles import NODES
+from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, know_effects
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
@@ -81,8 +81,8 @@ def run(args: argparse.Namespace) -> FusedFiles:
     lag = _lag(args.smooth)
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
-    needed = (NODES, "wheels") if args.no_graph else (NODES, "wheels", "gnss")
-    recording = read_log(args.log, form=log_form(args, vehicle, needed=needed))
+    needed = (NODES_ROLE, "wheels") if args.no_graph else (NODES_ROLE, "wheels", "gnss")
+    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed))
     known = None
     if args.calibration:
         known = {"file": str(args.calibration), "sha256": hash_source(args.calibration)}

@@ -33,7 +33,7 @@ from hubodo.gap.tell.explain import Explanation, explain
 from hubodo.gap.tell.result import GapResult
 from hubodo.gap.workflow import find_gap_in
 from hubodo.log.any_log import read_log
-from hubodo.log.roles import NODES
+from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import Model, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
@@ -209,8 +209,8 @@ def _posed(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
     model = None if args.vehicle is not None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     driven_by = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
-    needed = (NODES, *("reference" for name in driven_by if str(name).startswith("reference.")))
-    recording = read_log(args.log, form=log_form(args, vehicle, needed=needed), progress=show)
+    needed = (NODES_ROLE, *("reference" for name in driven_by if str(name).startswith("reference.")))
+    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed), progress=show)
     model = model or assumed_model(recording, vehicle, str(args.log))
     journal = _journal(args, recording, model)
     return build(recording, model, str(args.log)), journal

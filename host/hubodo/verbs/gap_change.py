@@ -19,7 +19,7 @@ from hubodo.gap.problem.assumed import assumed_model
 from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.gap.tell.account import probability, with_sigma
 from hubodo.log.any_log import read_log
-from hubodo.log.roles import NODES
+from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.safe_text import json_text
@@ -130,8 +130,8 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
     model = None if args.model is None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     with progress_line() as show:
-        form = log_form(args, vehicle, needed=(NODES,))
-        logs = [read_log(path, form=form, progress=show) for path in (args.before, args.after)]
+        form = log_form(args, vehicle, needed=(NODES_ROLE,))
+        logs = [read_log(path, input_format=form, progress=show) for path in (args.before, args.after)]
         # The noise of both is that of the first: a sensor that has become noisy is not to hide in it.
         model = model or assumed_model(logs[0], vehicle, str(args.before))
         result = find_change(logs[0], logs[1], model, where=(str(args.before), str(args.after)), say=show)

@@ -28,7 +28,7 @@ from hubodo.sensors.heading.score import score, truth_of
 from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
 from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
-from hubodo.sensors.rest_channel import CHANNELS, temperature_of
+from hubodo.sensors.rest_channel import IMU_CHANNELS, temperature_of
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
 from hubodo.verbs.standstill import read_node
@@ -139,7 +139,7 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
     table = recording.nodes[node]
     gyro, accel = table.gyro, table.accel
     rows = np.flatnonzero(np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1))
-    lacking = [name for name in CHANNELS if not np.isfinite(table[name]).any()]
+    lacking = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
     if lacking:
         raise InputError(
             f"it has no {', '.join(lacking)}; a heading needs all axes of gyro and accelerometer"

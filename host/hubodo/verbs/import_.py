@@ -13,11 +13,11 @@ from rich.console import Console
 from hubodo.atomic_files import require_free_path
 from hubodo.errors import InputError
 from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
-from hubodo.log.any_log import has_our_topics, is_bag, mcap_file, read_log
-from hubodo.log.convert import write_recording
+from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, read_log
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.foreign import CHANNELS, in_si
-from hubodo.log.units import doubtful
+from hubodo.log.number_recording import IMU_CHANNELS, convert_to_si
+from hubodo.log.recording_writer import write_recording
+from hubodo.log.units import explain_suspect_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.vehicle import load_vehicle
@@ -108,17 +108,17 @@ def run(args: argparse.Namespace) -> Imported | Decoded:
     require_free_path(args.output)
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     form = log_form(args, vehicle)
-    file = mcap_file(args.source)
-    if file is not None and has_our_topics(file):
+    file = find_mcap_file(args.source)
+    if file is not None and is_hubodo_mcap(file):
         if args.repair:
             raise InputError("--repair: drops rows of CSV files; a log is repaired by hubodo recover")
         with progress_line() as show:
             return Decoded(str(args.source), decode_again(file, args.output, progress=show))
     with progress_line() as show:
-        if args.source.is_dir() and not is_bag(args.source):
-            recording = in_si(read_folder(args.source, repair=args.repair, progress=show), form)
+        if args.source.is_dir() and not is_rosbag(args.source):
+            recording = convert_to_si(read_folder(args.source, repair=args.repair, progress=show), form)
         else:
-            recording = read_log(args.source, form=form, progress=show, keep_empty=True)
+            recording = read_log(args.source, input_format=form, progress=show, keep_empty=True)
         _check_whole(args.source, recording)
         messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)
     return Imported(
@@ -133,7 +133,7 @@ def run(args: argparse.Namespace) -> Imported | Decoded:
 def _check_whole(source: Path, recording: Recording) -> None:
     """Raises InputError for a node without a channel: a log has all six."""
     for name, table in recording.nodes.items():
-        lacking = [channel for channel in CHANNELS if not np.isfinite(table[channel]).any()]
+        lacking = [channel for channel in IMU_CHANNELS if not np.isfinite(table[channel]).any()]
         if lacking and len(table):
             raise InputError(
                 f"{source}: {name} has no {', '.join(lacking)}, and a log holds all six; give the file "
@@ -143,5 +143,5 @@ def _check_whole(source: Path, recording: Recording) -> None:
 
 def _doubts(recording: Recording) -> list[str]:
     """A line for each node whose numbers look to be in other units."""
-    found = {name: doubtful(table.gyro, table.accel) for name, table in recording.nodes.items()}
+    found = {name: explain_suspect_units(table.gyro, table.accel) for name, table in recording.nodes.items()}
     return [f"{name}: {words}" for name, words in found.items() if words is not None]

@@ -16,8 +16,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from hubodo.ingest.node.bias_filter import filter_words
-from hubodo.log.any_log import as_mcap, open_source
-from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summary_of
+from hubodo.log.any_log import open_as_mcap, open_source
+from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
 from hubodo.progress import progress_line
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
@@ -215,6 +215,6 @@ def run(args: argparse.Namespace) -> Info:
     form = log_form(args, needed=())
     with progress_line() as show, open_source(args.log) as source:
         if source is not None:
-            return Info(summary_of(source, form.choice, progress=show))
-    with progress_line() as show, as_mcap(args.log, form) as file:
+            return Info(summarise_source(source, form.topic_selection, progress=show))
+    with progress_line() as show, open_as_mcap(args.log, form) as file:
         return Info(replace(summarise(file, progress=show), path=args.log))

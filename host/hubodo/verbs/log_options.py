@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log.foreign import LogForm
-from hubodo.log.roles import ALL_ROLES, NODES, TYPES, TopicChoice
+from hubodo.log.number_recording import InputFormat
+from hubodo.log.roles import ALL_ROLES, NODES_ROLE, ROLE_TYPES, TopicSelection
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle
 from hubodo.verbs.numbers import positive
@@ -46,7 +46,7 @@ def add_topic_option(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=/TOPIC",
         help=f"which topic of another program's log is a node, as in left=/imu/left_wheel, or one of "
-        f"{', '.join(TYPES)}; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- leaves one out; "
+        f"{', '.join(ROLE_TYPES)}; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- leaves one out; "
         "repeatable (default: [topics] of the vehicle file, else by message type)",
     )
     add_memory_option(parser)
@@ -80,36 +80,36 @@ def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
 
 def log_form(
     args: argparse.Namespace, vehicle: Vehicle | None = None, *, needed: Iterable[str] = ALL_ROLES
-) -> LogForm:
+) -> InputFormat:
     """What the options and `[topics]` say. needed: roles without which the verb cannot do its work.
 
     Raises InputError for two units of one sensor and for a --topic that is none.
     """
     columns = () if args.columns is None else tuple(name.strip() for name in args.columns.split(","))
     channel = getattr(args, "channel", None) or "gz"
-    form = LogForm(
+    form = InputFormat(
         args.rate, tuple(args.unit), columns, args.variable, channel, topic_choice(args, vehicle, needed)
     )
-    if len(form.factors()) < len(form.units):
+    if len(form.si_factors()) < len(form.units):
         raise InputError(
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"
         )
     return form
 
 
-def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicChoice:
+def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicSelection:
     """What --topic and `[topics]` say, as `log_form` has it."""
     said: dict[str, str] = {}
     for text in args.topic:
         name, _, topic = (part.strip() for part in text.partition("="))
-        if not name or not topic or name == NODES:
+        if not name or not topic or name == NODES_ROLE:
             raise InputError(f"--topic {text}: write NAME=/TOPIC, as in left=/imu/left_wheel or gnss=/fix")
         if said.setdefault(name, topic) != topic:
             raise InputError(f"--topic {name}: is {said[name]} and {topic}; say one")
     if vehicle is None:
-        return TopicChoice(said, needed=frozenset(needed))
+        return TopicSelection(said, required_roles=frozenset(needed))
     on_wheels = {name: mount.side is not None for name, mount in vehicle.nodes.items()}
-    return TopicChoice(said, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
+    return TopicSelection(said, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
 
 
 def check_nodes(recording: Recording, log: Path) -> None:

@@ -140,7 +140,8 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
     live = None
     with progress_line() as show:
         recordings = [
-            read_log(log, form=log_form(args, needed=()), progress=show) for log in args.log or args.resume
+            read_log(log, input_format=log_form(args, needed=()), progress=show)
+            for log in args.log or args.resume
         ]
     if args.live is not None:
         check_live(args)

@@ -18,7 +18,7 @@ from hubodo.calibration.apply import SampleCorrection, check_serial
 from hubodo.calibration.file import Calibration, NodeCalibration
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.live.node_stream import NodeStream, Samples
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.recording import Recording
 from hubodo.sensors.north.east import FEWEST_STEPS, STOPS_A_STEP, East, seek_east
 from hubodo.sensors.north.find import North, horizontal_rate

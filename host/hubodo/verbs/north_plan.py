@@ -82,7 +82,7 @@ def run_plan(args: argparse.Namespace) -> Planned:
 def _at_rest(args: argparse.Namespace) -> Drift:
     log = args.log[0]
     with progress_line() as show:
-        nodes = read_log(log, form=log_form(args, needed=()), progress=show).nodes
+        nodes = read_log(log, input_format=log_form(args, needed=()), progress=show).nodes
     name = str(args.node[0]) if args.node else next(iter(nodes)) if len(nodes) == 1 else ""
     if name not in nodes:
         raise InputError(f"{log}: say --node with one of: {', '.join(nodes) or 'none'}")

@@ -17,9 +17,9 @@ from hubodo.errors import InputError
 from hubodo.ingest.replay.pty_player import PtyPlayer
 from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
 from hubodo.ingest.stopping import stop_on_signals
-from hubodo.log.any_log import as_mcap
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.roles import NODES
+from hubodo.log.any_log import open_as_mcap
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import not_negative, number
@@ -121,9 +121,9 @@ def run(args: argparse.Namespace) -> PlayResult:
     if args.to == "pty" and args.foxglove is not None:
         raise InputError("--foxglove belongs to the view; leave --to pty away")
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
-    form = log_form(args, vehicle, needed=(NODES,))
+    form = log_form(args, vehicle, needed=(NODES_ROLE,))
     play = _to_pty if args.to == "pty" else _to_view
-    with stop_on_signals(threading.Event()) as stopping, as_mcap(args.log, form) as file:
+    with stop_on_signals(threading.Event()) as stopping, open_as_mcap(args.log, form) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file, "named": args.log}), stopping.is_set)
     return replace(played, file=str(args.log))
 

@@ -22,7 +22,7 @@ from hubodo.ingest.live.localizer import Located
 from hubodo.ingest.live.odometer import OdometryRows
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log import topics
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.recording import Recording
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle

@@ -20,7 +20,7 @@ EXAMPLE = "hubodo recover drive.mcap -o drive-whole.mcap"
 class RecoverResult:
     """The account of a recovery, for people and for programs."""
 
-    done: log_recover.Recovered
+    done: log_recover.RecoveryReport
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` prints it."""
@@ -28,7 +28,7 @@ class RecoverResult:
         return {
             "log": str(done.path),
             "output": str(done.out),
-            "was_whole": done.was_whole,
+            "was_whole": done.was_complete,
             "messages": done.messages,
             "start_ns": done.start_ns,
             "end_ns": done.end_ns,
@@ -36,7 +36,7 @@ class RecoverResult:
             "bytes_lost": done.bytes_lost,
             "chunks_kept": done.chunks_kept,
             "chunks_lost": done.chunks_lost,
-            "messages_of_unknown_channels": done.unknown,
+            "messages_of_unknown_channels": done.unknown_channel_messages,
             "losses": list(done.losses),
         }
 
@@ -48,9 +48,11 @@ class RecoverResult:
             first, last = ((t - done.t_zero_ns) / 1e9 for t in (done.start_ns, done.end_ns))
             lines.append(f"kept t = {first:.3f} s to {last:.3f} s in {done.chunks_kept} chunks")
         lines += [f"lost: {line}" for line in done.losses]
-        if done.unknown:
-            lines.append(f"lost: {done.unknown} messages of channels the file no longer tells about")
-        if done.was_whole:
+        if done.unknown_channel_messages:
+            lines.append(
+                f"lost: {done.unknown_channel_messages} messages of channels the file no longer tells about"
+            )
+        if done.was_complete:
             lines.append("the log was whole; nothing had to be repaired")
         else:
             lines.append(f"lost {done.bytes_lost} of {done.bytes_read} bytes")
@@ -71,4 +73,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> RecoverResult:
     """Rebuild the log."""
     with progress_line() as show:
-        return RecoverResult(log_recover.recover(args.log, args.output, progress=show))
+        return RecoverResult(log_recover.recover_log(args.log, args.output, progress=show))

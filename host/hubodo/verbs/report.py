@@ -16,7 +16,7 @@ from hubodo.fuse.wheel.node_times import check_times
 from hubodo.ingest.replay.setup import Setup, setup_of
 from hubodo.log.any_log import open_source, read_log
 from hubodo.log.logfile import Log
-from hubodo.log.summary import summary_of
+from hubodo.log.summary import summarise_source
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
@@ -74,11 +74,11 @@ def run(args: argparse.Namespace) -> Reported:
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
         given = None if args.vehicle is None else load_vehicle(args.vehicle)
-        recording = read_log(args.log, form=log_form(args, given, needed=()), progress=show)
+        recording = read_log(args.log, input_format=log_form(args, given, needed=()), progress=show)
         summary, kept = None, Setup(None, None, None)
         with open_source(args.log) as source:
             if source is not None:
-                summary = summary_of(source)
+                summary = summarise_source(source)
             if isinstance(source, Log):
                 kept = setup_of(source)
         vehicle = given or kept.vehicle

@@ -27,10 +27,10 @@ from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
 from hubodo.log.any_log import read_log
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import write_folder
-from hubodo.log.foreign import LogForm
-from hubodo.log.mcap import read_recording
+from hubodo.log.number_recording import InputFormat
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.model import experiments
 from hubodo.model.bench import Programme
 from hubodo.model.experiments import Experiment
@@ -263,7 +263,9 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
 def _driven(args: argparse.Namespace, vehicle: Vehicle) -> Inputs:
     """The drive of --from."""
     needed = ("reference",) if args.drive == "reference" else ("gnss",)
-    recording = read_log(args.source, form=LogForm(choice=topic_choice(args, vehicle, needed)))
+    recording = read_log(
+        args.source, input_format=InputFormat(topic_selection=topic_choice(args, vehicle, needed))
+    )
     maker = drive_from_reference if args.drive == "reference" else drive_from_fixes
     return maker(recording, str(args.source))
 

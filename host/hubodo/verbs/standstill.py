@@ -8,17 +8,17 @@ from pathlib import Path
 
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
-from hubodo.log.foreign import LogForm
+from hubodo.log.number_recording import InputFormat
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.sensors.rest_channel import CHANNELS, Standstill, rest_channel
+from hubodo.sensors.rest_channel import IMU_CHANNELS, Standstill, rest_channel
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, log_form
 from hubodo.verbs.numbers import number
 
-_AS_IT_IS = LogForm()
+_AS_IT_IS = InputFormat()
 
 
-def add_standstill_arguments(parser: argparse.ArgumentParser, channels: Sequence[str] = CHANNELS) -> None:
+def add_standstill_arguments(parser: argparse.ArgumentParser, channels: Sequence[str] = IMU_CHANNELS) -> None:
     """LOG, --node, --channel, and those of `add_span_arguments`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=f"a sensor at rest: {LOG_HELP}")
     parser.add_argument("--node", help="name of the node (default: the only one)")
@@ -61,10 +61,10 @@ def standstill(
     )
 
 
-def read_node(log: Path, name: str | None, form: LogForm = _AS_IT_IS) -> tuple[Recording, str]:
+def read_node(log: Path, name: str | None, form: InputFormat = _AS_IT_IS) -> tuple[Recording, str]:
     """The log, and the node that is meant: the one named, or the only one. Raises InputError for another."""
     with progress_line() as show:
-        recording = read_log(log, form=form, progress=show)
+        recording = read_log(log, input_format=form, progress=show)
     check_nodes(recording, log)
     nodes = tuple(recording.nodes)
     node = name or (nodes[0] if len(nodes) == 1 else None)

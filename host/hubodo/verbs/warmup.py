@@ -35,7 +35,7 @@ from hubodo.report.warmup import (
     whiteness_rows,
 )
 from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.rest_channel import CHANNELS
+from hubodo.sensors.rest_channel import IMU_CHANNELS
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.numbers import not_negative
@@ -88,7 +88,7 @@ def _show(console: Console, title: str, heads: Sequence[str], rows: Sequence[Seq
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `hubodo warmup`."""
-    add_standstill_arguments(parser, CHANNELS[:3])
+    add_standstill_arguments(parser, IMU_CHANNELS[:3])
     parser.add_argument(
         "--age", type=not_negative, default=0.0, help="s since power-on at the first sample (default 0)"
     )

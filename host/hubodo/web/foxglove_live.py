@@ -17,10 +17,10 @@ from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.ingest.live.tee_sink import Listener
-from hubodo.log.container import Compression, MessageIndexes
+from hubodo.log.log_series import LogSeries
+from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, LogMessage
-from hubodo.log.series import LogSeries
-from hubodo.log.writer import McapLog
+from hubodo.log.mcap_file import Compression, MessageIndexes
 from hubodo.recording import Event
 from hubodo.web.address import Address
 
@@ -125,7 +125,7 @@ class FoxgloveLive:
         self.clients = FoxgloveClients(address)
         self.greetings: list[str] = []
         """Lines for the user of the recorder, shown once."""
-        self._log = McapLog(self.clients, clock=None)
+        self._log = LogWriter(self.clients, clock=None)
         self._thread: OutputThread[_Written | None] | None = None
         self._channels: dict[int, int] = {}  # of the log -> here
         self._known: set[tuple[Any, ...]] = set()
@@ -140,7 +140,7 @@ class FoxgloveLive:
         if self._thread is None or self._thread.close():
             self._log.close()
 
-    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
         """See `Audience`."""
         self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_BACKLOG)
         return {"foxglove": self.hear}
@@ -195,7 +195,7 @@ class FoxgloveLog:
         self._next: LogMessage | None = next(self._coming, None)  # some announce channels in chunks alone
         schemas = {
             schema.id: clients.add_schema(schema.name, schema.encoding, bytes(schema.data))
-            for schema in log.found.schemas.values()
+            for schema in log.scan.schemas.values()
         }
         self._channels = {
             channel.id: clients.add_channel(
@@ -204,7 +204,7 @@ class FoxgloveLog:
                 schemas.get(channel.schema_id, 0),
                 dict(channel.metadata),
             )
-            for channel in log.found.channels.values()
+            for channel in log.scan.channels.values()
         }
 
     def up_to(self, t_ns: int) -> None:

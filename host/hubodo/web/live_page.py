@@ -12,8 +12,8 @@ from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, Snapshot
 from hubodo.ingest.live.tee_sink import Listener
 from hubodo.listening.server_thread import ServerFaults
-from hubodo.log.series import LogSeries
-from hubodo.log.writer import McapLog
+from hubodo.log.log_series import LogSeries
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubodo.web.frames import Frame, east_north, event_frame, motion_frame, slow_frame
@@ -38,7 +38,7 @@ class LivePage:
         self.greetings: list[str] = []
         """Lines for the user of the recorder, told once."""
         self._put = put
-        self._log: McapLog | None = None
+        self._log: LogWriter | None = None
         self._series: LogSeries | None = None
         self._other = other
         self._server = server or ServerFaults()
@@ -75,12 +75,12 @@ class LivePage:
     def _switch(self, on: bool) -> None:
         assert self._log is not None and self._series is not None
         if on:
-            self._series.go_on()
+            self._series.resume()
         else:
             self._log.flush()
-            self._series.halt()
+            self._series.stop()
 
-    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
         """See `Audience`."""
         self._log, self._series = log, series
         others = {} if self._other is None else self._other.attach(log, series, bulkheads)

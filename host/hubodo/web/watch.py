@@ -22,13 +22,13 @@ class Ear:
 
     def hear(self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any) -> None:
         """See `hubodo.ingest.live.tee_sink.Listener`."""
-        if name == "imu":
+        if name == "write_imu":
             node, gyro = args[0], np.asarray(args[3])
             total, count = self._spin.get(node, (0.0, 0))
             self._spin[node] = (total + float(gyro[:, 2].sum()), count + len(gyro))
-        elif name == "event":
+        elif name == "write_event":
             self.events.append(args[0])
-        elif name == "fix" and np.ravel(named.get("status", 0))[-1] >= 0:
+        elif name == "write_gnss_fix" and np.ravel(named.get("status", 0))[-1] >= 0:
             sigma = named.get("sigma")
             across = None if sigma is None else float(np.hypot(*np.ravel(sigma)[:2]) / np.sqrt(2.0))
             self.fix = (float(np.ravel(args[2])[-1]), float(np.ravel(args[3])[-1]), across)

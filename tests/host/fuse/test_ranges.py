@@ -14,7 +14,7 @@ from generators.wheel_drives import GRAVITY, drive, legs
 from hubodo.cli import main
 from hubodo.errors import ConfigError
 from hubodo.fuse.ranges import node_ranges, of_node
-from hubodo.log.convert import write_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, load_vehicle
 from wheel_runs import tables

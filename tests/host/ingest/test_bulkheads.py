@@ -27,8 +27,8 @@ from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.node.session import NodeSession
-from hubodo.log.mcap import read_recording
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import read_recording
 from hubodo.vehicle import load_vehicle
 from hubodo.web.address import Address
 from hubodo.web.live_page import LivePage
@@ -386,8 +386,8 @@ def test_a_log_that_cannot_be_written_ends_the_recording_with_what_there_is_read
 
         return method
 
-    for name in ("imu", "event"):
-        monkeypatch.setattr(McapLog, name, until_the_disk_breaks(getattr(McapLog, name)))
+    for name in ("write_imu", "write_event"):
+        monkeypatch.setattr(LogWriter, name, until_the_disk_breaks(getattr(LogWriter, name)))
     with ExitStack() as stack:
         nodes = drive_nodes(stack, computer)
         with pytest.raises(Injected, match="the writer"):

@@ -19,7 +19,7 @@ from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.node.clock import PERIOD_US
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import DAMAGE, STANDSTILL, GapLedger, LinkCounts, WireGap
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode
 from hubowire.messages import Hello, ImuBatch
@@ -192,7 +192,7 @@ def test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample(
     assert f"set {'forward' if step > 0 else 'back'} by {abs(step):.3f} s" in shown.getvalue()
     assert np.diff(read_recording(out).nodes["left"].t).max() < 0.01
     with open_log(out) as log:
-        assert log.records["clock"] == {"state": "synchronised", "utc_minus_log_s": f"{step:.3f}"}
+        assert log.metadata_records["clock"] == {"state": "synchronised", "utc_minus_log_s": f"{step:.3f}"}
     assert f"UTC is t {step:+.3f} s" in hubodo("info", out).out
 
 
@@ -201,7 +201,7 @@ def test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info(tmp_path)
     _, events = recorded(out, computer, 1.0)
     assert "is not set, it shows 2026-05-28" in events[0].text
     with open_log(out) as log:
-        assert log.records["clock"]["state"] == "unset"
+        assert log.metadata_records["clock"]["state"] == "unset"
     assert "the computer's clock was unset" in hubodo("info", out).out
 
 

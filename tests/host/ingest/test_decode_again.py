@@ -16,8 +16,8 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay import decode_again as module
 from hubodo.ingest.replay.decode_again import decode_again
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
 
 
 def messages(path, *kinds):
@@ -125,8 +125,8 @@ def test_the_verb_decodes_again_and_refuses_what_holds_no_frames(tmp_path, capsy
     assert main(["import", str(out), "-o", str(again)]) == 2
     assert main(["import", str(out), "-o", str(tmp_path / "b.mcap"), "--repair"]) == 2
     bare = tmp_path / "bare.mcap"
-    with McapLog(bare) as log:
-        log.imu("left", [1, 2], [1, 2], np.zeros((2, 3)), np.zeros((2, 3)))
+    with LogWriter(bare) as log:
+        log.write_imu("left", [1, 2], [1, 2], np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(InputError, match="holds no raw frames"):
         decode_again(bare, tmp_path / "c.mcap")
     assert main(["import", str(bare), "-o", str(tmp_path / "c.mcap")]) == 2

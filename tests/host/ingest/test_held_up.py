@@ -16,7 +16,7 @@ from fakes.fake_slow_odometer import FakeSlowOdometer
 from fakes.recorder_thread import RecorderThread
 from generators.fake_drive import RADIUS, TRACK, VEHICLE_TOML, raw_rows, short_drive
 from hubodo.ingest.live import recorder as recorder_module
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.vehicle import NodeMount, Vehicle
 from in_process import hubodo
 from waiting import until

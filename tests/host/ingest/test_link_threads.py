@@ -20,7 +20,7 @@ from hubodo.ingest.link.retry import Backoff, ValidityCheck
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.link.transport import TcpTransport, UdpTransport
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.log.mcap import open_log
+from hubodo.log.recording_reader import open_log
 from hubodo.units import NS_PER_S
 from waiting import until
 

@@ -160,10 +160,10 @@ class FakeSink:
     def __init__(self):
         self.fixes, self.events, self.bytes = [], [], b""
 
-    def fix(self, t_pub_ns, t_log_ns, *position, sigma=None, status=0):
+    def write_gnss_fix(self, t_pub_ns, t_log_ns, *position, sigma=None, status=0):
         self.fixes.append((t_pub_ns, t_log_ns))
 
-    def event(self, event, t_log_ns=None):
+    def write_event(self, event, t_log_ns=None):
         self.events.append(event)
 
     def add_channel(self, *args):

@@ -19,9 +19,9 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
 from hubodo.log.any_log import read_log
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.mcap import open_log, read_recording
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.vehicle import NodeMount, Vehicle
 
 

@@ -23,10 +23,10 @@ class Device:
 class Discards:
     """A sink that keeps nothing."""
 
-    def raw(self, link, t_log_ns, frame):
+    def write_raw_frame(self, link, t_log_ns, frame):
         pass
 
-    def event(self, event, t_log_ns=None):
+    def write_event(self, event, t_log_ns=None):
         pass
 
 

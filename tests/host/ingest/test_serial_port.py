@@ -24,7 +24,7 @@ from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 
 BAUD = 115_200
 STEP = np.radians(0.07)

@@ -9,7 +9,7 @@ from fakes.fake_node import FakeNode
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.units import NS_PER_S
 
 RATE_HZ = 208.0

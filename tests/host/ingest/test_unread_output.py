@@ -12,7 +12,7 @@ import pytest
 
 from fakes.fake_node import FakeNode
 from hubodo.ingest.live.patient_stream import PatientStream
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]

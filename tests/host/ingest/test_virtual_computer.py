@@ -12,7 +12,7 @@ from hubodo.ingest.link.ports import list_devices, parse_port
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.units import NS_PER_S
 
 

@@ -14,8 +14,8 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import firmware_folder
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.recording_reader import open_log, read_recording
 from hubowire import decode
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, ImuBatch
@@ -87,7 +87,9 @@ def test_ten_unplugs_one_percent_of_damage_and_a_reset_of_the_real_firmware_are_
         truth = node.chip.truth()
     assert results
     with open_log(out) as log:
-        logged = [own_bytes("cdr", m.data) for m in log.messages() if m.topic == "/hubodo/raw/ttyLEFT"]
+        logged = [
+            decode_bytes_message("cdr", m.data) for m in log.messages() if m.topic == "/hubodo/raw/ttyLEFT"
+        ]
     missing = Counter(came) - Counter(logged)
     recording = read_recording(out)
     assert recording.warnings == ()

@@ -29,10 +29,10 @@ from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.series import LogSeries, SeriesRules
-from hubodo.log.writer import McapLog
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.log_series import LogSeries, RotationRules
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import NodeMount, Vehicle
 from hubowire import Frame, encode, encode_frame
@@ -277,8 +277,8 @@ def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_ti
     """64 nodes, each with 200 batches that waited; by the clock of the end decoding one takes 5 ms."""
     computer, out = VirtualComputer(), tmp_path / "ride.mcap"
     labels = [f"n{k}" for k in range(64)]
-    series = LogSeries(out, SeriesRules(), computer.now_ns)
-    log = McapLog(series, t_zero_ns=computer.now_ns(), clock=None)
+    series = LogSeries(out, RotationRules(), computer.now_ns)
+    log = LogWriter(series, t_zero_ns=computer.now_ns(), clock=None)
     recorder = Recorder(dict.fromkeys(labels), log, lambda *_: True, computer.now_ns)
     rows = ((1, 2, 3, 4, 5, 6),) * 8
     wire = [
@@ -304,7 +304,9 @@ def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_ti
     loop.run(None, judged=False)
     assert sum(link.frames for link in recorder.links.values()) < 200
     with open_log(out) as read:
-        raw = [own_bytes("cdr", m.data) for m in read.messages() if m.topic.startswith("/hubodo/raw/")]
+        raw = [
+            decode_bytes_message("cdr", m.data) for m in read.messages() if m.topic.startswith("/hubodo/raw/")
+        ]
     assert sorted(raw) == sorted(wire * 64)
     assert any("hubodo import decodes them" in event.text for event in read_recording(out).events)
 
@@ -343,12 +345,12 @@ class Silent:
 
 def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
     with pytest.raises(Exception, match="left on the disk"):
-        LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: NS_PER_S)
-    series = LogSeries(tmp_path / "a.mcap", SeriesRules(reserve=10**18), lambda: NS_PER_S, wait=True)
-    assert not series.recording
+        LogSeries(tmp_path / "a.mcap", RotationRules(reserve=10**18), lambda: NS_PER_S)
+    series = LogSeries(tmp_path / "a.mcap", RotationRules(reserve=10**18), lambda: NS_PER_S, wait=True)
+    assert not series.is_recording
     series.rules = replace(series.rules, reserve=0)
     series.tick(2 * NS_PER_S)
-    assert series.recording
+    assert series.is_recording
     assert series.path == tmp_path / "a.mcap"
     series.finish()
 

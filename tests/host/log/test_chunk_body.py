@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from hubodo.log.chunk_body import announced, load, walk
-from hubodo.log.mcap import open_log
-from hubodo.log.writer import McapLog
+from hubodo.log.chunk_reader import announced, load, walk
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log
 
 
 @pytest.fixture(scope="module")
 def chunks(tmp_path_factory: pytest.TempPathFactory):
     """Chunks of a recorder and of another writer, whose channels stand inside: (data, announced places)."""
     folder = tmp_path_factory.mktemp("chunks")
-    with McapLog(folder / "ours.mcap", chunk_bytes=20_000, clock=None) as log:
+    with LogWriter(folder / "ours.mcap", chunk_bytes=20_000, clock=None) as log:
         for first in range(0, 400, 8):
             t = np.arange(first, first + 8) * 10_000_000
-            log.imu("left", t, int(t[0]), np.ones((8, 3)), np.ones((8, 3)))
-            log.temperature("left", t[:1], int(t[0]), [20.0])
-            log.raw("left", int(t[0]), bytes(first % 40))
+            log.write_imu("left", t, int(t[0]), np.ones((8, 3)), np.ones((8, 3)))
+            log.write_temperature("left", t[:1], int(t[0]), [20.0])
+            log.write_raw_frame("left", int(t[0]), bytes(first % 40))
     with (folder / "theirs.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD, chunk_size=2000)
         writer.start()
@@ -32,7 +32,7 @@ def chunks(tmp_path_factory: pytest.TempPathFactory):
     for path in sorted(folder.glob("*.mcap")):
         with open_log(path) as log:
             fd = os.open(path, os.O_RDONLY)
-            found += [(path.stem, load(fd, place), announced(fd, place)) for place in log.found.chunks]
+            found += [(path.stem, load(fd, place), announced(fd, place)) for place in log.scan.chunks]
             os.close(fd)
     return found
 

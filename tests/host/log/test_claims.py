@@ -9,15 +9,15 @@ import threading
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.log import claims
-from hubodo.log.claims import MemoryBudget, check_claim, limit_bytes, memory_limit, open_regular
+from hubodo.log import input_limits
+from hubodo.log.input_limits import MemoryBudget, check_claim, limit_bytes, memory_limit, open_regular
 from hubodo.verbs import VERBS, load
 from in_process import hubodo
 
 
 def test_the_limit_is_a_quarter_of_the_memory_unless_a_block_sets_another() -> None:
     default = limit_bytes()
-    assert default == int(claims.machine_memory() / 4) > 0
+    assert default == int(input_limits.machine_memory() / 4) > 0
     with memory_limit(1000):
         assert limit_bytes() == 1000
         with memory_limit(None):
@@ -40,7 +40,7 @@ def test_claims_of_one_file_add_up(tmp_path) -> None:
 def test_a_compressed_stream_is_expanded_only_up_to_the_limit(tmp_path) -> None:
     bomb = gzip.GzipFile(fileobj=io.BytesIO(gzip.compress(bytes(20 << 20))))
     with memory_limit(3 << 20), pytest.raises(InputError, match="its text needs 4 MB"):
-        claims.read_within_limit(bomb, tmp_path / "x.gz", "its text")
+        input_limits.read_within_limit(bomb, tmp_path / "x.gz", "its text")
     assert bomb.tell() <= 4 << 20
 
 

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 import wanted
 from hubodo.errors import InputError
 from hubodo.log import csv_table
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.log.timebase import to_ns, to_seconds
 
 NODE = ["t", "gx", "gy", "gz", "ax", "ay", "az"]
@@ -309,10 +309,11 @@ def test_seconds_since_1970_with_nine_decimals_come_back_to_the_last_digit(tmp_p
 def test_a_killed_import_leaves_no_file_of_that_name(tmp_path: Path) -> None:
     folder = folder_with(tmp_path, left=GOOD)
     program = (
-        "import os, signal, sys; from pathlib import Path; from hubodo.log import convert, csv_folder\n"
+        "import os, signal, sys; from pathlib import Path\n"
+        "from hubodo.log import csv_folder, recording_writer\n"
         "def die(text, fraction): os.kill(os.getpid(), signal.SIGKILL)\n"
         "source, target = map(Path, sys.argv[1:])\n"
-        "convert.write_recording(csv_folder.read_folder(source), target, progress=die)\n"
+        "recording_writer.write_recording(csv_folder.read_folder(source), target, progress=die)\n"
     )
     target = tmp_path / "log.mcap"
     killed = subprocess.run([sys.executable, "-c", program, folder, target], check=False, timeout=300)

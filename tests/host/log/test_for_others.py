@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.log import topics
 from hubodo.log.any_log import read_log
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.writer import McapLog
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Event, Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 from in_process import hubodo
@@ -115,10 +115,10 @@ def test_tf_static_says_where_the_nodes_sit(log):
 
 
 def test_static_frames_are_told_again_where_a_log_goes_on_in_another_file(tmp_path):
-    with McapLog(tmp_path / "log.mcap") as log:
-        log.static_frames_again(5)
-        log.static_frames(7, VEHICLE)
-        log.static_frames_again(2_000_000_009)
+    with LogWriter(tmp_path / "log.mcap") as log:
+        log.repeat_static_frames(5)
+        log.write_static_frames(7, VEHICLE)
+        log.repeat_static_frames(2_000_000_009)
     with (tmp_path / "log.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         told = [decoded.transforms for *_, decoded in reader.iter_decoded_messages()]
@@ -134,11 +134,11 @@ def test_a_truth_without_headings_has_none_after_a_detour(recording, tmp_path):
 
 
 def test_raw_frames_and_events_are_messages_that_a_foreign_reader_decodes(tmp_path):
-    with McapLog(tmp_path / "log.mcap") as log:
+    with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(FRAMES):
-            log.raw("usb0", i, frame)
-        log.asked("usb0", 4, b"\x07" * 8)
-        log.event(Event(5, "reset", "left", "brown-out", {"cause": 3}))
+            log.write_raw_frame("usb0", i, frame)
+        log.write_clock_request("usb0", 4, b"\x07" * 8)
+        log.write_event(Event(5, "reset", "left", "brown-out", {"cause": 3}))
     with (tmp_path / "log.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         decoded = [(channel.topic, message.data) for _, channel, _, message in reader.iter_decoded_messages()]
@@ -149,9 +149,9 @@ def test_raw_frames_and_events_are_messages_that_a_foreign_reader_decodes(tmp_pa
 
 def test_logs_whose_events_and_frames_are_bare_are_read_as_ever(tmp_path):
     event = {"t_ns": 5, "kind": "reset", "source": "left", "text": "brown-out", "data": {"cause": 3}}
-    with McapLog(tmp_path / "old.mcap", t_zero_ns=0) as log:
+    with LogWriter(tmp_path / "old.mcap", t_zero_ns=0) as log:
         events = log.add_channel(topics.EVENTS, "", "", b"", "json")
-        raw = log.add_channel(topics.RAW + "usb0", "hubodo/Frame", "", b"", "hubodo")
+        raw = log.add_channel(topics.RAW_PREFIX + "usb0", "hubodo/Frame", "", b"", "hubodo")
         log.write(events, 5, 5, json.dumps(event).encode())
         for i, frame in enumerate(FRAMES):
             log.write(raw, i, i, frame)
@@ -159,6 +159,7 @@ def test_logs_whose_events_and_frames_are_bare_are_read_as_ever(tmp_path):
     assert json.loads(hubodo("info", tmp_path / "old.mcap", "--json").out)["events"][0]["kind"] == "reset"
     with open_log(tmp_path / "old.mcap") as log:
         found = [
-            own_bytes(log.streams[m.channel].encoding, m.data) for m in log.messages([topics.RAW + "usb0"])
+            decode_bytes_message(log.streams[m.channel].encoding, m.data)
+            for m in log.messages([topics.RAW_PREFIX + "usb0"])
         ]
     assert found == FRAMES

@@ -15,7 +15,7 @@ from scipy.io import savemat
 from hubodo.cli import main
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
-from hubodo.log.foreign import LogForm
+from hubodo.log.number_recording import InputFormat
 
 DEG = np.pi / 180.0
 RATES = np.random.default_rng(5).normal(0.1, 0.02, 4000)
@@ -23,7 +23,7 @@ RATES = np.random.default_rng(5).normal(0.1, 0.02, 4000)
 
 
 def made(path, form, count=4000):
-    ((name, table),) = read_log(path, form=form).nodes.items()
+    ((name, table),) = read_log(path, input_format=form).nodes.items()
     assert len(table) == count
     return name, table
 
@@ -46,7 +46,7 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
     else:
         text = "# at rest\n" + "\n".join(map(repr, RATES.tolist())) + "\n"
         path.write_bytes(gzip.compress(text.encode()) if suffix.endswith("gz") else text.encode())
-    name, table = made(path, LogForm(100.0, ("deg/s",), channel="gx"))
+    name, table = made(path, InputFormat(100.0, ("deg/s",), channel="gx"))
     assert name == "gyro"
     assert table["gx"] == pytest.approx(RATES * DEG, rel=1e-15)
     assert table.t[1] == 0.01
@@ -56,18 +56,18 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("form", "words"),
     [
-        (LogForm(100.0), "in which unit gz is; say --unit"),
-        (LogForm(None, ("deg/s",)), "tells no times; say --rate"),
-        (LogForm(100.0, ("g",)), "in which unit gz is"),
-        (LogForm(100.0, ("deg",)), "--unit 'deg': give one of rad/s"),
-        (LogForm(100.0, ("deg/s",), ("t", "gz")), "has 1 columns, --columns names 2"),
-        (LogForm(100.0, ("deg/s",), ("wz",)), "--columns: 'wz' is none of"),
+        (InputFormat(100.0), "in which unit gz is; say --unit"),
+        (InputFormat(None, ("deg/s",)), "tells no times; say --rate"),
+        (InputFormat(100.0, ("g",)), "in which unit gz is"),
+        (InputFormat(100.0, ("deg",)), "--unit 'deg': give one of rad/s"),
+        (InputFormat(100.0, ("deg/s",), ("t", "gz")), "has 1 columns, --columns names 2"),
+        (InputFormat(100.0, ("deg/s",), ("wz",)), "--columns: 'wz' is none of"),
     ],
 )
 def test_what_a_file_does_not_say_is_asked_for(tmp_path, form, words):
     path = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
     with pytest.raises(InputError, match=words):
-        read_log(path, form=form)
+        read_log(path, input_format=form)
 
 
 def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
@@ -75,13 +75,13 @@ def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
     path = write_text(tmp_path / "wheel.txt", "stamp;rate;down;mark\n" + body.replace(";x", ";1"))
     with pytest.raises(InputError, match=r"4 columns \(stamp, rate, down, mark\); say with --columns"):
         read_log(path)
-    form = LogForm(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
+    form = InputFormat(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
     _, table = made(path, form, 50)
     assert table.t[1] == pytest.approx(1e-3)
     assert table["gy"][7] == pytest.approx(0.5 * DEG)
     assert table["az"][0] == 9.81
     ours = write_text(tmp_path / "left.csv", "t,gx,gy,gz\n0,1,2,3\n0.5,4,5,6\n")
-    name, table = made(ours, LogForm(), 2)
+    name, table = made(ours, InputFormat(), 2)
     assert name == "left"
     assert table["gz"].tolist() == [3.0, 6.0]
 
@@ -98,21 +98,21 @@ def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
 def test_a_faulty_row_is_named(tmp_path, content, words):
     path = write_text(tmp_path / "gyro.csv", content)
     with pytest.raises(InputError, match=words):
-        read_log(path, form=LogForm(None, ("deg/s",), ()))
+        read_log(path, input_format=InputFormat(None, ("deg/s",), ()))
 
 
 def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
     t = np.arange(300) / 50.0
     savemat(tmp_path / "a.mat", {"imu": {"t": t, "gz": t * 0 + 2.0, "note": "x"}, "other": np.zeros(7)})
     with pytest.raises(InputError, match=r"imu\.t 300 x 1.*say --variable"):
-        read_log(tmp_path / "a.mat", form=LogForm(None, ("deg/s",)))
-    _, table = made(tmp_path / "a.mat", LogForm(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
+        read_log(tmp_path / "a.mat", input_format=InputFormat(None, ("deg/s",)))
+    _, table = made(tmp_path / "a.mat", InputFormat(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
     assert table["gz"][0] == pytest.approx(2.0 * DEG)
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["t"] = t
         file["gyro"] = np.tile([[1.0], [2.0], [3.0]], 300)
         file["gyro"].attrs["units"] = "deg/s"
-    form = LogForm(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
+    form = InputFormat(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
     _, table = made(tmp_path / "b.h5", form, 300)
     assert table["gy"][5] == pytest.approx(2.0 * DEG)
     (tmp_path / "torn.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
@@ -139,7 +139,7 @@ def test_a_rosbag_of_either_generation_gives_its_imu_topics(tmp_path, generation
             )  # fmt: skip
             raw = store.serialize_ros1 if generation == 1 else store.serialize_cdr
             writer.write(link, 100_000_000_000 + k, raw(message, "sensor_msgs/msg/Imu"))
-    name, table = made(path, LogForm(), 40)
+    name, table = made(path, InputFormat(), 40)
     assert name == "left"
     assert table.t[3] == pytest.approx(0.03)
     assert table["gz"][7] == 0.07

@@ -12,8 +12,8 @@ from foreign_logs import MODEL, RADIUS, RATE, T0, TOPICS, WRITERS, drive, messag
 from hubodo.errors import InputError
 from hubodo.log import ros2
 from hubodo.log.any_log import read_log
-from hubodo.log.foreign import LogForm
-from hubodo.log.roles import RoleTopic, TopicChoice, assign, node_name
+from hubodo.log.number_recording import InputFormat
+from hubodo.log.roles import TopicCandidate, TopicSelection, assign_roles, node_name_of_topic
 from in_process import hubodo
 
 VEHICLE = (
@@ -44,8 +44,10 @@ def bag(logs) -> Path:
 @pytest.mark.parametrize("writer", WRITERS)
 def test_whoever_wrote_it_the_numbers_are_those_that_were_measured(writer, robot, logs):
     made = robot[0]
-    form = LogForm(choice=TopicChoice(nodes={"left": True, "right": True}, wheel_radius=RADIUS))
-    read = read_log(logs[writer], form=form)
+    form = InputFormat(
+        topic_selection=TopicSelection(node_is_on_wheel={"left": True, "right": True}, wheel_radius=RADIUS)
+    )
+    read = read_log(logs[writer], input_format=form)
     assert read.t_zero_ns == T0
     for node in ("left", "right"):
         assert np.array_equal(read.nodes[node].gyro, made.nodes[node].gyro)
@@ -137,8 +139,8 @@ def test_a_topic_that_cannot_be_meant_is_refused_with_what_could(words, error, r
     assert not (tmp_path / "out").exists()
 
 
-def of(**kinds: str) -> dict[str, RoleTopic]:
-    return {topic.replace("__", "/"): RoleTopic(kind) for topic, kind in kinds.items()}
+def of(**kinds: str) -> dict[str, TopicCandidate]:
+    return {topic.replace("__", "/"): TopicCandidate(kind) for topic, kind in kinds.items()}
 
 
 IMU, FIX, ODOMETRY, TWIST = ros2.IMU, ros2.NAV_SAT_FIX, ros2.ODOMETRY, ros2.TWIST_STAMPED
@@ -150,38 +152,49 @@ WHEELS = {"left": True, "right": True}
     [
         (of(__a=FIX, __b=FIX), {}, r"/a \(.*NavSatFix\), /b .* could each be gnss; add --topic gnss=/a"),
         (of(__odom=ODOMETRY, __speed=TWIST), {}, r"could each be reference; add --topic reference=/odom"),
-        (of(__x__imu=IMU, __y=IMU), {"nodes": WHEELS}, r"each be node left; add --topic left=/x/imu"),
+        (
+            of(__x__imu=IMU, __y=IMU),
+            {"node_is_on_wheel": WHEELS},
+            r"each be node left; add --topic left=/x/imu",
+        ),
         (
             of(__front__left=IMU, __rear__left=IMU, __right=IMU),
-            {"nodes": WHEELS},
+            {"node_is_on_wheel": WHEELS},
             "/front/left, /rear/left .* could each be node left",
         ),
-        ({"/j": RoleTopic(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or"),
+        ({"/j": TopicCandidate(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or"),
     ],
 )
 def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(found, choice, words):
     with pytest.raises(InputError, match=words):
-        assign(found, TopicChoice(**choice), ours=False, where="bag")
+        assign_roles(found, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     # A verb that does not need the role goes on and says so.
-    told = assign(found, TopicChoice(**choice, needed=frozenset()), ours=False, where="bag").notes
+    told = assign_roles(
+        found, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
+    ).notes
     assert any("could each be" in note or "say which" in note for note in told)
 
 
 @pytest.mark.parametrize(
     ("found", "choice", "nodes", "files"),
     [
-        (of(__a=FIX, __b=FIX), {"said": {"gnss": "/b"}}, {}, {"gnss": "/b"}),
-        (of(__a=FIX, __b=FIX), {"said": {"gnss": "-"}}, {}, {}),
+        (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "/b"}}, {}, {"gnss": "/b"}),
+        (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "-"}}, {}, {}),
         (of(__cmd_vel=TWIST, __odom=ODOMETRY), {}, {}, {"reference": "/odom"}),
         (of(__truth=ODOMETRY, __odom=ODOMETRY), {}, {}, {"reference": "/odom", "truth": "/truth"}),
-        (of(__imu__data=IMU), {"nodes": {"hub": True}}, {"hub": "/imu/data"}, {}),
+        (of(__imu__data=IMU), {"node_is_on_wheel": {"hub": True}}, {"hub": "/imu/data"}, {}),
         (of(__imu__data=IMU), {}, {"imu_data": "/imu/data"}, {}),
-        (of(__leftWheel=IMU, __imu=IMU), {"nodes": WHEELS}, {"left": "/leftWheel", "imu": "/imu"}, {}),
-        (of(__left__imu=IMU), {"nodes": WHEELS}, {"left": "/left/imu"}, {}),
+        (
+            of(__leftWheel=IMU, __imu=IMU),
+            {"node_is_on_wheel": WHEELS},
+            {"left": "/leftWheel", "imu": "/imu"},
+            {},
+        ),
+        (of(__left__imu=IMU), {"node_is_on_wheel": WHEELS}, {"left": "/left/imu"}, {}),
     ],
 )
 def test_what_only_one_topic_can_be_is_found_by_type_and_name(found, choice, nodes, files):
-    roles = assign(found, TopicChoice(**choice), ours=False, where="bag")
+    roles = assign_roles(found, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     assert (dict(roles.nodes), dict(roles.files)) == (nodes, files)
 
 
@@ -190,11 +203,11 @@ def test_what_only_one_topic_can_be_is_found_by_type_and_name(found, choice, nod
     [("left/imu", "left"), ("/left/imu", "left"), ("/imu/data", "imu_data"), ("/imu", "imu")],
 )
 def test_a_node_is_named_like_its_topic(topic, name):
-    assert node_name(topic) == name
+    assert node_name_of_topic(topic) == name
 
 
 def test_the_bag_of_a_recorder_that_was_killed_and_one_in_parts_are_read(robot, bag, tmp_path):
-    whole = read_log(bag, form=LogForm(choice=TopicChoice(wheel_radius=RADIUS)))
+    whole = read_log(bag, input_format=InputFormat(topic_selection=TopicSelection(wheel_radius=RADIUS)))
     killed = shutil.copytree(bag, tmp_path / "killed")
     (killed / "metadata.yaml").unlink()
     for path in (killed, next(killed.glob("*.db3"))):

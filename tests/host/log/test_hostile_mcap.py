@@ -11,9 +11,9 @@ from mcap.writer import Writer
 from fuzz.seeds import T0
 from hubodo.log import decode, ros2, scan
 from hubodo.log.any_log import read_log
-from hubodo.log.container import McapFile
 from hubodo.log.decode import Decoder
 from hubodo.log.logfile import open_log
+from hubodo.log.mcap_file import McapFile
 from in_process import hubodo
 
 OURS = {"hubodo": {"t_zero_ns": str(T0)}}
@@ -152,7 +152,7 @@ def test_damaged_chunks_and_what_is_between_them_are_read_once(tmp_path, monkeyp
     file = McapFile(tmp_path / "x.mcap")
     head = struct.pack("<QQQII", 1, 2, 4, 0, 0) + struct.pack("<Q", 4) + b"\xff" * 4
     n = 300
-    file.put((struct.pack("<BQ", 6, len(head)) + head + bytes(9)) * n)
+    file.append_records((struct.pack("<BQ", 6, len(head)) + head + bytes(9)) * n)
     file.finish()
     searched = []
     pread = scan.pread

@@ -14,8 +14,8 @@ import pytest
 import scipy.io
 
 from hubodo.errors import InputError
-from hubodo.log.claims import memory_limit
-from hubodo.log.number_file import kind_of, read_numbers
+from hubodo.log.input_limits import memory_limit
+from hubodo.log.number_file import detect_file_kind, read_numbers
 from in_process import hubodo
 
 BODY = np.arange(100.0).tobytes()
@@ -44,7 +44,7 @@ def mat(dims: tuple[int, int], kind: int = 6, data: bytes = b"", *, packed: bool
 
 def read(path: Path, variable: str | None = None) -> np.ndarray:
     with memory_limit(20_000_000):
-        return read_numbers(path, kind_of(path), variable).values
+        return read_numbers(path, detect_file_kind(path), variable).values
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from hubodo.log import ros2, topics
 FOLDER = Path(__file__).resolve().parents[3] / "tools" / "layouts"
 TYPES = {topics.ODOM: ros2.ODOMETRY, topics.EVENTS: ros2.STRING}
 for node in ("left", "right"):
-    TYPES |= {topics.imu(node): ros2.IMU, topics.temperature(node): ros2.TEMPERATURE}
+    TYPES |= {topics.imu_topic(node): ros2.IMU, topics.temperature_topic(node): ros2.TEMPERATURE}
 
 
 def foxglove() -> list[str]:

@@ -16,12 +16,12 @@ from mcap.writer import CompressionType, Writer
 
 from hubodo.errors import LogError
 from hubodo.log import ros2
-from hubodo.log.convert import write_recording
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.recover import recover
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recording_writer import write_recording
+from hubodo.log.recover import recover_log
 from hubodo.log.summary import summarise
-from hubodo.log.writer import McapLog
 from hubodo.recording import NODE_COLUMNS, Recording, Table
 
 N = 400
@@ -29,12 +29,12 @@ N = 400
 
 def small_log(path: Path, compression="zstd", chunk_bytes: int = 20_000) -> Path:
     """Two nodes at 100 Hz for 4 s, in a dozen chunks or more."""
-    with McapLog(path, t_zero_ns=0, compression=compression, chunk_bytes=chunk_bytes, clock=None) as log:
+    with LogWriter(path, t_zero_ns=0, compression=compression, chunk_bytes=chunk_bytes, clock=None) as log:
         for first in range(0, N, 8):
             i = np.arange(first, first + 8)
             rows = np.column_stack([i, i, i]).astype(float)
             for node in ("left", "right"):
-                log.imu(node, i * 10_000_000, i * 10_000_000 + 1000, rows, -rows)
+                log.write_imu(node, i * 10_000_000, i * 10_000_000 + 1000, rows, -rows)
     return path
 
 
@@ -57,7 +57,7 @@ def assert_true_rows(path: Path) -> int:
 def test_a_cut_log_reads_up_to_the_cut_and_says_what_is_lost(whole: Path, tmp_path: Path) -> None:
     data = whole.read_bytes()
     with open_log(whole) as log:
-        places = [(place.offset, place.offset + place.length) for place in log.found.chunks]
+        places = [(place.offset, place.offset + place.length) for place in log.scan.chunks]
     assert len(places) > 10
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: places[5][1] - 1])
@@ -69,11 +69,11 @@ def test_a_cut_log_reads_up_to_the_cut_and_says_what_is_lost(whole: Path, tmp_pa
 
 
 def test_a_log_of_a_writer_that_never_closed_reads_whole(tmp_path: Path) -> None:
-    log = McapLog(tmp_path / "log.mcap", clock=None)
-    log.raw("usb0", 5, b"x")
+    log = LogWriter(tmp_path / "log.mcap", clock=None)
+    log.write_raw_frame("usb0", 5, b"x")
     log.flush()
     with open_log(tmp_path / "log.mcap") as read:
-        assert [own_bytes("cdr", m.data) for m in read.messages()] == [b"x"]
+        assert [decode_bytes_message("cdr", m.data) for m in read.messages()] == [b"x"]
         assert "was not closed: 1 messages are kept, 0 bytes" in " ".join(
             [*read.chunks()] and read.warnings()
         )
@@ -84,7 +84,7 @@ def test_a_log_of_a_writer_that_never_closed_reads_whole(tmp_path: Path) -> None
 def test_a_flipped_bit_costs_its_chunk_which_is_named_with_its_time(compression, tmp_path: Path) -> None:
     path = small_log(tmp_path / "log.mcap", compression)
     with open_log(path) as log:
-        place = log.found.chunks[3]
+        place = log.scan.chunks[3]
         lost = len([m for m in log.messages() if place.start_ns <= m.log_time <= place.end_ns])
     data = bytearray(path.read_bytes())
     data[place.data_offset + place.data_size // 2] ^= 4
@@ -152,10 +152,10 @@ HUGE = {
 def test_lengths_that_lie_cost_no_memory(kind: str, tmp_path: Path) -> None:
     path = small_log(tmp_path / "log.mcap")
     with open_log(path) as log:
-        place = log.found.chunks[2]
+        place = log.scan.chunks[2]
     path.write_bytes(HUGE[kind](path.read_bytes(), place))
     program = textwrap.dedent(f"""
-        import resource; from pathlib import Path; from hubodo.log.mcap import read_recording
+        import resource; from pathlib import Path; from hubodo.log.recording_reader import read_recording
         resource.setrlimit(resource.RLIMIT_AS, ({3 << 30}, {3 << 30}))
         recording = read_recording(Path({str(path)!r}))
         assert len(recording.warnings) == 1, recording.warnings
@@ -199,7 +199,7 @@ def test_logs_of_other_writers_are_read_by_topic_name(chunked: bool, compression
 
 def test_messages_of_changing_frame_names_are_all_decoded_in_order(tmp_path: Path) -> None:
     path, names = tmp_path / "log.mcap", ["a", "bb", "abcdefghi", "bb", "é", ""] * 20
-    with McapLog(path, t_zero_ns=0) as log:
+    with LogWriter(path, t_zero_ns=0) as log:
         channel = log.add_ros2_channel("/x/imu", ros2.IMU)
         for i, name in enumerate(names):
             record = np.zeros(1, ros2.stamped(ros2.IMU, name).dtype)
@@ -214,9 +214,9 @@ def test_messages_of_changing_frame_names_are_all_decoded_in_order(tmp_path: Pat
 
 
 def test_rows_that_repeat_a_time_are_left_out_and_counted(tmp_path: Path) -> None:
-    with McapLog(tmp_path / "log.mcap", t_zero_ns=0) as log:
+    with LogWriter(tmp_path / "log.mcap", t_zero_ns=0) as log:
         t = [10, 20, 20, 15, 30]
-        log.imu("left", t, t, np.arange(15.0).reshape(5, 3), np.zeros((5, 3)))
+        log.write_imu("left", t, t, np.arange(15.0).reshape(5, 3), np.zeros((5, 3)))
     recording = read_recording(tmp_path / "log.mcap")
     assert recording.nodes["left"].t.tolist() == [1e-8, 1.5e-8, 2e-8, 3e-8]
     assert recording.nodes["left"]["gx"].tolist() == [0, 9, 3, 12]
@@ -226,9 +226,9 @@ def test_rows_that_repeat_a_time_are_left_out_and_counted(tmp_path: Path) -> Non
 @pytest.mark.parametrize("window", [(None, None), (50, 150), (0, 1), (199, None), (None, 3)])
 def test_messages_come_by_log_time_across_chunks_that_overlap(window, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
-    with McapLog(tmp_path / "log.mcap", chunk_bytes=500, clock=None) as log:
+    with LogWriter(tmp_path / "log.mcap", chunk_bytes=500, clock=None) as log:
         for t in rng.integers(0, 200, 1000).tolist():
-            log.raw("usb0" if t % 2 else "usb1", t, bytes([t]))
+            log.write_raw_frame("usb0" if t % 2 else "usb1", t, bytes([t]))
     start, end = window
     with open_log(tmp_path / "log.mcap") as read:
         times = [m.log_time for m in read.messages(start=start, end=end)]
@@ -257,12 +257,12 @@ def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path: Path) -> N
             writer.add_message(channel, t, data, t)
         writer.finish()
     with open_log(path) as log:
-        assert [place.start_ns for place in log.found.chunks] == [5, 3]
+        assert [place.start_ns for place in log.scan.chunks] == [5, 3]
         assert [m.data for m in log.messages()] == [b"older", first, b"second", b"third"]
 
 
 def test_iterating_messages_keeps_few_chunks_in_memory(tmp_path: Path) -> None:
-    with McapLog(tmp_path / "log.mcap", compression="zstd", clock=None) as log:
+    with LogWriter(tmp_path / "log.mcap", compression="zstd", clock=None) as log:
         channel = log.add_channel("/x", "", "", b"", "json")
         for t in range(200_000):
             log.write(channel, t, t, bytes(1000))
@@ -297,7 +297,7 @@ def test_a_log_mangled_in_any_way_is_read_or_refused_but_never_crashes(tmp_path:
                 del mangled[max(10, at) :]
         path, out = tmp_path / "mangled.mcap", tmp_path / "out.mcap"
         path.write_bytes(mangled)
-        for read, more in ((read_recording, ()), (summarise, ()), (recover, (out,))):
+        for read, more in ((read_recording, ()), (summarise, ()), (recover_log, (out,))):
             try:
                 read(path, *more)
             except LogError:

@@ -10,16 +10,16 @@ from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
 from hubodo.errors import InputError, LogError
+from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import LogMessage
-from hubodo.log.mcap import open_log
-from hubodo.log.recover import recover
-from hubodo.log.writer import McapLog
+from hubodo.log.recording_reader import open_log
+from hubodo.log.recover import recover_log
 from hubodo.recording import Event
 
 
 def write_small(path: Path, compression="zstd", n: int = 14) -> None:
     """A few chunks of two links, with metadata, and an attachment and an event if there are many."""
-    with McapLog(
+    with LogWriter(
         path,
         t_zero_ns=0,
         compression=compression,
@@ -28,12 +28,12 @@ def write_small(path: Path, compression="zstd", n: int = 14) -> None:
         metadata={"fingerprint": "abc"},
     ) as log:
         if n > 6:
-            log.attach("hubodo.toml", "application/toml", b"rate_hz = 208\n")
+            log.add_attachment("hubodo.toml", "application/toml", b"rate_hz = 208\n")
         for i in range(n):
-            log.raw("usb1", i * 1000 + 1, bytes([i] * 9))
-            log.raw("usb0", i * 1000 + 2, bytes([i] * i))
+            log.write_raw_frame("usb1", i * 1000 + 1, bytes([i] * 9))
+            log.write_raw_frame("usb0", i * 1000 + 2, bytes([i] * i))
         if n > 6:
-            log.event(Event(99, "gap", "left", "lost", {"samples_lost": 1}))
+            log.write_event(Event(99, "gap", "left", "lost", {"samples_lost": 1}))
 
 
 def messages(path: Path) -> list[LogMessage]:
@@ -65,7 +65,7 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     data = whole.read_bytes()
     with open_log(whole) as log:
         ends, counts, total = [], [], 0
-        for place, chunk in zip(log.found.chunks, log.chunks(), strict=True):
+        for place, chunk in zip(log.scan.chunks, log.chunks(), strict=True):
             total += len(chunk.places)
             ends.append(place.offset + place.length)
             counts.append(total)
@@ -76,13 +76,13 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     seed = 3
     for size in _cuts(data, seed) if compression == "zstd" else _drawn(data, seed, 100):
         cut.write_bytes(data[:size])
-        done = recover(cut, out)
+        done = recover_log(cut, out)
         found = judge(out)
         complete = max([count for end, count in zip(ends, counts, strict=True) if end <= size], default=0)
         assert len(found) >= complete, f"cut at byte {size}"
         assert set(found) == set(written_order[: len(found)]), f"cut at byte {size}"
         assert sum(done.messages.values()) == len(found)
-        assert done.was_whole == (size == len(data))
+        assert done.was_complete == (size == len(data))
         out.unlink()
     assert sorted(found, key=lambda m: (m[1], m[0])) == everything
 
@@ -117,7 +117,7 @@ def _file_order(path: Path) -> list[tuple[str, int, int, int, bytes]]:
 def test_less_than_the_magic_is_refused(size: int, tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes(b"\x89MCAP0\r\n"[:size])
     with pytest.raises(LogError):
-        recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+        recover_log(tmp_path / "cut.mcap", tmp_path / "out.mcap")
     assert [path.name for path in tmp_path.iterdir()] == ["cut.mcap"]
 
 
@@ -125,7 +125,7 @@ def test_metadata_attachments_and_an_account_are_in_the_recovered_log(tmp_path: 
     write_small(tmp_path / "whole.mcap")
     data = (tmp_path / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
-    done = recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+    done = recover_log(tmp_path / "cut.mcap", tmp_path / "out.mcap")
     with (tmp_path / "out.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         records = {record.name: record.metadata for record in reader.iter_metadata()}
@@ -141,16 +141,16 @@ def test_damaged_chunks_and_lost_records_cost_only_themselves(tmp_path: Path) ->
     write_small(tmp_path / "whole.mcap")
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     with open_log(tmp_path / "whole.mcap") as log:
-        places = list(log.found.chunks)
+        places = list(log.scan.chunks)
         sizes = [len(chunk.places) for chunk in log.chunks()]
     data[places[1].data_offset + 20] ^= 1
     data[places[2].offset + 3] ^= 0x80  # the length of the record: nothing behind it is where it seems
     (tmp_path / "bad.mcap").write_bytes(data)
-    done = recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    done = recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     lost = set(_file_order(tmp_path / "whole.mcap")) - set(judge(tmp_path / "out.mcap"))
     assert len(lost) == sizes[1] + sizes[2]
     assert len(done.losses) == 2
-    assert not done.was_whole
+    assert not done.was_complete
 
 
 @pytest.mark.parametrize("at", range(8))
@@ -159,7 +159,7 @@ def test_a_damaged_magic_costs_nothing(at: int, tmp_path: Path) -> None:
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     data[at] ^= 1
     (tmp_path / "bad.mcap").write_bytes(data)
-    recover(tmp_path / "bad.mcap", tmp_path / "out.mcap")
+    recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
     assert judge(tmp_path / "out.mcap") == judge(tmp_path / "whole.mcap")
 
 
@@ -175,7 +175,7 @@ def test_a_cut_log_of_another_writer_becomes_one_that_rosbags_opens(chunked: boo
         writer.finish()
     data = (tmp_path / "foreign.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
-    done = recover(tmp_path / "cut.mcap", tmp_path / "out.mcap")
+    done = recover_log(tmp_path / "cut.mcap", tmp_path / "out.mcap")
     with AnyReader([tmp_path / "out.mcap"]) as reader:
         values = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages()]
     assert values == list(range(len(values)))
@@ -187,9 +187,9 @@ def test_nothing_is_overwritten_and_the_input_stays_as_it_is(tmp_path: Path) -> 
     write_small(tmp_path / "log.mcap")
     before = (tmp_path / "log.mcap").read_bytes()
     with pytest.raises(InputError, match="is the log itself"):
-        recover(tmp_path / "log.mcap", tmp_path / "log.mcap")
+        recover_log(tmp_path / "log.mcap", tmp_path / "log.mcap")
     (tmp_path / "out.mcap").write_bytes(b"precious")
     with pytest.raises(InputError, match="exists already"):
-        recover(tmp_path / "log.mcap", tmp_path / "out.mcap")
+        recover_log(tmp_path / "log.mcap", tmp_path / "out.mcap")
     assert (tmp_path / "out.mcap").read_bytes() == b"precious"
     assert (tmp_path / "log.mcap").read_bytes() == before

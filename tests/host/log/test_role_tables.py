@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
-from hubodo.log.foreign import LogForm
-from hubodo.log.roles import TopicChoice
+from hubodo.log.number_recording import InputFormat
+from hubodo.log.roles import TopicSelection
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 T0, COUNT, PERIOD = 1_700_000_000_000_000_000, 30, 100_000_000
@@ -89,7 +89,9 @@ def bag(path: Path, **topics) -> Path:
 
 
 def read(path: Path, **said):
-    return read_log(path, form=LogForm(choice=TopicChoice(said=said, wheel_radius=0.5)))
+    return read_log(
+        path, input_format=InputFormat(topic_selection=TopicSelection(explicit=said, wheel_radius=0.5))
+    )
 
 
 def test_a_heading_is_the_yaw_of_an_orientation_with_its_sigma(tmp_path):

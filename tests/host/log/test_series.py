@@ -11,11 +11,11 @@ import pytest
 
 from fakes.traced_disk import TracedDisk
 from hubodo.errors import InputError
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.recover import recover
-from hubodo.log.series import HELD_BYTES, LogSeries, SeriesRules
-from hubodo.log.writer import McapLog
+from hubodo.log.hubodo_messages import decode_bytes_message
+from hubodo.log.log_series import HELD_BYTES, LogSeries, RotationRules
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.recover import recover_log
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 
@@ -38,15 +38,15 @@ class Written:
     def __init__(self, out, rules, **options):
         self.clock = Clock()
         self.series = LogSeries(out, rules, self.clock, **options)
-        self.log = McapLog(self.series, t_zero_ns=T0, metadata={"a": "b"}, clock=self.clock)
-        self.log.attach("vehicle.toml", "application/toml", b"x = 1\n")
+        self.log = LogWriter(self.series, t_zero_ns=T0, metadata={"a": "b"}, clock=self.clock)
+        self.log.add_attachment("vehicle.toml", "application/toml", b"x = 1\n")
         self.numbers = itertools.count()
 
     def run(self, seconds):
         for _ in range(round(seconds * 100)):
             self.clock.now += NS_PER_S // 100
             payload = next(self.numbers).to_bytes(4, "little") + os.urandom(1000)
-            self.log.raw("usb0", self.clock.now, payload)
+            self.log.write_raw_frame("usb0", self.clock.now, payload)
             self.log.tick()
             self.series.tick(self.clock.now)
         return self
@@ -62,7 +62,7 @@ def numbers(*paths):
     for path in paths:
         with open_log(path) as log:
             found += [
-                int.from_bytes(own_bytes("cdr", m.data)[:4], "little")
+                int.from_bytes(decode_bytes_message("cdr", m.data)[:4], "little")
                 for m in log.messages()
                 if "/raw/" in m.topic
             ]
@@ -71,7 +71,7 @@ def numbers(*paths):
 
 
 def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head(tmp_path):
-    made = Written(tmp_path / "drive.mcap", SeriesRules(after=10.0)).run(34.5)
+    made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=10.0)).run(34.5)
     made.log.add_metadata("node.left", {"serial": "1"})
     series = made.run(10).close()
     assert [path.name for path in series.paths][:2] == [
@@ -82,23 +82,23 @@ def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its
     assert numbers(*series.paths) == list(range(4450))
     for path in series.paths:
         with open_log(path) as log:
-            assert log.records["hubodo"]["a"] == "b"
+            assert log.metadata_records["hubodo"]["a"] == "b"
             assert log.t_zero_ns == T0
-            assert [file.name for file in log.found.attachments] == ["vehicle.toml"]
+            assert [file.name for file in log.scan.attachments] == ["vehicle.toml"]
             assert len(numbers(path)) > 400
     with open_log(series.paths[-1]) as log:
-        assert log.records["node.left"] == {"serial": "1"}
-    assert not series.damaged
+        assert log.metadata_records["node.left"] == {"serial": "1"}
+    assert not series.has_losses
     assert series.size == sum(path.stat().st_size for path in series.paths)
 
 
 def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used_up(tmp_path):
     keep = tmp_path / "drive-of-mine.mcap"
     keep.write_bytes(bytes(10))
-    rules = SeriesRules(at=200_000, budget=800_000)
+    rules = RotationRules(max_size=200_000, budget=800_000)
     series = Written(tmp_path / "drive.mcap", rules).run(40).close()
     left = [path for path in series.paths if path.exists()]
-    assert series.room.removed == len(series.paths) - len(left) > 10
+    assert series.disk_space.removed == len(series.paths) - len(left) > 10
     assert left == series.paths[-len(left) :]
     assert sum(path.stat().st_size for path in left) < 1_000_000
     assert max(path.stat().st_size for path in left) < 300_000
@@ -108,14 +108,14 @@ def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used
 
 
 def test_names_in_a_folder_are_numbers_and_times_and_no_two_are_alike(tmp_path):
-    made = Written(tmp_path, SeriesRules())
+    made = Written(tmp_path, RotationRules())
     for _ in range(3):
         made.run(0.1)
         made.log.flush()
-        made.series.cut()
+        made.series.rotate()
     paths = made.close().paths
     assert [path.name for path in paths] == [f"00000{k}-20260320T094640Z.mcap" for k in (1, 2, 3, 4)]
-    assert made.series._names.logs() == paths
+    assert made.series._names.existing_logs() == paths
     assert numbers(*paths) == list(range(30))
 
 
@@ -129,7 +129,7 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
         (tmp_path / name).write_bytes(bytes(100_000))
     mine = tmp_path / "drive-by-the-sea.mcap"
     mine.write_bytes(bytes(10))
-    rules = SeriesRules(at=200_000, budget=800_000)
+    rules = RotationRules(max_size=200_000, budget=800_000)
     earlier = Written(tmp_path / "drive.mcap", rules).run(4).close()
     behind = Written(tmp_path / "drive.mcap", rules)
     behind.clock.now -= 365 * 86_400 * NS_PER_S
@@ -144,7 +144,7 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
 @pytest.mark.parametrize("other", ["drive-000007-20260101T000000Z.mcap", "000007-20260101T000000Z.mcap"])
 def test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers(tmp_path, other):
     (tmp_path / other).write_bytes(bytes(900_000))
-    made = Written(tmp_path / "left.mcap", SeriesRules(at=200_000, budget=500_000)).run(10)
+    made = Written(tmp_path / "left.mcap", RotationRules(max_size=200_000, budget=500_000)).run(10)
     assert made.close().paths[0].name.startswith("left-000001-")
     assert (tmp_path / other).exists()
 
@@ -153,7 +153,7 @@ def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
     for name in ("000041-20260101T000000Z.mcap", "000042-20260101T000000Z.mcap.tmp", "000043-.mcap"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / f"{'9' * 30}-20260101T000000Z.mcap").write_bytes(b"")
-    series = Written(tmp_path, SeriesRules(budget=10**9)).run(0.1).close()
+    series = Written(tmp_path, RotationRules(budget=10**9)).run(0.1).close()
     assert series.path.name == "000042-20260320T094640Z.mcap"
 
 
@@ -162,7 +162,7 @@ def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
 def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins(
     tmp_path, size, rotates
 ):
-    made = Written(tmp_path / "drive.mcap", SeriesRules(after=60.0 if rotates else None)).run(3)
+    made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=60.0 if rotates else None)).run(3)
     first = made.series.path
     os.truncate(first, size)
     made.run(1)
@@ -171,12 +171,12 @@ def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_
     series = made.run(2).close()
     assert 250 < series.messages_lost < 400
     assert numbers(series.path) == list(range(series.messages_lost, 600))
-    assert series.damaged
+    assert series.has_losses
 
 
 @pytest.mark.parametrize("change", ["shortened", "deleted", "written to"])
 def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_path, change):
-    made = Written(tmp_path / "drive.mcap", SeriesRules()).run(3)
+    made = Written(tmp_path / "drive.mcap", RotationRules()).run(3)
     path = made.series.path
     if change == "deleted":
         path.unlink()
@@ -193,9 +193,9 @@ def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_pat
 def test_an_existing_log_and_a_missing_folder_are_refused(tmp_path):
     (tmp_path / "log.mcap").write_bytes(b"precious")
     with pytest.raises(InputError, match="exists already"):
-        LogSeries(tmp_path / "log.mcap", SeriesRules(), Clock())
+        LogSeries(tmp_path / "log.mcap", RotationRules(), Clock())
     with pytest.raises(InputError, match="folder does not exist"):
-        LogSeries(tmp_path / "no" / "log.mcap", SeriesRules(), Clock())
+        LogSeries(tmp_path / "no" / "log.mcap", RotationRules(), Clock())
 
 
 @contextmanager
@@ -222,15 +222,15 @@ def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_
     with small_disk(tmp_path / "disk", 4) as disk:
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(3_000_000))
-        made = Written(disk / "drive.mcap", SeriesRules(reserve=reserve)).run(14)
-        assert not made.series.recording
-        assert "left on the disk" in made.series.trouble or "no space left" in made.series.trouble
+        made = Written(disk / "drive.mcap", RotationRules(reserve=reserve)).run(14)
+        assert not made.series.is_recording
+        assert "left on the disk" in made.series.pause_reason or "no space left" in made.series.pause_reason
         until_full = numbers(disk / "drive.mcap") if reserve else None
         made.run(2)
         ballast.unlink()
         made.run(2)
-        assert made.series.recording
-        assert made.series.trouble is None
+        assert made.series.is_recording
+        assert made.series.pause_reason is None
         series = made.close()
         found = numbers(*series.paths)
         assert len(series.paths) == 2
@@ -238,7 +238,7 @@ def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_
         if reserve:
             assert found[: len(until_full)] == until_full
             assert found == list(range(1800)), "nothing is lost while it can be held"
-            assert not series.damaged
+            assert not series.has_losses
         else:
             assert found == list(range(len(found)))
             assert len(found) + series.messages_lost == 1800
@@ -247,10 +247,10 @@ def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_
 def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
-    made = Written(folder / "drive.mcap", SeriesRules()).run(1)
+    made = Written(folder / "drive.mcap", RotationRules()).run(1)
     shutil.rmtree(folder)
     made.run(1)
-    assert "folder does not exist" in made.series.trouble
+    assert "folder does not exist" in made.series.pause_reason
     made.run(200)
     assert sum(len(held.records) for held in made.series._held) < HELD_BYTES + 200_000
     folder.mkdir()
@@ -259,7 +259,7 @@ def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tm
     assert found == list(range(20_300 - len(found), 20_300))
     assert len(found) * 1000 > 0.9 * HELD_BYTES
     assert series.messages_lost == 20_300 - len(found)
-    assert series.damaged
+    assert series.has_losses
 
 
 @pytest.mark.parametrize("change", ["deleted", "replaced", "moved", "folder moved"])
@@ -267,7 +267,7 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
     folder = tmp_path / "logs"
     folder.mkdir()
     out = folder / "drive.mcap"
-    made = Written(out, SeriesRules()).run(2)
+    made = Written(out, RotationRules()).run(2)
     if change == "deleted":
         out.unlink()
     elif change == "replaced":
@@ -282,11 +282,11 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
     notice = made.series.notices[0]
     if change == "folder moved":
         assert "moved away" in notice
-        assert "folder does not exist" in made.series.trouble
+        assert "folder does not exist" in made.series.pause_reason
         folder.mkdir()
         made.run(1)
-    assert made.series.recording
-    assert made.series.trouble is None
+    assert made.series.is_recording
+    assert made.series.pause_reason is None
     series = made.run(2).close()
     lost = series.messages_lost
     if "moved" in change:
@@ -297,19 +297,19 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
         assert "deleted or replaced" in notice
         assert 150 < lost < 300
         assert numbers(series.path) == list(range(lost, next(made.numbers)))
-        assert series.damaged
+        assert series.has_losses
     if change == "replaced":
         assert out.read_bytes() == b"another"
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.EDQUOT])
 def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, number):
-    made = Written(tmp_path / "drive.mcap", SeriesRules()).run(1)
+    made = Written(tmp_path / "drive.mcap", RotationRules()).run(1)
     with TracedDisk() as disk:
         disk.refuses = number
         made.run(3)
-        assert os.strerror(number).lower() in made.series.trouble
-        assert not made.series.recording
+        assert os.strerror(number).lower() in made.series.pause_reason
+        assert not made.series.is_recording
     series = made.run(2).close()
     assert numbers(*series.paths) == list(range(600))
     assert len(series.paths) == 2
@@ -317,21 +317,21 @@ def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, numb
 
 def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_be_read(tmp_path):
     """As on a memory card, whose file system ends files at 4 GB."""
-    made = Written(tmp_path / "drive.mcap", SeriesRules())
+    made = Written(tmp_path / "drive.mcap", RotationRules())
     with TracedDisk() as disk:
         disk.largest_file = 300_000
         series = made.run(5).close()
     assert len(series.paths) == 2
     assert any("hubodo recover" in notice for notice in series.notices)
     whole = tmp_path / "whole.mcap"
-    recover(series.paths[0], whole)
+    recover_log(series.paths[0], whole)
     assert numbers(whole, series.paths[1]) == list(range(500))
 
 
 def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
     """All prefixes of what was written: of each, the disk is sure to have what the last sync covered."""
     with TracedDisk() as disk:
-        made = Written(tmp_path / "drive.mcap", SeriesRules(after=9.0))
+        made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=9.0))
         for _ in range(2000):
             made.run(0.01)
             disk.settle(made.series, made.clock.now)
@@ -344,7 +344,7 @@ def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
         for k, (name, data) in enumerate(safe.items()):
             cut, whole = tmp_path / f"{turn}-{k}-{name}", tmp_path / f"{turn}-{k}-whole.mcap"
             cut.write_bytes(data)
-            recover(cut, whole)
+            recover_log(cut, whole)
             found += numbers(whole)
         assert found == list(range(len(found)))
         worst = max(worst, (t_ns - T0) * 1e-9 - len(found) / 100)
@@ -354,7 +354,7 @@ def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
 def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
     with TracedDisk() as disk:
         disk.hang()
-        made = Written(tmp_path / "drive.mcap", SeriesRules()).run(6)
+        made = Written(tmp_path / "drive.mcap", RotationRules()).run(6)
         told = [notice for notice in made.series.notices if "power cut" in notice]
         disk.go_on()
         made.close()
@@ -362,12 +362,12 @@ def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
 
 
 def test_an_event_told_again_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
-    made = Written(tmp_path / "drive.mcap", SeriesRules())
-    made.log.event(
+    made = Written(tmp_path / "drive.mcap", RotationRules())
+    made.log.write_event(
         Event(T0 - 3600 * NS_PER_S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + NS_PER_S
     )
     made.run(2).close()
     recording = read_recording(made.series.path)
     assert recording.events[0].t_ns == T0 - 3600 * NS_PER_S
     with open_log(made.series.path) as log:
-        assert log.found.chunks[0].start_ns > T0 - NS_PER_S
+        assert log.scan.chunks[0].start_ns > T0 - NS_PER_S

@@ -17,10 +17,10 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from hubodo.errors import InputError
-from hubodo.log import chunks
-from hubodo.log.mcap import open_log, read_recording
-from hubodo.log.own_messages import own_bytes, own_text
-from hubodo.log.writer import McapLog
+from hubodo.log import chunk_writer
+from hubodo.log.hubodo_messages import decode_bytes_message, decode_string_message
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.recording import Event
 
 ROS_TOPICS = {
@@ -55,25 +55,25 @@ def numbers(seed: int = 5, n: int = 300) -> dict[str, np.ndarray]:
     return made
 
 
-def write_everything(log: McapLog, d: dict[str, np.ndarray]) -> None:
+def write_everything(log: LogWriter, d: dict[str, np.ndarray]) -> None:
     """Every kind of message, in batches of mixed sizes, received 3 ms after it was measured."""
     for first in range(0, len(d["t"]), 37):
         p = slice(first, first + 37)
         t, received = d["t"][p], d["t"][p] + 3_000_000
-        log.imu("left", t, received, d["gyro"][p], d["accel"][p])
-        log.imu("right", t, received, -d["gyro"][p], -d["accel"][p])
-        log.temperature("left", t, received, d["heat"][p])
-        log.battery("left", t, received, d["volts"][p], 0.75)
-        log.magnetic_field("left", t, received, d["field"][p])
-        log.odometry(
+        log.write_imu("left", t, received, d["gyro"][p], d["accel"][p])
+        log.write_imu("right", t, received, -d["gyro"][p], -d["accel"][p])
+        log.write_temperature("left", t, received, d["heat"][p])
+        log.write_battery("left", t, received, d["volts"][p], 0.75)
+        log.write_magnetic_field("left", t, received, d["field"][p])
+        log.write_odometry(
             t, received, d["xy"][p], d["heading"][p], d["speed"][p], d["yaw_rate"][p],
             pose_covariance=d["pose"][p], twist_covariance=d["twist"][p],
         )  # fmt: skip
-        log.transform(t, received, d["xy"][p], d["heading"][p])
-        log.fix(t, received, d["lat"][p], d["lon"][p], d["alt"][p], sigma=d["sigma"][p])
-        log.columns("wheels", t, received, {"left": d["speed"][p], "right": d["yaw_rate"][p]})
-        log.raw("usb0", int(received[0]), bytes(range(first % 100)))
-        log.event(Event(int(received[0]), "gap", "left", "lost", {"samples_lost": first}))
+        log.write_transform(t, received, d["xy"][p], d["heading"][p])
+        log.write_gnss_fix(t, received, d["lat"][p], d["lon"][p], d["alt"][p], sigma=d["sigma"][p])
+        log.write_columns("wheels", t, received, {"left": d["speed"][p], "right": d["yaw_rate"][p]})
+        log.write_raw_frame("usb0", int(received[0]), bytes(range(first % 100)))
+        log.write_event(Event(int(received[0]), "gap", "left", "lost", {"samples_lost": first}))
 
 
 def check(topic: str, i: int, m: object, d: dict[str, np.ndarray]) -> None:
@@ -131,7 +131,7 @@ def xyz(vector: object) -> list[float]:
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_rosbags_reads_every_type_with_the_same_numbers(compression, tmp_path: Path) -> None:
     data = numbers()
-    with McapLog(tmp_path / "log.mcap", compression=compression, chunk_bytes=100_000) as log:
+    with LogWriter(tmp_path / "log.mcap", compression=compression, chunk_bytes=100_000) as log:
         write_everything(log, data)
     seen = dict.fromkeys(ROS_TOPICS, 0)
     with AnyReader([tmp_path / "log.mcap"]) as reader:
@@ -148,7 +148,7 @@ def test_rosbags_reads_every_type_with_the_same_numbers(compression, tmp_path: P
 
 def test_mcap_ros2_support_reads_every_type_with_the_same_numbers(tmp_path: Path) -> None:
     data = numbers(seed=6)
-    with McapLog(tmp_path / "log.mcap", chunk_bytes=100_000) as log:
+    with LogWriter(tmp_path / "log.mcap", chunk_bytes=100_000) as log:
         write_everything(log, data)
     seen = dict.fromkeys(ROS_TOPICS, 0)
     with (tmp_path / "log.mcap").open("rb") as stream:
@@ -166,9 +166,9 @@ def test_mcap_ros2_support_reads_every_type_with_the_same_numbers(tmp_path: Path
 
 
 def test_the_mcap_package_finds_every_checksum_right(tmp_path: Path) -> None:
-    with McapLog(tmp_path / "log.mcap", chunk_bytes=50_000, metadata={"fingerprint": "abc"}) as log:
+    with LogWriter(tmp_path / "log.mcap", chunk_bytes=50_000, metadata={"fingerprint": "abc"}) as log:
         write_everything(log, numbers())
-        log.attach("hubodo.toml", "application/toml", b"rate_hz = 208\n")
+        log.add_attachment("hubodo.toml", "application/toml", b"rate_hz = 208\n")
     # The checksums that the mcap package does not verify, by the letter of the specification.
     data = (tmp_path / "log.mcap").read_bytes()
     start, offsets, crc = struct.unpack("<QQI", data[-28:-8])
@@ -189,7 +189,7 @@ def test_the_mcap_package_finds_every_checksum_right(tmp_path: Path) -> None:
 
 def test_our_reader_gives_back_what_a_live_recording_wrote(tmp_path: Path) -> None:
     d = numbers()
-    with McapLog(tmp_path / "log.mcap", t_zero_ns=T0, metadata={"fingerprint": "abc"}) as log:
+    with LogWriter(tmp_path / "log.mcap", t_zero_ns=T0, metadata={"fingerprint": "abc"}) as log:
         write_everything(log, d)
     recording = read_recording(tmp_path / "log.mcap")
     left, t = recording.nodes["left"], (d["t"] - T0) / 1e9
@@ -221,16 +221,16 @@ def test_our_reader_gives_back_what_a_live_recording_wrote(tmp_path: Path) -> No
 
 def test_raw_frames_and_events_come_back_byte_for_byte(tmp_path: Path) -> None:
     frames = [os.urandom(n) for n in (0, 1, 250, 12)]
-    with McapLog(tmp_path / "log.mcap") as log:
+    with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(frames):
-            log.raw("usb0", 100 + i, frame)
-        log.event(Event(200, "reset", "left", "brown-out", {"cause": 3}))
+            log.write_raw_frame("usb0", 100 + i, frame)
+        log.write_event(Event(200, "reset", "left", "brown-out", {"cause": 3}))
     with open_log(tmp_path / "log.mcap") as read:
         found = list(read.messages(topics=["/hubodo/raw/usb0"]))
-        assert [own_bytes("cdr", m.data) for m in found] == frames
+        assert [decode_bytes_message("cdr", m.data) for m in found] == frames
         assert [m.log_time for m in found] == [100, 101, 102, 103]
         (event,) = read.messages(topics=["/hubodo/events"])
-    assert json.loads(own_text("cdr", event.data))["data"] == {"cause": 3}
+    assert json.loads(decode_string_message("cdr", event.data))["data"] == {"cause": 3}
 
 
 class Clock:
@@ -250,35 +250,35 @@ def on_disk(path: Path) -> int:
 
 def test_nothing_waits_longer_than_its_bound_even_if_no_further_message_comes(tmp_path: Path) -> None:
     clock = Clock()
-    log = McapLog(tmp_path / "log.mcap", pending_s=0.5, clock=clock)
-    log.raw("usb0", 1, b"first")
+    log = LogWriter(tmp_path / "log.mcap", pending_s=0.5, clock=clock)
+    log.write_raw_frame("usb0", 1, b"first")
     clock.now = 499_999_999
     log.tick()
     assert on_disk(log.path) == 0
     clock.now = 500_000_000
     log.tick()
     assert on_disk(log.path) == 1
-    log.raw("usb0", 2, b"second")
+    log.write_raw_frame("usb0", 2, b"second")
     clock.now += 400_000_000
-    log.raw("usb0", 3, b"third")
+    log.write_raw_frame("usb0", 3, b"third")
     clock.now += 100_000_000
-    log.raw("usb0", 4, b"fourth")
+    log.write_raw_frame("usb0", 4, b"fourth")
     assert on_disk(log.path) == 4
     log.close()
 
 
 def test_an_event_is_on_disk_at_once_with_all_that_came_before_it(tmp_path: Path) -> None:
-    log = McapLog(tmp_path / "log.mcap", clock=Clock())
-    log.raw("usb0", 1, b"before")
-    log.event(Event(2, "disconnected", "usb0", "unplugged", {}))
+    log = LogWriter(tmp_path / "log.mcap", clock=Clock())
+    log.write_raw_frame("usb0", 1, b"before")
+    log.write_event(Event(2, "disconnected", "usb0", "unplugged", {}))
     assert on_disk(log.path) == 2
     log.close()
 
 
 def test_a_full_chunk_is_written_without_waiting(tmp_path: Path) -> None:
-    log = McapLog(tmp_path / "log.mcap", clock=Clock(), chunk_bytes=10_000)
+    log = LogWriter(tmp_path / "log.mcap", clock=Clock(), chunk_bytes=10_000)
     for i in range(100):
-        log.raw("usb0", i, bytes(200))
+        log.write_raw_frame("usb0", i, bytes(200))
     assert on_disk(log.path) >= 81
     log.close()
 
@@ -286,17 +286,17 @@ def test_a_full_chunk_is_written_without_waiting(tmp_path: Path) -> None:
 def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"precious")
     with pytest.raises(InputError, match="exists already"):
-        McapLog(tmp_path / "log.mcap")
+        LogWriter(tmp_path / "log.mcap")
     assert (tmp_path / "log.mcap").read_bytes() == b"precious"
     with pytest.raises(InputError, match="folder does not exist"):
-        McapLog(tmp_path / "absent" / "log.mcap")
+        LogWriter(tmp_path / "absent" / "log.mcap")
 
 
 def test_the_end_of_a_long_log_takes_no_memory_for_its_index(tmp_path):
     """Of 6,000 chunks the index takes 0.6 MB; it is written as it is, not copied."""
-    log = McapLog(tmp_path / "a.mcap", clock=None, compression="none")
+    log = LogWriter(tmp_path / "a.mcap", clock=None, compression="none")
     for k in range(6_000):
-        log.raw("usb0", k, b"frame")
+        log.write_raw_frame("usb0", k, b"frame")
         log.flush()
     tracemalloc.start()
     try:
@@ -322,29 +322,40 @@ def test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log(tmp_path: Pat
         taken, room[0] = min(room[0], len(data)), room[0] - min(room[0], len(data))
         return real(fd, bytes(data)[:taken])
 
-    log = McapLog(tmp_path / "log.mcap", clock=Clock())
-    log.raw("usb0", 1, b"kept")
+    log = LogWriter(tmp_path / "log.mcap", clock=Clock())
+    log.write_raw_frame("usb0", 1, b"kept")
     log.flush()
     monkeypatch.setattr(os, "write", write)
     room[0] = 10
-    log.raw("usb0", 2, b"lost")
+    log.write_raw_frame("usb0", 2, b"lost")
     with pytest.raises(OSError, match="No space"):
         log.flush()
     room[0] = None
-    log.raw("usb0", 3, b"kept again")
+    log.write_raw_frame("usb0", 3, b"kept again")
     log.close()
     with open_log(tmp_path / "log.mcap") as read:
-        assert [own_bytes("cdr", m.data) for m in read.messages()] == [b"kept", b"kept again"]
+        assert [decode_bytes_message("cdr", m.data) for m in read.messages()] == [b"kept", b"kept again"]
         assert read.warnings() == ()
 
 
-@pytest.mark.parametrize("n", [1, 2, 8, chunks.SLAB - 1, chunks.SLAB, chunks.SLAB + 1, 3 * chunks.SLAB + 5])
+@pytest.mark.parametrize(
+    "n",
+    [
+        1,
+        2,
+        8,
+        chunk_writer.MAX_PENDING_ROWS - 1,
+        chunk_writer.MAX_PENDING_ROWS,
+        chunk_writer.MAX_PENDING_ROWS + 1,
+        3 * chunk_writer.MAX_PENDING_ROWS + 5,
+    ],
+)
 def test_batches_of_any_size_keep_order_and_numbering(n: int, tmp_path: Path) -> None:
     gyro = np.arange(3.0 * n).reshape(n, 3)
     t = np.arange(n) * 1_000_000
-    with McapLog(tmp_path / "log.mcap") as log:
-        log.imu("left", t, t + 1, gyro, -gyro)
-        log.imu("left", t + 10**12, 10**12, gyro, -gyro)
+    with LogWriter(tmp_path / "log.mcap") as log:
+        log.write_imu("left", t, t + 1, gyro, -gyro)
+        log.write_imu("left", t + 10**12, 10**12, gyro, -gyro)
         assert log.message_count == 2 * n
     with open_log(tmp_path / "log.mcap") as read:
         heads = np.concatenate([messages.heads for messages in read.chunks()])
@@ -356,13 +367,13 @@ def test_batches_of_any_size_keep_order_and_numbering(n: int, tmp_path: Path) ->
 
 
 def test_wrong_shapes_and_negative_times_are_refused_before_anything_is_written(tmp_path: Path) -> None:
-    with McapLog(tmp_path / "log.mcap") as log:
+    with LogWriter(tmp_path / "log.mcap") as log:
         with pytest.raises(ValueError, match="angular_velocity has shape"):
-            log.imu("left", [1, 2], 3, np.zeros((3,)), np.zeros((2, 3)))
+            log.write_imu("left", [1, 2], 3, np.zeros((3,)), np.zeros((2, 3)))
         with pytest.raises(ValueError, match="linear_acceleration has shape"):
-            log.imu("left", [1, 2], 3, np.zeros((2, 3)), np.zeros((1, 3)))
+            log.write_imu("left", [1, 2], 3, np.zeros((2, 3)), np.zeros((1, 3)))
         with pytest.raises(ValueError, match="negative time"):
-            log.imu("left", [-1], 3, np.zeros((1, 3)), np.zeros((1, 3)))
+            log.write_imu("left", [-1], 3, np.zeros((1, 3)), np.zeros((1, 3)))
         with pytest.raises(ValueError, match="negative time"):
-            log.raw("usb0", -1, b"")
+            log.write_raw_frame("usb0", -1, b"")
         assert log.message_count == 0

@@ -16,7 +16,7 @@ from fakes.fake_table import FakeTable
 from hubodo.cli import main
 from hubodo.ingest.live import node_stream
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.verbs import north_live
 
 LATITUDE_DEG = 48.1

@@ -10,9 +10,9 @@ import pytest
 import wanted
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.cli import main
-from hubodo.log.convert import write_recording
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.csv_table import write_table
+from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Table
 from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.circle import wrap

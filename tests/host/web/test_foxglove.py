@@ -15,8 +15,8 @@ import wanted
 from hubodo.errors import InputError
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.tee_sink import tee_sink
+from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import open_log
-from hubodo.log.writer import McapLog
 from hubodo.recording import Event
 from hubodo.web.address import Address
 from in_process import hubodo
@@ -82,12 +82,12 @@ class Client:
 def write(sink, k):
     """What a recorder writes, number k."""
     t_ns = np.array([k, k + 1], np.int64) * 1_000_000 + 10**18
-    sink.imu("left", t_ns, t_ns, np.full((2, 3), 0.5 + k), np.full((2, 3), 9.8))
-    sink.temperature("left", t_ns[:1], t_ns[:1], [25.0])
-    sink.odometry(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2, [1.5] * 2, [0.1] * 2)
-    sink.transform(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2)
-    sink.raw("left", int(t_ns[0]), b"\x01\x02\x00")
-    sink.event(Event(int(t_ns[0]), "mark", "user", f"number {k}"))
+    sink.write_imu("left", t_ns, t_ns, np.full((2, 3), 0.5 + k), np.full((2, 3), 9.8))
+    sink.write_temperature("left", t_ns[:1], t_ns[:1], [25.0])
+    sink.write_odometry(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2, [1.5] * 2, [0.1] * 2)
+    sink.write_transform(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2)
+    sink.write_raw_frame("left", int(t_ns[0]), b"\x01\x02\x00")
+    sink.write_event(Event(int(t_ns[0]), "mark", "user", f"number {k}"))
 
 
 TOPICS = {
@@ -104,7 +104,7 @@ TOPICS = {
 def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_path):
     from hubodo.web.foxglove_live import FoxgloveLive
 
-    with FoxgloveLive(HERE) as live, McapLog(tmp_path / "x.mcap") as log, ExitStack() as stack:
+    with FoxgloveLive(HERE) as live, LogWriter(tmp_path / "x.mcap") as log, ExitStack() as stack:
         bulkheads = Bulkheads(time.time_ns)
         sink = tee_sink(log, live.attach(log, None, bulkheads), bulkheads)
         nmea = sink.add_channel("/gnss/nmea", "", "", b"", "nmea")
@@ -134,7 +134,7 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
 def test_a_log_is_played_to_a_client_message_by_message(tmp_path):
     from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveLog
 
-    with McapLog(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
+    with LogWriter(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
         for k in range(10):
             write(log, 10 * k)
     clients = FoxgloveClients(HERE)
@@ -166,7 +166,7 @@ def test_it_is_for_this_computer_alone_and_says_so_when_it_is_not_installed(tmp_
 
 
 def test_playing_serves_the_clients_while_it_lasts(tmp_path):
-    with McapLog(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
+    with LogWriter(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
         for k in range(10):
             write(log, 10 * k)
     done = hubodo("play", tmp_path / "x.mcap", "--speed", 0, "--foxglove", "127.0.0.1:0", "--json")

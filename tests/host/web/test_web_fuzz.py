@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.web.actions import _mark
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
@@ -43,7 +43,7 @@ class Wishes:
 def server(request, tmp_path_factory):
     """(port, CSRF secret) of a server without a token, and of one with it."""
     folder = tmp_path_factory.mktemp("rides")
-    McapLog(folder / "x.mcap", t_zero_ns=0).close()
+    LogWriter(folder / "x.mcap", t_zero_ns=0).close()
     site = Site(Address("127.0.0.1", 0), request.param)
     app = make_app(site, Library(folder), Hub({}), Wishes())
     # A guess need not take its time here.

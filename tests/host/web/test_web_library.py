@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from starlette.testclient import TestClient
 
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
@@ -26,9 +26,9 @@ SITE = Site(Address("127.0.0.1", 8642))
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "ride.mcap"
-    with McapLog(path, t_zero_ns=0) as made:
+    with LogWriter(path, t_zero_ns=0) as made:
         t_ns = np.arange(1, 200, dtype=np.int64) * 10_000_000
-        made.imu("left", t_ns, t_ns, np.zeros((199, 3)), np.full((199, 3), 9.8))
+        made.write_imu("left", t_ns, t_ns, np.zeros((199, 3)), np.full((199, 3), 9.8))
     return path
 
 

@@ -18,7 +18,7 @@ from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.log.mcap import read_recording
+from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import summarise
 from hubodo.vehicle import load_vehicle
 from hubodo.web.actions import Actions

@@ -10,7 +10,7 @@ from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.problem.problem import NodeData
-from hubodo.log.units import doubtful
+from hubodo.log.units import explain_suspect_units
 from hubodo.model.forward import NodeStart
 from hubodo.model.inputs import Inputs
 from hubodo.vehicle import facing_sign
@@ -37,7 +37,7 @@ def check(nodes: Sequence[NodeData], inputs: Inputs, measured_by: Sequence[str],
 
 def _check_units(node: NodeData, where: str) -> None:
     if node.used[3:].all():
-        words = doubtful(node.y[:3].T, node.y[3:].T)
+        words = explain_suspect_units(node.y[:3].T, node.y[3:].T)
         if words is not None:
             raise InputError(f"{where}: {node.name}: {words}")
 

@@ -59,7 +59,7 @@ class GnssSession:
                 continue
             self._newest = t_ns
             sigma = None if fix.sigma is None else [fix.sigma]
-            self._sink.fix(
+            self._sink.write_gnss_fix(
                 t_ns,
                 self._order.stamp(fix.received_ns),
                 fix.latitude_deg,
@@ -84,7 +84,9 @@ class GnssSession:
                     f"{self.label}: the host's clock is {late * 1e-9:+.1f} s off GNSS time; fixes are put on "
                     "the host's clock, late by the receiver's delay; set the host's clock for better"
                 )
-                self._sink.event(Event(fix.received_ns, "clock", self.label, text, {"offset": late * 1e-9}))
+                self._sink.write_event(
+                    Event(fix.received_ns, "clock", self.label, text, {"offset": late * 1e-9})
+                )
         elif self._shift_ns and late < self._shift_ns:
             self._shift_ns = late
         return fix.utc_ns + self._shift_ns

@@ -62,7 +62,7 @@ class Connection:
         more = f"; {before} more attempts failed since the last report" if before else ""
         text = f"{self.label}: {'disconnected' if was_open else 'not there yet'}: {news.text}{more}"
         data = {"link": self.label, "attempts": before + 1, "faults": self.faults}
-        self._sink.event(Event(news.t_ns, "disconnected", self.label, text, data))
+        self._sink.write_event(Event(news.t_ns, "disconnected", self.label, text, data))
         text = f"{self.label}: {news.text} (waiting for it){more}"
         self._notices.append(Event(news.t_ns, "disconnected", self.label, text))
 
@@ -72,6 +72,6 @@ class Connection:
         return notices
 
     def _report_up(self, event: Event) -> None:
-        self._sink.event(event)
+        self._sink.write_event(event)
         if self._missed:
             self._notices.append(event)

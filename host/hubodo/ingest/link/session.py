@@ -108,7 +108,7 @@ class LinkSession:
                 self._count(decoder)
                 continue
             route = self.senders.route((frame, chunk.t_ns, self.counts), chunk.sender)
-            self._sink.raw(self._place(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
+            self._sink.write_raw_frame(self._place(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
             self.frames += 1
             met = True
             self.connection.mark_valid()
@@ -131,7 +131,7 @@ class LinkSession:
         named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
         text = f"{self.label}: datagrams refused: {named}"
         event = Event(news.t_ns, "refused", self.label, text, {"link": self.label, **news.refused})
-        self._sink.event(event)
+        self._sink.write_event(event)
         return event
 
     def keep(self, chunk: Chunk) -> int:
@@ -139,7 +139,7 @@ class LinkSession:
         self.bytes += len(chunk.data)
         pieces = self._decoder(chunk.sender).split(chunk.data)
         for stuffed in pieces:
-            self._sink.raw(self.label, chunk.t_ns, stuffed + b"\0")
+            self._sink.write_raw_frame(self.label, chunk.t_ns, stuffed + b"\0")
         return len(pieces)
 
     def tick(self, now_ns: int) -> Iterator[Event]:
@@ -148,7 +148,7 @@ class LinkSession:
             self.foreign = describe(bytes(self._strange), self._strange_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
             event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
-            self._sink.event(event)
+            self._sink.write_event(event)
             yield event
         silent = (
             self.where is not None and self._heard_ns is not None and now_ns - self._heard_ns > _SILENT_NS
@@ -157,7 +157,7 @@ class LinkSession:
             self._silence_said = True
             text = f"{self.label} ({self.where}): open, but nothing has come for 5 s; is the node powered?"
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
-            self._sink.event(event)
+            self._sink.write_event(event)
             yield event
         yield from self._report_refusals(now_ns)
         if now_ns >= self._next_report:
@@ -178,7 +178,7 @@ class LinkSession:
         )
         data = {"link": self.label, "frames_refused": senders.refused, "senders_evicted": senders.evicted}
         event = Event(now_ns, "refused", self.label, text, data)
-        self._sink.event(event)
+        self._sink.write_event(event)
         yield event
 
     def resumed(self, now_ns: int) -> None:
@@ -202,7 +202,7 @@ class LinkSession:
             self.unlogged += len(piece)
             return
         self._room -= len(piece)
-        self._sink.raw(place + DAMAGED, t_ns, piece)
+        self._sink.write_raw_frame(place + DAMAGED, t_ns, piece)
 
     def close(self, now_ns: int) -> None:
         """Accounts for what is left."""
@@ -249,7 +249,7 @@ class LinkSession:
         decoder = self._decoders.pop(sender)
         for rest in decoder.split(b"\0"):
             self.cut += 1
-            self._sink.raw(self._place(sender) + DAMAGED, t_ns, rest)
+            self._sink.write_raw_frame(self._place(sender) + DAMAGED, t_ns, rest)
         self._fresh.discard(sender)
 
     def _report(self, now_ns: int) -> None:
@@ -261,4 +261,4 @@ class LinkSession:
         text = f"{self.label}: {new} damaged frames since the last report; in all: {named}"
         text += f"; {self.unlogged} bytes of them were too many to log" if self.unlogged else ""
         data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged}
-        self._sink.event(Event(now_ns, "damage", self.label, text, data))
+        self._sink.write_event(Event(now_ns, "damage", self.label, text, data))

@@ -27,8 +27,8 @@ from hubodo.ingest.live.view import make_view
 from hubodo.ingest.live.view_thread import ViewThread
 from hubodo.ingest.node.naming import unique_name
 from hubodo.ingest.stopping import stop_on_signals
-from hubodo.log.series import LogSeries
-from hubodo.log.writer import McapLog
+from hubodo.log.log_series import LogSeries
+from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
@@ -91,7 +91,9 @@ def record(
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict
-    return make_result(recorder, series, duration=duration, messages=log.message_count - series.in_no_log)
+    return make_result(
+        recorder, series, duration=duration, messages=log.message_count - series.unrecorded_messages
+    )
 
 
 def _localizer(
@@ -113,13 +115,15 @@ def _log(
     metadata: Mapping[str, str] | None,
     attachments: Mapping[str, bytes],
     vehicle: Vehicle | None,
-) -> McapLog:
+) -> LogWriter:
     """What the recorder writes to; it goes into the series."""
-    log = McapLog(series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns)
+    log = LogWriter(
+        series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns
+    )
     for name, data in attachments.items():
-        log.attach(name, "application/toml", data)
+        log.add_attachment(name, "application/toml", data)
     if vehicle is not None:
-        log.static_frames(now_ns(), vehicle)
+        log.write_static_frames(now_ns(), vehicle)
     return log
 
 
@@ -139,7 +143,7 @@ def _nothing_left(
 def _watched(
     config: RecordConfig,
     recorder: Recorder,
-    log: McapLog,
+    log: LogWriter,
     series: LogSeries,
     watch: dict[str, Watch],
     audience: Audience | None,
@@ -154,15 +158,15 @@ def _watched(
     return Watched(recorder, lambda: _log_now(log, series), watch, audience)
 
 
-def _log_now(log: McapLog, series: LogSeries) -> LogNow:
-    free, whole = series.room.disk() or (None, None)
+def _log_now(log: LogWriter, series: LogSeries) -> LogNow:
+    free, whole = series.disk_space.free_and_total() or (None, None)
     return LogNow(
         series.path,
         series.open_size,
         log.size,
         log.message_count,
-        series.recording,
-        series.trouble,
+        series.is_recording,
+        series.pause_reason,
         len(series.paths),
         series.messages_lost,
         free,

@@ -69,7 +69,7 @@ class Located:
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
         """On /odom_map and, as map → odom, on /tf."""
-        sink.odometry(
+        sink.write_odometry(
             self.t_ns,
             t_log_ns,
             self.position,
@@ -80,7 +80,7 @@ class Located:
             topic=topics.ODOM_MAP,
             frame="map",
         )
-        sink.transform(
+        sink.write_transform(
             self.t_ns, t_log_ns, self.odom_position, self.odom_heading, frame="map", child_frame="odom"
         )
 

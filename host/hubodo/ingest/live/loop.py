@@ -20,8 +20,8 @@ from hubodo.ingest.live.notify import Notifier
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Watched
 from hubodo.ingest.live.view import View
-from hubodo.log.series import LogSeries
-from hubodo.log.writer import McapLog
+from hubodo.log.log_series import LogSeries
+from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
 
 _TICK_NS = NS_PER_S // 50
@@ -68,7 +68,7 @@ class Loop:
     computer: Computer
     recorder: Recorder
     localizer: LocalizerThread | None
-    log: McapLog
+    log: LogWriter
     series: LogSeries
     view: View
     watched: Watched
@@ -134,12 +134,12 @@ class Loop:
         if self.again.is_set():
             self.again.clear()
             self.log.flush()
-            self.series.cut()
+            self.series.rotate()
         self.log.tick()
         self.series.tick(now_ns)
-        if self.series.begun_anew():
+        if self.series.has_new_log():
             self.recorder.tell_again()
-            self.log.static_frames_again(now_ns)
+            self.log.repeat_static_frames(now_ns)
         self.say()
         self.watched.tick(now_ns)
 

@@ -19,7 +19,7 @@ from hubodo.ingest.link.link import LinkNews
 from hubodo.ingest.link.ports import list_devices, parse_port, trusted
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.log.writer import McapLog
+from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
 from hubowire.budget import UART_BAUD
 
@@ -44,7 +44,7 @@ class _TableRow:
     moving: bool
 
 
-class _KeepingLog(McapLog):
+class _KeepingLog(LogWriter):
     """A log that also keeps in memory what was measured, until it is asked for."""
 
     def __init__(
@@ -54,11 +54,11 @@ class _KeepingLog(McapLog):
         self.kept: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
         self._zero_ns = t_zero_ns
 
-    def imu(
+    def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None:
         """As a log, and kept."""
-        super().imu(node, t_pub_ns, t_log_ns, gyro, accel)
+        super().write_imu(node, t_pub_ns, t_log_ns, gyro, accel)
         t = np.asarray((np.asarray(t_pub_ns, np.int64) - self._zero_ns) * 1e-9, np.float64)
         self.kept.put((node, t, np.asarray(gyro, np.float64), np.asarray(accel, np.float64)))
 
@@ -198,6 +198,6 @@ class NodeStream:
     def _take(self, item: LinkNews | _TableRow) -> None:
         if isinstance(item, _TableRow):
             row = {"angle": [item.angle], "moving": [float(item.moving)]}
-            self._log.columns("table", [item.t_ns], item.t_ns, row)
+            self._log.write_columns("table", [item.t_ns], item.t_ns, row)
         else:
             self._recorder.handle(item)

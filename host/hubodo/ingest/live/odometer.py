@@ -76,7 +76,7 @@ class OdometryRows:
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
         """On /odom and /tf."""
-        sink.odometry(
+        sink.write_odometry(
             self.t_ns,
             t_log_ns,
             self.position,
@@ -86,7 +86,7 @@ class OdometryRows:
             pose_covariance=self.pose_covariance,
             twist_covariance=self.twist_covariance,
         )
-        sink.transform(self.t_ns, t_log_ns, self.position, self.heading)
+        sink.write_transform(self.t_ns, t_log_ns, self.position, self.heading)
 
 
 class Odometer:

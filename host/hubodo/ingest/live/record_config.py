@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
-from hubodo.log.room import MB
-from hubodo.log.series import SeriesRules
+from hubodo.log.disk_space import BYTES_PER_MB
+from hubodo.log.log_series import RotationRules
 from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
@@ -99,17 +99,17 @@ class RecordConfig:
     def key_path(self) -> Path | None:
         return None if self.key_file is None else Path(self.key_file)
 
-    def rules(self) -> SeriesRules:
+    def rules(self) -> RotationRules:
         """When the next log begins, and what the logs leave on the disk."""
 
         def size(mb: float | None) -> int | None:
-            return None if mb is None else int(mb * MB)
+            return None if mb is None else int(mb * BYTES_PER_MB)
 
-        return SeriesRules(
+        return RotationRules(
             self.rotate_after,
             size(self.rotate_at_mb),
             size(self.disk_budget_mb),
-            int(self.disk_reserve_mb * MB),
+            int(self.disk_reserve_mb * BYTES_PER_MB),
         )
 
 

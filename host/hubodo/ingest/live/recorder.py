@@ -102,7 +102,7 @@ class Recorder:
     def _take_bytes(self, action: Callable[[Chunk], None], news: Chunk) -> None:
         """Pass bytes of a link to `action`; where it fails they are logged as they came."""
         if not self.bulkheads.run(f"link {news.link}", action, news, cause=news.data):
-            self._sink.raw(news.link + DAMAGED, news.t_ns, news.data)
+            self._sink.write_raw_frame(news.link + DAMAGED, news.t_ns, news.data)
 
     def _split(self, news: Chunk) -> None:
         link = self.links[news.link]
@@ -160,7 +160,7 @@ class Recorder:
 
     def mark(self, text: str) -> None:
         """An event of the user's own."""
-        self._sink.event(Event(self._now_ns(), "mark", "user", text))
+        self._sink.write_event(Event(self._now_ns(), "mark", "user", text))
 
     def host_clock(self, event: Event, record: Mapping[str, str]) -> None:
         """Note what has happened to the computer's clocks; record: the metadata `clock` from then on."""
@@ -195,7 +195,7 @@ class Recorder:
     def report(self, event: Event) -> None:
         """An event for the user and the log."""
         self.notices.append(event)
-        self._sink.event(event)
+        self._sink.write_event(event)
 
     def warn(self, source: str, text: str) -> None:
         """One line for the user and the log."""
@@ -363,7 +363,7 @@ class Recorder:
             return
         for line in self.odometer.warnings(end=end):
             self._tell(now_ns, "warning", "odometry", f"odometry: {line}")
-            self._sink.event(Event(now_ns, "warning", "odometry", line))
+            self._sink.write_event(Event(now_ns, "warning", "odometry", line))
 
     def _fits(self, item: Published, now_ns: int) -> bool:
         """Whether the calibration is that of the node; one that is of another keeps it from the odometry."""
@@ -388,7 +388,7 @@ class Recorder:
                 data = {"node": item.node, "serial": serial, "calibrated": calibrated.serial}
                 text = f"{error}; its samples are recorded, the odometry goes without them"
                 self._tell(now_ns, "mismatch", item.node, text)
-                self._sink.event(Event(now_ns, "mismatch", item.node, str(error), data))
+                self._sink.write_event(Event(now_ns, "mismatch", item.node, str(error), data))
             self._fitting[item.node, serial] = known
         return known
 

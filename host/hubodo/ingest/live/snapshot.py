@@ -17,8 +17,8 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.tee_sink import Listener
 from hubodo.ingest.node.session import NodeSession
-from hubodo.log.series import LogSeries
-from hubodo.log.writer import McapLog
+from hubodo.log.log_series import LogSeries
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 
@@ -151,7 +151,7 @@ Watch = Callable[[Snapshot], Iterable[Event] | None]
 class Audience(Protocol):
     """Who watches closely. Called in the recorder's own thread, so it must not wait for anybody."""
 
-    def attach(self, log: McapLog, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
         """Called once, before the start; return what listens to all that is written, by its part's name."""
         ...
 

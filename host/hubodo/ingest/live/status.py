@@ -13,7 +13,7 @@ from rich.table import Table
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.node.bias_filter import filter_json
-from hubodo.log.series import LogSeries
+from hubodo.log.log_series import LogSeries
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,8 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
         file=str(series.path),
         files=tuple(map(str, series.paths)),
         messages_lost=series.messages_lost,
-        removed=series.room.removed,
-        trouble=series.trouble,
+        removed=series.disk_space.removed,
+        trouble=series.pause_reason,
         duration=duration,
         messages=messages,
         size=series.size,

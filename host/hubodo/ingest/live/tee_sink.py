@@ -12,8 +12,9 @@ Listener = Callable[[str, tuple[Any, ...], dict[str, Any], Any], None]
 """listener(method of the sink, its arguments, its keywords, its result); must return at once."""
 
 _METHODS = (
-    *("imu", "temperature", "battery", "magnetic_field", "bias_filter", "odometry", "transform", "fix"),
-    *("columns", "raw", "asked", "event", "add_metadata", "add_channel", "write"),
+    *("write_imu", "write_temperature", "write_battery", "write_magnetic_field", "write_bias_filter"),
+    *("write_odometry", "write_transform", "write_gnss_fix", "write_columns", "write_raw_frame"),
+    *("write_clock_request", "write_event", "add_metadata", "add_channel", "write"),
 )
 
 

@@ -161,7 +161,7 @@ class NodeSession:
         """One question of the clock exchange; its token names the time at which it was sent."""
         token, now_ns = self._exchanges.token(), self._now_ns()
         self.asked(token, now_ns)
-        self._sink.asked(self.link, now_ns, token)
+        self._sink.write_clock_request(self.link, now_ns, token)
         self._ask(TimeRequest(token))
 
     def request(self, message: Message, words: str) -> None:
@@ -176,7 +176,9 @@ class NodeSession:
         self._tell("request", f"{words}: asked")
 
     def _tell(self, kind: str, text: str) -> None:
-        self._sink.event(Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name}))
+        self._sink.write_event(
+            Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name})
+        )
 
     def resumed(self, begin_ns: int, end_ns: int) -> None:
         """The computer stood still between these host times: the offset of its clock may be another."""
@@ -194,7 +196,7 @@ class NodeSession:
     def tell_again(self, now_ns: int) -> None:
         """For a log that has just begun: what is known of the node, and what its raw frames are read with."""
         if self._start is not None:
-            self._sink.event(self._start, now_ns)
+            self._sink.write_event(self._start, now_ns)
         if self.decoder.refusal is None and not self._muted:
             self._ask(GetHello())
             self._exchanges.burst()
@@ -204,9 +206,9 @@ class NodeSession:
         yield from self._take(self.decoder.close())
         yield from self._release()
         if self.health is not None:
-            self._sink.event(last_report(self.name, self.health, now_ns))
+            self._sink.write_event(last_report(self.name, self.health, now_ns))
         if self.clock.source != "none":
-            self._sink.event(clock_found(self.name, self.clock.estimate(), now_ns))
+            self._sink.write_event(clock_found(self.name, self.clock.estimate(), now_ns))
 
     def rate(self, now_ns: int) -> float:
         """Samples a second over the last two seconds, Hz."""
@@ -228,7 +230,7 @@ class NodeSession:
                 case Event():
                     if output.kind == "conflict":
                         self.notices.append(output)
-                    self._sink.event(self._gap(output) if output.kind == "gap" else output)
+                    self._sink.write_event(self._gap(output) if output.kind == "gap" else output)
                 case HelloSeen():
                     if output.hello.boot_id != self._boot_id:
                         self._boot, self._boot_id = output.hello, output.hello.boot_id
@@ -246,7 +248,7 @@ class NodeSession:
                     yield from self._run(output)
                 case GapsSeen():
                     for event in output.events():
-                        self._sink.event(self._gap(event))
+                        self._sink.write_event(self._gap(event))
                 case MagSample():
                     yield from self._hold(output)
                 case FilterSeen():
@@ -268,7 +270,7 @@ class NodeSession:
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     mismatch = Event(output.received_ns, "mismatch", self.name, output.text, data)
                     self.notices.append(mismatch)
-                    self._sink.event(mismatch)
+                    self._sink.write_event(mismatch)
                 case _:
                     assert_never(output)
 
@@ -286,8 +288,8 @@ class NodeSession:
         t_ns = self._times.apply(run.device_ns)
         log_ns = self._order.stamps(run.received_ns)
         counts = np.diff(run.first, append=len(t_ns))
-        self._sink.imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
-        self._sink.temperature(self.name, t_ns[run.first], log_ns, run.temperature)
+        self._sink.write_imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
+        self._sink.write_temperature(self.name, t_ns[run.first], log_ns, run.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
 
     def radio(self, signal: Signal) -> Iterator[Published]:
@@ -299,7 +301,7 @@ class NodeSession:
         """This is a receiver: what it has heard of a node goes into the log, and to `heard`."""
         signal, t_ns = seen.signal, seen.received_ns
         counters = {item.name: [float(getattr(signal, item.name))] for item in wire_fields(Signal)[2:]}
-        self._sink.columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters)
+        self._sink.write_columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters)
         self.heard.append(signal)
 
     def _gap(self, event: Event) -> Event:
@@ -321,7 +323,7 @@ class NodeSession:
         self.clock.exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
         if self.clock.resets != resets:
             text = f"{self.name}: the node's clock and the computer's no longer agree; offset estimated again"
-            self._sink.event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
+            self._sink.write_event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
         if self._clock_known and self._held:
             yield from self._release()
 
@@ -363,16 +365,16 @@ class NodeSession:
             self._stamp_without_samples(item)
         if isinstance(item, MagSample):
             t_ns = self._mag_times.apply(np.array([item.device_ns], np.int64))
-            self._sink.magnetic_field(self.name, t_ns, item.received_ns, [item.field])
+            self._sink.write_magnetic_field(self.name, t_ns, item.received_ns, [item.field])
             return
         if isinstance(item, FilterSeen):
             t_ns = self._filter_times.apply(np.array([item.device_ns], np.int64))
-            self._sink.bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
+            self._sink.write_bias_filter(self.name, t_ns, item.received_ns, filter_columns(item))
             return
         if isinstance(item, HealthSeen):
             t_ns = self._battery_times.apply(np.array([item.device_ns], np.int64))
             volts, charge = supply(item.health)
-            self._sink.battery(self.name, t_ns, item.received_ns, volts, charge)
+            self._sink.write_battery(self.name, t_ns, item.received_ns, volts, charge)
             self._supplies.tell(int(t_ns[0]), volts)
             return
         t_ns = self._times.apply(item.device_ns)
@@ -380,8 +382,8 @@ class NodeSession:
             self._started(self._boot, int(t_ns[0]))
             self._boot = None
         log_ns = self._order.stamp(item.received_ns)
-        self._sink.imu(self.name, t_ns, log_ns, item.gyro, item.accel)
-        self._sink.temperature(self.name, t_ns[:1], log_ns, item.temperature)
+        self._sink.write_imu(self.name, t_ns, log_ns, item.gyro, item.accel)
+        self._sink.write_temperature(self.name, t_ns[:1], log_ns, item.temperature)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._recent.add(item.received_ns, len(t_ns))
         self.newest = item
@@ -392,7 +394,7 @@ class NodeSession:
         if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
             self.power_on_ns = int(self.clock.host_ns(np.zeros(1, np.int64))[0])
         self._start = switched_on(self.name, hello.boot_id, self.power_on_ns, t_ns)
-        self._sink.event(self._start)
+        self._sink.write_event(self._start)
 
 
 def _answer_words(reason: int | None) -> str:

@@ -20,12 +20,12 @@ from hubodo.ingest.node.naming import free_name
 from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
-from hubodo.log.chunk_body import Messages
+from hubodo.log.chunk_reader import Messages
 from hubodo.log.decode import message_type
+from hubodo.log.hubodo_messages import decode_bytes_message, decode_string_message
+from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
-from hubodo.log.mcap import events_of
-from hubodo.log.own_messages import own_bytes, own_text
-from hubodo.log.writer import McapLog
+from hubodo.log.recording_reader import parse_events
 from hubodo.recording import Event
 from hubodo.version import __version__
 from hubowire import FrameDecoder, PayloadError, decode
@@ -59,14 +59,16 @@ def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> 
     frames or `out` exists, WireMismatch when every node speaks another version.
     """
     with open_log(path) as log, atomic_new_file(out) as part:
-        records = {name: values for name, values in log.records.items() if not name.startswith("node.")}
-        main = {k: v for k, v in records.pop(topics.METADATA, {}).items() if k != topics.T_ZERO}
+        records = {
+            name: values for name, values in log.metadata_records.items() if not name.startswith("node.")
+        }
+        main = {k: v for k, v in records.pop(topics.METADATA_RECORD, {}).items() if k != topics.T_ZERO_KEY}
         main |= {"decoded_from": path.name, "decoded_by": f"hubodo {__version__}"}
-        with McapLog(part, metadata=main, t_zero_ns=log.t_zero_ns or 0, clock=None) as target:
+        with LogWriter(part, metadata=main, t_zero_ns=log.t_zero_ns or 0, clock=None) as target:
             for name, values in records.items():
                 target.add_metadata(name, values)
-            for file in log.found.attachments:
-                target.attach(file.name, file.media_type, bytes(file.data))
+            for file in log.scan.attachments:
+                target.add_attachment(file.name, file.media_type, bytes(file.data))
             again = _Again(log, target, _ports(main.get("ports", "")))
             for messages in log.chunks():
                 again.take(messages)
@@ -90,7 +92,7 @@ def _ports(text: str) -> dict[str, PortName]:
 class _Again:
     """Goes through the messages of a log in the order in which they were written."""
 
-    def __init__(self, log: Log, target: McapLog, ports: dict[str, PortName]) -> None:
+    def __init__(self, log: Log, target: LogWriter, ports: dict[str, PortName]) -> None:
         self.links: dict[str, _Link] = {}
         self._log, self._target, self._ports = log, target, ports
         self._names: set[str] = set()
@@ -106,18 +108,20 @@ class _Again:
             if stream is None:
                 continue
             topic = stream.topic
-            if topic.startswith(topics.RAW):
+            if topic.startswith(topics.RAW_PREFIX):
                 self._raw(
-                    topic.removeprefix(topics.RAW), t_ns, own_bytes(stream.encoding, messages.payload(row))
+                    topic.removeprefix(topics.RAW_PREFIX),
+                    t_ns,
+                    decode_bytes_message(stream.encoding, messages.payload(row)),
                 )
-            elif topic.startswith(topics.ASKED):
-                token = own_bytes(stream.encoding, messages.payload(row))
-                label = topic.removeprefix(topics.ASKED)
-                self._target.asked(label, t_ns, token)
+            elif topic.startswith(topics.CLOCK_REQUEST_PREFIX):
+                token = decode_bytes_message(stream.encoding, messages.payload(row))
+                label = topic.removeprefix(topics.CLOCK_REQUEST_PREFIX)
+                self._target.write_clock_request(label, t_ns, token)
                 for link in self._beside(label) or [self._link(label)]:
                     link.asked(token, t_ns)
             elif topic == topics.EVENTS:
-                for event in events_of([own_text(stream.encoding, messages.payload(row))])[0]:
+                for event in parse_events([decode_string_message(stream.encoding, messages.payload(row))])[0]:
                     self._event(event)
             elif (
                 topic not in _ODOMETRY
@@ -166,7 +170,7 @@ class _Again:
         return self.links[place]
 
     def _raw(self, name: str, t_ns: int, piece: bytes) -> None:
-        self._target.raw(name, t_ns, piece)
+        self._target.write_raw_frame(name, t_ns, piece)
         self._link(name.removesuffix(DAMAGED)).piece(piece, t_ns, damaged=name.endswith(DAMAGED))
 
     def _event(self, event: Event) -> None:
@@ -181,11 +185,11 @@ class _Again:
                 link.resumed(begin_ns, event.t_ns)
         of_node = event.kind in _MADE_AGAIN or (event.kind == "clock" and "node" in event.data)
         if not of_node and event.source not in ("odometry", "map"):
-            self._target.event(event)
+            self._target.write_event(event)
 
     def _channel(self, number: int) -> int:
         if number not in self._copied:
-            found = self._log.found
+            found = self._log.scan
             channel = found.channels[number]
             schema = found.schemas.get(channel.schema_id)
             name, encoding, data = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
@@ -206,7 +210,7 @@ class _Link:
         self,
         label: str,
         port: PortName | None,
-        target: McapLog,
+        target: LogWriter,
         names: set[str],
         known: dict[tuple[str, int, bytes], NodeSession],
     ) -> None:

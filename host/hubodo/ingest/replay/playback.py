@@ -19,10 +19,10 @@ from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.replay.setup import setup_of
 from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelRows, Decoder, message_type
+from hubodo.log.hubodo_messages import decode_string_message
+from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
-from hubodo.log.mcap import events_of
-from hubodo.log.own_messages import own_text
-from hubodo.log.writer import McapLog
+from hubodo.log.recording_reader import parse_events
 from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
@@ -134,7 +134,7 @@ def as_messages(
     """What was made as the messages that a recording would hold, in the form of `recorded_messages`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "again.mcap")
-        with McapLog(path, t_zero_ns=t_zero_ns, compression="none", clock=None) as log:
+        with LogWriter(path, t_zero_ns=t_zero_ns, compression="none", clock=None) as log:
             for made in publications:
                 made.write(log, int(made.t_ns[-1]))
         return recorded_messages(path)
@@ -155,36 +155,38 @@ class _Blocks:
                 chosen = np.flatnonzero(channels == number)
                 kind = message_type(stream.schema)
                 if stream.topic == topics.EVENTS:
-                    payloads += [own_text(stream.encoding, messages.payload(i)) for i in chosen.tolist()]
+                    payloads += [
+                        decode_string_message(stream.encoding, messages.payload(i)) for i in chosen.tolist()
+                    ]
                 elif stream.encoding == "cdr" and kind in _PLAYED:
                     decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
             if progress is not None:
                 progress(f"reading {log.path.name}", log.progress)
-        events, _ = events_of(payloads)
+        events, _ = parse_events(payloads)
         rows = {topic: decoder.rows() for topic, decoder in decoders.items()}
         self.nodes: dict[str, ChannelRows] = {}
         self._temperatures: dict[str, dict[int, float]] = {}
         self._supplies: dict[str, tuple[NDArray[np.int64], NDArray[np.float64]]] = {}
         for topic, found in rows.items():
             name = topic.removeprefix("/").removesuffix("/imu")
-            if topic != topics.imu(name) or not len(found):
+            if topic != topics.imu_topic(name) or not len(found):
                 continue
             samples = np.hstack([found.values["angular_velocity"], found.values["linear_acceleration"]])
             good = np.isfinite(samples).all(axis=1)
             if good.any():
                 # NaN and infinity are gaps to the odometry.
                 self.nodes[name] = found if good.all() else found.take(np.flatnonzero(good))
-            warm = rows.get(topics.temperature(name))
+            warm = rows.get(topics.temperature_topic(name))
             if warm is not None and len(warm):
                 pairs = zip(warm.publish_ns.tolist(), warm.values["temperature"].tolist(), strict=True)
                 self._temperatures[name] = dict(pairs)
-            fed = rows.get(topics.battery(name))
+            fed = rows.get(topics.battery_topic(name))
             if fed is not None and len(fed):
                 # As a node tells it, to the millivolt, before it was a float32.
                 volts = np.round(fed.values["voltage"], 3)
                 order = np.argsort(fed.publish_ns)
                 self._supplies[name] = fed.publish_ns[order], volts[order]
-        self.fixes = rows.get(topics.FIX, _NO_FIXES)
+        self.fixes = rows.get(topics.GNSS_FIX, _NO_FIXES)
         self._starts = {name: find_starts(events, name) for name in self.nodes}
         earliest = [int(found.publish_ns.min()) for found in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from hubodo.errors import InputError
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
+from hubodo.log.hubodo_messages import decode_bytes_message
 from hubodo.log.logfile import Log
-from hubodo.log.own_messages import own_bytes
-from hubodo.log.topics import RAW
+from hubodo.log.topics import RAW_PREFIX
 from hubodo.recording import Recording, Table
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.framing import FrameDecoder
@@ -61,7 +61,11 @@ def raw_links(log: Log) -> list[str]:
     """The links whose frames are in a log."""
     log_topics = {stream.topic for stream in log.streams.values()}
     return sorted(
-        {topic.removeprefix(RAW).partition("/")[0] for topic in log_topics if topic.startswith(RAW)}
+        {
+            topic.removeprefix(RAW_PREFIX).partition("/")[0]
+            for topic in log_topics
+            if topic.startswith(RAW_PREFIX)
+        }
     )
 
 
@@ -74,17 +78,17 @@ def recorded_frames(
     InputError when two links carry one node id, as they cannot share a line.
     """
     owners: dict[int, str] = {}
-    wanted = [RAW + link + tail for link in links for tail in ("", "/damaged")]
+    wanted = [RAW_PREFIX + link + tail for link in links for tail in ("", "/damaged")]
     bounds = [None if t is None else t_zero_ns + round(t * 1e9) for t in (start, end)]
     splitter, streams = FrameDecoder(), log.streams
     for message in log.messages(wanted, *bounds):
-        data = own_bytes(streams[message.channel].encoding, message.data)
+        data = decode_bytes_message(streams[message.channel].encoding, message.data)
         stuffed = data.rstrip(b"\0")
         frame = splitter.decode(stuffed) if stuffed else None
         if frame is not None and frame.type_id in _ANSWERS:
             continue
         if frame is not None:
-            link = message.topic.removeprefix(RAW)
+            link = message.topic.removeprefix(RAW_PREFIX)
             owner = owners.setdefault(frame.node, link)
             if owner != link:
                 raise InputError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hubodo.units import NS_PER_S
 
-PERIOD_NS = 2 * NS_PER_S
+SYNC_PERIOD_NS = 2 * NS_PER_S
 """With half a second in which messages wait for their chunk, a disk may take 2.5 s and no more than 5 s
 are lost.
 """
@@ -41,38 +41,38 @@ class Syncer:
     """
 
     def __init__(self) -> None:
-        self._given: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[int | None] = queue.SimpleQueue()
         self._counts = [0, 0]  # given by one thread, done by the other
-        self._failed: list[str] = []
+        self._errors: list[str] = []
         self._thread = threading.Thread(target=self._run, daemon=True, name="sync")
         self._thread.start()
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether something that was given is not on the disk yet."""
         return self._counts[0] != self._counts[1]
 
-    def give(self, fd: int) -> None:
+    def enqueue(self, fd: int) -> None:
         """What is written to `fd` so far, soon; `fd` is closed then."""
         self._counts[0] += 1
-        self._given.put(fd)
+        self._queue.put(fd)
 
-    def failed(self) -> str | None:
+    def pop_error(self) -> str | None:
         """Why the disk did not take something, once for each time."""
-        return self._failed.pop(0) if self._failed else None
+        return self._errors.pop(0) if self._errors else None
 
-    def close(self, patience_s: float) -> bool:
+    def close(self, timeout_s: float) -> bool:
         """Waits so long for what was given; whether it is all on the disk."""
-        self._given.put(None)
-        self._thread.join(patience_s)
+        self._queue.put(None)
+        self._thread.join(timeout_s)
         return not self._thread.is_alive()
 
     def _run(self) -> None:
-        while (fd := self._given.get()) is not None:
+        while (fd := self._queue.get()) is not None:
             try:
                 sync_file(fd)
             except OSError as error:
-                self._failed.append(error.strerror or str(error))
+                self._errors.append(error.strerror or str(error))
             finally:
                 os.close(fd)
                 self._counts[1] += 1

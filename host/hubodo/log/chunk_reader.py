@@ -14,9 +14,9 @@ import zstandard
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from hubodo.log.claims import room_of
 from hubodo.log.descriptor import pread
-from hubodo.log.message_records import PREFIX
+from hubodo.log.input_limits import room_of
+from hubodo.log.message_records import MESSAGE_HEADER
 
 MAX_CHUNK = 1 << 30
 """Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
@@ -128,7 +128,7 @@ class Messages:
 
     def payload(self, i: int) -> bytes:
         """Bytes of message i."""
-        start = int(self.places[i]) + PREFIX.itemsize
+        start = int(self.places[i]) + MESSAGE_HEADER.itemsize
         return self.data[start : start + int(self.heads["length"][i]) - 22].tobytes()
 
 
@@ -191,7 +191,7 @@ def walk(data: bytes, announced: NDArray[np.int64] | None = None) -> Messages:
 
 def _chained(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void] | None:
     """The heads of message records at these places, if they are all there is."""
-    if places[0] != 0 or places[-1] > len(data) - PREFIX.itemsize:
+    if places[0] != 0 or places[-1] > len(data) - MESSAGE_HEADER.itemsize:
         return None
     heads = _heads(data, places)
     lengths = heads["length"].astype(np.int64)
@@ -202,9 +202,9 @@ def _chained(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void] | None:
 
 def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void]:
     if not len(places):
-        return np.empty(0, PREFIX)
+        return np.empty(0, MESSAGE_HEADER)
     anywhere: NDArray[np.void] = np.ndarray(
-        (len(data) - PREFIX.itemsize + 1,), PREFIX, buffer=data, strides=(1,)
+        (len(data) - MESSAGE_HEADER.itemsize + 1,), MESSAGE_HEADER, buffer=data, strides=(1,)
     )
     return anywhere[places]
 
@@ -214,7 +214,7 @@ def _equal_run(data: bytes, start: int, stride: int) -> int:
     count, look = 0, 64
     while (room := min(look, (len(data) - start) // stride - count)) > 0:
         heads: NDArray[np.void] = np.ndarray(
-            (room,), PREFIX, buffer=data, offset=start + count * stride, strides=(stride,)
+            (room,), MESSAGE_HEADER, buffer=data, offset=start + count * stride, strides=(stride,)
         )
         same = (heads["opcode"] == 5) & (heads["length"] == stride - 9)
         if not bool(same.all()):

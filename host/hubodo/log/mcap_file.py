@@ -46,7 +46,7 @@ LIBRARY = f"hubodo {__version__}"
 
 Compression = Literal["zstd", "lz4", "none"]
 MessageIndexes = Mapping[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
-Whereabouts = Literal["here", "elsewhere", "nowhere", "changed"]
+FileState = Literal["here", "elsewhere", "nowhere", "changed"]
 """A file still has its name, has only another one, was deleted, or has another size than was written."""
 
 
@@ -75,7 +75,7 @@ class McapFile:
         self._metadata_indexes: list[MetadataIndex] = []
         self._start: int | None = None
         self._end = 0
-        self.put(MAGIC + _encode(Header(profile=profile, library=library)))
+        self.append_records(MAGIC + _encode(Header(profile=profile, library=library)))
 
     @property
     def closed(self) -> bool:
@@ -87,7 +87,7 @@ class McapFile:
         """Messages in the chunks written so far."""
         return sum(self._counts.values())
 
-    def put(self, *parts: bytes | bytearray) -> None:
+    def append_records(self, *parts: bytes | bytearray) -> None:
         """Append complete records, all of them; on failure (disk full) none, the file is cut back."""
         try:
             for part in parts:
@@ -109,7 +109,7 @@ class McapFile:
 
     def copy_schema(self, schema: Schema) -> None:
         """Write a schema record of another file under its own id."""
-        self.put(_encode(schema))
+        self.append_records(_encode(schema))
         self._schemas[schema.id] = schema
 
     def add_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int:
@@ -126,14 +126,14 @@ class McapFile:
 
     def copy_channel(self, channel: Channel) -> None:
         """Write a channel record of another file under its own id."""
-        self.put(_encode(channel))
+        self.append_records(_encode(channel))
         self._channels[channel.id] = channel
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record."""
         data = _encode(Metadata(name=name, metadata=dict(values)))
         self._metadata_indexes.append(MetadataIndex(offset=self.size, length=len(data), name=name))
-        self.put(data)
+        self.append_records(data)
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
         """Write a file into the log: a configuration, a calibration."""
@@ -152,7 +152,7 @@ class McapFile:
                 media_type=media_type,
             )
         )
-        self.put(encoded)
+        self.append_records(encoded)
 
     def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None:
         """Write message records as one chunk with its message indexes, in one call to the system.
@@ -176,10 +176,10 @@ class McapFile:
         parts, offsets, position = [chunk], {}, self.size + len(chunk)
         for channel_id, (times, places) in indexes.items():
             offsets[channel_id] = position
-            parts.append(_message_index(channel_id, times, places))
+            parts.append(_encode_message_index(channel_id, times, places))
             position += len(parts[-1])
         chunk_start = self.size
-        self.put(b"".join(parts))
+        self.append_records(b"".join(parts))
         self._chunk_count += 1
         self._chunk_indexes += _encode(
             ChunkIndex(
@@ -204,16 +204,16 @@ class McapFile:
         if self.closed:
             return
         try:
-            self.seal()
+            self.write_footer()
         finally:
-            self.abandon()
+            self.close_without_footer()
 
-    def seal(self) -> None:
+    def write_footer(self) -> None:
         """Write summary, footer and closing magic, all or, on failure (disk full), nothing of them."""
         end = _encode(DataEnd(data_section_crc=self._data_crc))
-        self.put(end, *self._summary(self.size + len(end)))
+        self.append_records(end, *self._encode_summary(self.size + len(end)))
 
-    def whereabouts(self) -> Whereabouts:
+    def file_state(self) -> FileState:
         """Return what other programs have done to the file since it was opened."""
         ours = os.fstat(self._fd)
         if ours.st_size != self.size:
@@ -226,11 +226,11 @@ class McapFile:
             pass  # no such name, or its folder cannot be reached
         return "elsewhere" if ours.st_nlink else "nowhere"
 
-    def duplicate(self) -> int:
+    def duplicate_descriptor(self) -> int:
         """Another descriptor of the open file, to be closed by who asked for it."""
         return os.dup(self._fd)
 
-    def abandon(self) -> None:
+    def close_without_footer(self) -> None:
         """Close the file as it stands, without a footer. Idempotent."""
         if not self.closed:
             fd, self._fd = self._fd, -1
@@ -245,7 +245,7 @@ class McapFile:
             return "", data
         raise ValueError(f"compression {compression!r} is not one of zstd, lz4, none")
 
-    def _summary(self, start: int) -> list[bytes | bytearray]:
+    def _encode_summary(self, start: int) -> list[bytes | bytearray]:
         """Return summary and footer in parts, because the index of a long log is too large to be copied."""
         statistics = Statistics(
             attachment_count=len(self._attachment_indexes),
@@ -270,8 +270,10 @@ class McapFile:
         offsets, position = b"", start
         for opcode, encoded in groups:
             if encoded:
-                place = SummaryOffset(group_opcode=opcode, group_start=position, group_length=len(encoded))
-                offsets += _encode(place)
+                offset_record = SummaryOffset(
+                    group_opcode=opcode, group_start=position, group_length=len(encoded)
+                )
+                offsets += _encode(offset_record)
                 position += len(encoded)
         offset_start = position
         # The summary CRC covers the footer up to its own field.
@@ -294,11 +296,11 @@ def _encode_all(records: Iterable[McapRecord]) -> bytes:
     return b"".join(map(_encode, records))
 
 
-def _message_index(channel_id: int, times: NDArray[np.int64], places: NDArray[np.int64]) -> bytes:
+def _encode_message_index(channel_id: int, times: NDArray[np.int64], offsets: NDArray[np.int64]) -> bytes:
     if len(times) > 1 and bool((times[1:] < times[:-1]).any()):
         order = np.argsort(times, kind="stable")
-        times, places = times[order], places[order]
+        times, offsets = times[order], offsets[order]
     entries = np.empty((len(times), 2), "<i8")
-    entries[:, 0], entries[:, 1] = times, places
+    entries[:, 0], entries[:, 1] = times, offsets
     head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel_id, entries.nbytes)
     return head + entries.tobytes()

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.chunks import ChunkLog
-from hubodo.log.frames import GNSS, placed
-from hubodo.log.message_records import BatchStream
-from hubodo.log.own_messages import bytes_message, string_message
+from hubodo.log.chunk_writer import ChunkWriter
+from hubodo.log.frames import GNSS_FRAME, sensor_frames
+from hubodo.log.hubodo_messages import encode_bytes_message, encode_string_message
+from hubodo.log.message_records import RowBuffer
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.recording import Event
 from hubodo.safe_text import json_text
@@ -22,28 +22,28 @@ from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
 
-class McapLog(ChunkLog):
+class LogWriter(ChunkWriter):
     """A log being written; a context manager; one thread only. Arguments as `ChunkLog`."""
 
-    _static: tuple[BatchStream, dict[str, ArrayLike]] | None = None
+    _static_frames: tuple[RowBuffer, dict[str, ArrayLike]] | None = None
 
-    def imu(
+    def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None:
         """Inertial samples of a node. gyro: (n, 3) rad/s; accel: (n, 3) m/s² specific force; node frame."""
-        stream = self._streams.get(node + "/imu") or self._open_imu(node)
+        stream = self._streams.get(node + "/imu") or self._open_imu_stream(node)
         self.write_rows(stream, t_pub_ns, t_log_ns, {"angular_velocity": gyro, "linear_acceleration": accel})
 
-    def temperature(
+    def write_temperature(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
     ) -> None:
         """Temperature of a node's sensor. temperature: (n,) °C."""
-        stream = self._streams.get(node + "/temperature") or self._open(
-            node + "/temperature", topics.temperature(node), ros2.TEMPERATURE, node
+        stream = self._streams.get(node + "/temperature") or self._open_stream(
+            node + "/temperature", topics.temperature_topic(node), ros2.TEMPERATURE, node
         )
         self.write_rows(stream, t_pub_ns, t_log_ns, {"temperature": temperature})
 
-    def battery(
+    def write_battery(
         self,
         node: str,
         t_pub_ns: ArrayLike,
@@ -52,17 +52,19 @@ class McapLog(ChunkLog):
         charge: ArrayLike = np.nan,
     ) -> None:
         """Supply of a node. voltage: (n,) V; charge: (n,) 0 to 1 of a full battery's, NaN: not known."""
-        stream = self._streams.get(node + "/battery") or self._open_battery(node)
+        stream = self._streams.get(node + "/battery") or self._open_battery_stream(node)
         self.write_rows(stream, t_pub_ns, t_log_ns, {"voltage": voltage, "percentage": charge})
 
-    def magnetic_field(self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike) -> None:
+    def write_magnetic_field(
+        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
+    ) -> None:
         """Magnetometer of a node. field: (n, 3) tesla, node frame."""
-        stream = self._streams.get(node + "/mag") or self._open(
-            node + "/mag", topics.magnetic_field(node), ros2.MAGNETIC_FIELD, node
+        stream = self._streams.get(node + "/mag") or self._open_stream(
+            node + "/mag", topics.magnetic_field_topic(node), ros2.MAGNETIC_FIELD, node
         )
         self.write_rows(stream, t_pub_ns, t_log_ns, {"magnetic_field": field})
 
-    def odometry(
+    def write_odometry(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -82,20 +84,22 @@ class McapLog(ChunkLog):
         pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate. Where
         one is given, what it does not tell has the variance UNKNOWN_VARIANCE; all zeros: nothing is known.
         """
-        stream = self._streams.get(topic) or self._open(topic, topic, ros2.ODOMETRY, frame, child_frame)
+        stream = self._streams.get(topic) or self._open_stream(
+            topic, topic, ros2.ODOMETRY, frame, child_frame
+        )
         half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
         values: dict[str, ArrayLike] = {
-            "pose.pose.position": _padded(position, len(half)),
+            "pose.pose.position": _pad_position(position, len(half)),
             "pose.pose.orientation.z": np.sin(half),
             "pose.pose.orientation.w": np.cos(half),
             "twist.twist.linear.x": speed,
             "twist.twist.angular.z": yaw_rate,
-            "pose.covariance": _spread(pose_covariance, len(half), (0, 1, 5)),
-            "twist.covariance": _spread(twist_covariance, len(half), (0, 5)),
+            "pose.covariance": _expand_covariance(pose_covariance, len(half), (0, 1, 5)),
+            "twist.covariance": _expand_covariance(twist_covariance, len(half), (0, 5)),
         }
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
-    def transform(
+    def write_transform(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -106,20 +110,20 @@ class McapLog(ChunkLog):
         child_frame: str = "base_link",
     ) -> None:
         """Planar transform on /tf. position: (n, 2) m; heading: (n,) rad."""
-        stream = self._streams.get(f"tf {frame} {child_frame}") or self._open(
+        stream = self._streams.get(f"tf {frame} {child_frame}") or self._open_stream(
             f"tf {frame} {child_frame}", topics.TF, ros2.TF, frame, child_frame
         )
         half = np.atleast_1d(np.asarray(heading, np.float64)) / 2
         values: dict[str, ArrayLike] = {
-            "transforms[0].transform.translation": _padded(position, len(half)),
+            "transforms[0].transform.translation": _pad_position(position, len(half)),
             "transforms[0].transform.rotation.z": np.sin(half),
             "transforms[0].transform.rotation.w": np.cos(half),
         }
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
-    def static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
+    def write_static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
         """Where the vehicle's nodes and its antenna sit, on /tf_static: one message for all of them."""
-        frames = placed(vehicle)
+        frames = sensor_frames(vehicle)
         if not frames:
             return
         texts: dict[str, bytes] = {}
@@ -128,17 +132,17 @@ class McapLog(ChunkLog):
             part = f"transforms[{i}]."
             texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
             values[part + "transform.translation"] = np.array([frame.position])
-            values[part + "transform.rotation"] = np.array([frame.turn])
+            values[part + "transform.rotation"] = np.array([frame.rotation])
         layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
         channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
-        self._static = BatchStream(channel, layout, ""), values
-        self.static_frames_again(t_ns)
+        self._static_frames = RowBuffer(channel, layout, ""), values
+        self.repeat_static_frames(t_ns)
 
-    def static_frames_again(self, t_ns: int) -> None:
+    def repeat_static_frames(self, t_ns: int) -> None:
         """The same, where this log goes on in another file; nothing where no frames were told."""
-        if self._static is None:
+        if self._static_frames is None:
             return
-        (stream, values), (seconds, nanoseconds) = self._static, divmod(t_ns, NS_PER_S)
+        (stream, values), (seconds, nanoseconds) = self._static_frames, divmod(t_ns, NS_PER_S)
         count = len(values) // 2
         stamps: dict[str, ArrayLike] = {
             f"transforms[{i}].header.stamp.{name}": value
@@ -147,7 +151,7 @@ class McapLog(ChunkLog):
         }
         self.write_rows(stream, t_ns, t_ns, {**values, **stamps})
 
-    def fix(
+    def write_gnss_fix(
         self,
         t_pub_ns: ArrayLike,
         t_log_ns: ArrayLike,
@@ -157,13 +161,15 @@ class McapLog(ChunkLog):
         *,
         sigma: ArrayLike | None = None,
         status: ArrayLike = 0,
-        frame: str = GNSS,
+        frame: str = GNSS_FRAME,
     ) -> None:
         """GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None where not known.
 
         status: (n,) as in NavSatStatus (-1 no fix, 0 fix, 1 SBAS, 2 GBAS/RTK).
         """
-        stream = self._streams.get(topics.FIX) or self._open(topics.FIX, topics.FIX, ros2.NAV_SAT_FIX, frame)
+        stream = self._streams.get(topics.GNSS_FIX) or self._open_stream(
+            topics.GNSS_FIX, topics.GNSS_FIX, ros2.NAV_SAT_FIX, frame
+        )
         count = np.size(latitude_deg)
         covariance = np.zeros((count, 9))
         if sigma is not None:
@@ -179,45 +185,45 @@ class McapLog(ChunkLog):
         }
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
-    def columns(
+    def write_columns(
         self, name: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
         """Float64 columns without a ROS type, kept to the last bit. table: column -> (n,)."""
-        self._columns(topics.COLUMNS + name, t_pub_ns, t_log_ns, table)
+        self._write_float_rows(topics.COLUMNS_PREFIX + name, t_pub_ns, t_log_ns, table)
 
-    def bias_filter(
+    def write_bias_filter(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
         """What a node's own filter says of its gyro. table: `BIAS_FILTER_COLUMNS` but t -> (n,), rad/s."""
-        self._columns(topics.bias_filter(node), t_pub_ns, t_log_ns, table)
+        self._write_float_rows(topics.bias_filter_topic(node), t_pub_ns, t_log_ns, table)
 
-    def _columns(
+    def _write_float_rows(
         self, topic: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
         stream = self._streams.get(topic)
         if stream is None:
             metadata = {"columns": json_text(list(table))}
             channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
-            stream = self._streams[topic] = BatchStream(channel, ros2.columns(list(table)), "")
+            stream = self._streams[topic] = RowBuffer(channel, ros2.columns(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 
-    def raw(self, link: str, t_log_ns: int, frame: bytes) -> None:
+    def write_raw_frame(self, link: str, t_log_ns: int, frame: bytes) -> None:
         """One frame as it came off a link, before anything looked inside."""
-        channel = self._channels.get(topics.RAW + link)
+        channel = self._channels.get(topics.RAW_PREFIX + link)
         if channel is None:
-            channel = self.add_ros2_channel(topics.RAW + link, ros2.BYTES)
-        self.write(channel, t_log_ns, t_log_ns, bytes_message(frame))
+            channel = self.add_ros2_channel(topics.RAW_PREFIX + link, ros2.BYTES)
+        self.write(channel, t_log_ns, t_log_ns, encode_bytes_message(frame))
 
-    def asked(self, link: str, t_ns: int, token: bytes) -> None:
+    def write_clock_request(self, link: str, t_ns: int, token: bytes) -> None:
         """The token of a question about a node's clock, at the time at which it was sent."""
-        topic = topics.ASKED + link
+        topic = topics.CLOCK_REQUEST_PREFIX + link
         channel = self._channels.get(topic)
         if channel is None:
             channel = self.add_ros2_channel(topic, ros2.BYTES)
-        self.write(channel, t_ns, t_ns, bytes_message(token))
+        self.write(channel, t_ns, t_ns, encode_bytes_message(token))
 
-    def event(self, event: Event, t_log_ns: int | None = None) -> None:
+    def write_event(self, event: Event, t_log_ns: int | None = None) -> None:
         """An event; written at once, not kept pending, because it is rare and explains what follows.
 
         t_log_ns: when it is told again, of what happened before this log began.
@@ -235,39 +241,41 @@ class McapLog(ChunkLog):
             "data": dict(event.data),
         }
         t_log_ns = event.t_ns if t_log_ns is None else t_log_ns
-        self.write(channel, t_log_ns, t_log_ns, string_message(json_text(body)))
+        self.write(channel, t_log_ns, t_log_ns, encode_string_message(json_text(body)))
         self.flush()
 
-    def _open(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> BatchStream:
+    def _open_stream(self, key: str, topic: str, schema: str, frame: str, child: str = "") -> RowBuffer:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self.add_ros2_channel(topic, schema)
         stamp = "transforms[0].header." if schema == ros2.TF else "header."
-        stream = self._streams[key] = BatchStream(channel, ros2.stamped(schema, frame, child), stamp)
+        stream = self._streams[key] = RowBuffer(channel, ros2.stamped(schema, frame, child), stamp)
         return stream
 
-    def _open_imu(self, node: str) -> BatchStream:
-        stream = self._open(node + "/imu", topics.imu(node), ros2.IMU, node)
+    def _open_imu_stream(self, node: str) -> RowBuffer:
+        stream = self._open_stream(node + "/imu", topics.imu_topic(node), ros2.IMU, node)
         # No orientation is measured: sensor_msgs says so with -1 in the first element of its covariance.
-        stream.view("orientation_covariance")[:, 0] = -1
+        stream.field_view("orientation_covariance")[:, 0] = -1
         return stream
 
-    def _open_battery(self, node: str) -> BatchStream:
-        stream = self._open(node + "/battery", topics.battery(node), ros2.BATTERY, node)
+    def _open_battery_stream(self, node: str) -> RowBuffer:
+        stream = self._open_stream(node + "/battery", topics.battery_topic(node), ros2.BATTERY, node)
         # Status, health and technology 0 are unknown; of what is measured in numbers NaN is.
         for unknown in ("temperature", "current", "charge", "capacity", "design_capacity"):
-            stream.view(unknown)[:] = np.nan
-        stream.view("present")[:] = True
+            stream.field_view(unknown)[:] = np.nan
+        stream.field_view("present")[:] = True
         return stream
 
 
-def _padded(position: ArrayLike, count: int) -> NDArray[np.float64]:
+def _pad_position(position: ArrayLike, count: int) -> NDArray[np.float64]:
     padded = np.zeros((count, 3))
     padded[:, :2] = position
     return padded
 
 
-def _spread(covariance: ArrayLike | None, count: int, places: tuple[int, ...]) -> NDArray[np.float64]:
+def _expand_covariance(
+    covariance: ArrayLike | None, count: int, places: tuple[int, ...]
+) -> NDArray[np.float64]:
     spread = np.zeros((count, 6, 6))
     if covariance is not None:
         # Zero would say that z, roll and pitch are exact.

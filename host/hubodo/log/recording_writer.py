@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike, NDArray
 from hubodo.atomic_files import atomic_new_file, require_free_path
 from hubodo.errors import InputError
 from hubodo.log import topics
-from hubodo.log.container import Compression
 from hubodo.log.csv_table import T_LIMIT
+from hubodo.log.log_writer import LogWriter
+from hubodo.log.mcap_file import Compression
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
-from hubodo.log.timebase import survives, to_ns
-from hubodo.log.writer import McapLog
+from hubodo.log.timebase import round_trips_exactly, to_ns
 from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.units import NS_PER_S
@@ -34,18 +34,18 @@ from hubodo.vehicle import Vehicle
 Progress = Callable[[str, float], None]
 _ROWS = 8192
 
-CARRIED: Mapping[str, tuple[str, ...]] = {
+LOSSLESS_ROS_COLUMNS: Mapping[str, tuple[str, ...]] = {
     "gnss": ("latitude_deg", "longitude_deg", "altitude"),
     "truth": ("x", "y"),
 }
 """Columns that a ROS message of the file carries to the last bit; nodes: six channels and temperature."""
 
 
-def carried_columns(name: str) -> tuple[str, ...]:
+def lossless_ros_columns(name: str) -> tuple[str, ...]:
     """The columns of a file that come back exactly from its ROS messages, `t` aside."""
     if name in ("reference", "wheels", "heading", "table"):
         return ()
-    return CARRIED.get(name, (*NODE_COLUMNS[1:], "temperature"))
+    return LOSSLESS_ROS_COLUMNS.get(name, (*NODE_COLUMNS[1:], "temperature"))
 
 
 def write_recording(
@@ -73,16 +73,18 @@ def write_recording(
     metadata = {key: text for key, text in recording.metadata.items() if not key.startswith("hubodo.")}
     with (
         atomic_new_file(path) as beside,
-        McapLog(
+        LogWriter(
             beside, metadata=metadata, t_zero_ns=recording.t_zero_ns, compression=compression, clock=None
         ) as log,
     ):
         files = {name: json_text(list(table)) for name, table in recording.files().items()}
-        log.add_metadata(topics.CSV_FILES, files)
+        log.add_metadata(topics.CSV_COLUMNS_RECORD, files)
         for event in recording.events:
-            log.event(event)
+            log.write_event(event)
         if vehicle is not None:
-            log.static_frames(min((int(it.t_ns[0]) for it in parts if len(it.t_ns)), default=0), vehicle)
+            log.write_static_frames(
+                min((int(it.t_ns[0]) for it in parts if len(it.t_ns)), default=0), vehicle
+            )
         _write_by_time(log, parts, progress)
     return log.message_count
 
@@ -93,10 +95,10 @@ class _Part:
 
     name: str
     t_ns: NDArray[np.int64]
-    write: Callable[[McapLog, NDArray[np.int64], slice], None]
+    write: Callable[[LogWriter, NDArray[np.int64], slice], None]
 
 
-def _write_by_time(log: McapLog, parts: list[_Part], progress: Progress | None) -> None:
+def _write_by_time(log: LogWriter, parts: list[_Part], progress: Progress | None) -> None:
     """Write all tables side by side in time, so that a reader by time needs few chunks at once."""
     total = sum(len(part.t_ns) for part in parts)
     if not total:
@@ -127,17 +129,17 @@ def _parts(recording: Recording) -> list[_Part]:
 
 
 def _file(name: str, table: Table, t_zero_ns: int) -> _Part:
-    exact = table.t_ns is not None or survives(table.t, t_zero_ns)
+    exact = table.t_ns is not None or round_trips_exactly(table.t, t_zero_ns)
     t_ns = to_ns(table.t, t_zero_ns) if table.t_ns is None else table.t_ns + t_zero_ns
-    kept = [c for c in table if c not in carried_columns(name) and not (c == "t" and exact)]
+    kept = [c for c in table if c not in lossless_ros_columns(name) and not (c == "t" and exact)]
     rest = {column: table[column] for column in kept}
-    write_messages = {"gnss": _gnss, "truth": _truth}.get(name, _node if carried_columns(name) else None)
+    write_messages = {"gnss": _gnss, "truth": _truth}.get(name, _node if lossless_ros_columns(name) else None)
 
-    def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
+    def write(log: LogWriter, t_ns: NDArray[np.int64], rows: slice) -> None:
         if write_messages is not None:
             write_messages(log, name, table, t_ns, rows)
         if rest or write_messages is None:
-            log.columns(name, t_ns, t_ns, {column: values[rows] for column, values in rest.items()})
+            log.write_columns(name, t_ns, t_ns, {column: values[rows] for column, values in rest.items()})
 
     return _Part(name, t_ns, write)
 
@@ -146,34 +148,34 @@ def _stack(table: Table, names: tuple[str, ...], rows: slice) -> NDArray[np.floa
     return np.column_stack([table[name][rows] for name in names])
 
 
-def _node(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
+def _node(log: LogWriter, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
     gyro, accel = _stack(table, ("gx", "gy", "gz"), rows), _stack(table, ("ax", "ay", "az"), rows)
-    log.imu(name, t_ns, t_ns, gyro, accel)
+    log.write_imu(name, t_ns, t_ns, gyro, accel)
     if "temperature" in table:
-        log.temperature(name, t_ns, t_ns, table["temperature"][rows])
+        log.write_temperature(name, t_ns, t_ns, table["temperature"][rows])
     if "supply" in table:
         with np.errstate(over="ignore"):
-            log.battery(name, t_ns, t_ns, table["supply"][rows])
+            log.write_battery(name, t_ns, t_ns, table["supply"][rows])
 
 
-def _gnss(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
+def _gnss(log: LogWriter, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
     del name
     sigma: ArrayLike | None = None
     if "sigma" in table:
         sigma = np.repeat(table["sigma"][rows, None], 3, axis=1)
-    position = [table[column][rows] for column in CARRIED["gnss"]]
+    position = [table[column][rows] for column in LOSSLESS_ROS_COLUMNS["gnss"]]
     with np.errstate(over="ignore"):
-        log.fix(t_ns, t_ns, position[0], position[1], position[2], sigma=sigma)
+        log.write_gnss_fix(t_ns, t_ns, position[0], position[1], position[2], sigma=sigma)
 
 
-def _truth(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
+def _truth(log: LogWriter, name: str, table: Table, t_ns: NDArray[np.int64], rows: slice) -> None:
     del name
     heading: Any = table["heading"][rows] if "heading" in table else np.zeros(len(t_ns))
     zero, covariance = np.zeros(len(t_ns)), np.zeros((len(t_ns), 3, 3))
     if "heading" not in table:
         covariance[:, 2, 2] = UNKNOWN_VARIANCE
     position = _stack(table, ("x", "y"), rows)
-    log.odometry(
+    log.write_odometry(
         t_ns,
         t_ns,
         position,
@@ -187,24 +189,24 @@ def _truth(log: McapLog, name: str, table: Table, t_ns: NDArray[np.int64], rows:
     )
 
 
-def _magnetometer(node: str, table: Table) -> Callable[[McapLog, NDArray[np.int64], slice], None]:
-    def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
-        log.magnetic_field(node, t_ns, t_ns, _stack(table, ("mx", "my", "mz"), rows))
+def _magnetometer(node: str, table: Table) -> Callable[[LogWriter, NDArray[np.int64], slice], None]:
+    def write(log: LogWriter, t_ns: NDArray[np.int64], rows: slice) -> None:
+        log.write_magnetic_field(node, t_ns, t_ns, _stack(table, ("mx", "my", "mz"), rows))
 
     return write
 
 
-def _bias_filter(node: str, table: Table) -> Callable[[McapLog, NDArray[np.int64], slice], None]:
-    def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
-        log.bias_filter(node, t_ns, t_ns, {name: table[name][rows] for name in BIAS_FILTER_COLUMNS[1:]})
+def _bias_filter(node: str, table: Table) -> Callable[[LogWriter, NDArray[np.int64], slice], None]:
+    def write(log: LogWriter, t_ns: NDArray[np.int64], rows: slice) -> None:
+        log.write_bias_filter(node, t_ns, t_ns, {name: table[name][rows] for name in BIAS_FILTER_COLUMNS[1:]})
 
     return write
 
 
-def _odometry(table: Table) -> Callable[[McapLog, NDArray[np.int64], slice], None]:
-    def write(log: McapLog, t_ns: NDArray[np.int64], rows: slice) -> None:
+def _odometry(table: Table) -> Callable[[LogWriter, NDArray[np.int64], slice], None]:
+    def write(log: LogWriter, t_ns: NDArray[np.int64], rows: slice) -> None:
         position = _stack(table, ("x", "y"), rows)
-        log.odometry(
+        log.write_odometry(
             t_ns, t_ns, position, table["heading"][rows], table["speed"][rows], table["yaw_rate"][rows]
         )
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from mcap.records import Channel, Schema
 
 from hubodo.errors import InputError
-from hubodo.log.container import Compression, McapFile, MessageIndexes
-from hubodo.log.held_chunks import HeldChunk, HeldChunks, messages_in
+from hubodo.log.disk_space import BYTES_PER_MB, DiskSpace, describe_error
+from hubodo.log.disk_sync import SYNC_PERIOD_NS, Syncer, sync_folder
 from hubodo.log.log_names import LogNames
 from hubodo.log.lost_logs import loss_words
-from hubodo.log.room import MB, Room, words_of
-from hubodo.log.syncing import PERIOD_NS, Syncer, sync_folder
+from hubodo.log.mcap_file import Compression, McapFile, MessageIndexes
+from hubodo.log.pending_chunks import HeldChunk, HeldChunks, messages_in
 from hubodo.units import NS_PER_S
 
 _LOOK_NS = NS_PER_S // 2
@@ -27,11 +27,11 @@ _SYNC_S = 0.5
 _SLOW_SYNC_NS = 5 * NS_PER_S // 2
 _ROOM_AGAIN = 1.25
 """Times the reserve; between the two neither a log ends nor one begins."""
-HELD_BYTES = 16 * MB
+HELD_BYTES = 16 * BYTES_PER_MB
 
 
 @dataclass(frozen=True, slots=True)
-class SeriesRules:
+class RotationRules:
     """When a log is cut, and what it must leave on the disk.
 
     after: s, at: bytes, after which the next log begins; None: never. budget: bytes for all logs of this
@@ -39,15 +39,15 @@ class SeriesRules:
     reserve: bytes that stay free on the disk; recording pauses before they are taken.
     """
 
-    after: float | None = None
-    at: int | None = None
+    max_duration: float | None = None
+    max_size: int | None = None
     budget: int | None = None
     reserve: int = 0
 
     @property
-    def rotates(self) -> bool:
+    def is_rotating(self) -> bool:
         """Whether there will be more than one log."""
-        return self.after is not None or self.at is not None
+        return self.max_duration is not None or self.max_size is not None
 
 
 class LogSeries:
@@ -61,7 +61,7 @@ class LogSeries:
     def __init__(
         self,
         out: Path,
-        rules: SeriesRules,
+        rules: RotationRules,
         now_ns: Callable[[], int],
         *,
         wait: bool = False,
@@ -69,13 +69,13 @@ class LogSeries:
     ) -> None:
         self.rules = rules
         self.notices: list[str] = []
-        self.trouble: str | None = None
+        self.pause_reason: str | None = None
         """Why nothing is recorded now."""
         self.paths: list[Path] = []
         self.messages_lost = 0
         self.closed = False
-        self._names = LogNames(out, plain=not rules.rotates)
-        self.room = Room(self._names, rules.budget, self.notices.append)
+        self._names = LogNames(out, plain=not rules.is_rotating)
+        self.disk_space = DiskSpace(self._names, rules.budget, self.notices.append)
         self._now_ns = now_ns
         self._sync = syncer or Syncer()
         self._file: McapFile | None = None
@@ -98,7 +98,7 @@ class LogSeries:
             if not wait:
                 self._sync.close(0.0)
                 raise
-            self._paused(words_of(error))
+            self._paused(describe_error(error))
 
     @property
     def path(self) -> Path:
@@ -116,16 +116,16 @@ class LogSeries:
         return self._file.size if self._file is not None else 0
 
     @property
-    def recording(self) -> bool:
+    def is_recording(self) -> bool:
         """Whether a log is open."""
         return self._file is not None
 
     @property
-    def damaged(self) -> bool:
+    def has_losses(self) -> bool:
         """Whether something that was to be recorded is in no log."""
         return self.messages_lost > 0
 
-    def begun_anew(self) -> bool:
+    def has_new_log(self) -> bool:
         """Whether another log has begun since the last call; the first log does not count."""
         again, self._told = self._told != len(self.paths) and len(self.paths) > 1, len(self.paths)
         return again
@@ -164,18 +164,18 @@ class LogSeries:
             self._unwanted += messages_in(indexes)
             return
         if self._file is not None and self._due():
-            self.cut()
+            self.rotate()
         self._held.append(HeldChunk(records, indexes, compression))
         self._write_held()
         while self._held.size > HELD_BYTES:
             self.messages_lost += messages_in(self._held.popleft().indexes)
 
     @property
-    def in_no_log(self) -> int:
+    def unrecorded_messages(self) -> int:
         """Messages that are lost, or came between `halt` and `go_on`."""
         return self.messages_lost + self._unwanted
 
-    def halt(self) -> None:
+    def stop(self) -> None:
         """Ends the log because the user wants it; what comes from now on is in none, and not lost."""
         if not self._halted:
             self._halted = True
@@ -184,19 +184,19 @@ class LogSeries:
             if self._file is not None:
                 self._end()
 
-    def go_on(self) -> None:
+    def resume(self) -> None:
         """Begins the next log after `halt`."""
         if self._halted:
             self._halted = False
             self._try_again()
 
-    def cut(self) -> None:
+    def rotate(self) -> None:
         """Ends the log and begins the next one."""
         if self._file is None:
             self._try_again()
             return
         self._end()
-        if self.trouble is None:
+        if self.pause_reason is None:
             self._try_again()
 
     def tick(self, now_ns: int) -> None:
@@ -211,7 +211,7 @@ class LogSeries:
             self._look(self._file)
         if now_ns >= self._next_budget:
             self._next_budget = now_ns + _BUDGET_NS
-            self.room.keep_to_budget(self._in_use)
+            self.disk_space.enforce_budget(self._in_use)
 
     def finish(self) -> None:
         """Ends the last log, and waits half a second for the disk to have it. Idempotent."""
@@ -233,7 +233,7 @@ class LogSeries:
         return [file.path for file in (self._file, self._unsealed) if file is not None]
 
     def _due(self) -> bool:
-        after, at = self.rules.after, self.rules.at
+        after, at = self.rules.max_duration, self.rules.max_size
         assert self._file is not None
         return (after is not None and self._now_ns() >= self._opened_ns + after * NS_PER_S) or (
             at is not None and self._file.size >= at
@@ -241,22 +241,22 @@ class LogSeries:
 
     def _begin(self) -> None:
         """The next log, with what stands at the head of each; raises InputError or OSError without one."""
-        self.room.keep_to_budget(self._in_use, self.rules.at or self._last_size)
+        self.disk_space.enforce_budget(self._in_use, self.rules.max_size or self._last_size)
         wanted = float(self.rules.reserve)
-        if self.trouble is not None:
+        if self.pause_reason is not None:
             wanted = wanted * _ROOM_AGAIN + self._held.size
-        lacking = self.room.lacks(wanted)
+        lacking = self.disk_space.describe_shortage(wanted)
         if lacking is not None:
             raise InputError(lacking)
         now_ns = self._now_ns()
-        file = McapFile(self._names.fresh(now_ns))
+        file = McapFile(self._names.next_path(now_ns))
         try:
             for name, values in self._metadata.items():
                 file.add_metadata(name, values)
             for name, (media_type, data, time_ns) in self._attachments.items():
                 file.add_attachment(name, media_type, data, time_ns)
         except OSError:
-            file.abandon()
+            file.close_without_footer()
             file.path.unlink(missing_ok=True)
             raise
         self._file, self._opened_ns, self._synced = file, now_ns, 0
@@ -272,35 +272,35 @@ class LogSeries:
             self.messages_lost += file.message_count
             self._finished += file.size
             self.notices.append(loss)
-            file.abandon()
+            file.close_without_footer()
             return
-        if self.trouble is not None and not file.message_count:
-            file.abandon()
+        if self.pause_reason is not None and not file.message_count:
+            file.close_without_footer()
             file.path.unlink(missing_ok=True)
             self.paths.remove(file.path)
             return
         self._finished += file.size
         before = self._last_size = file.size
         try:
-            file.seal()
+            file.write_footer()
         except OSError as error:
             self._unsealed = file
-            if self.trouble is None:
-                self._paused(words_of(error))
+            if self.pause_reason is None:
+                self._paused(describe_error(error))
             return
         self._finished += file.size - before
-        self._sync.give(file.duplicate())
-        file.abandon()
+        self._sync.enqueue(file.duplicate_descriptor())
+        file.close_without_footer()
 
     def _give_up(self, file: McapFile) -> None:
         self._unsealed = None
-        file.abandon()
+        file.close_without_footer()
         self.notices.append(
             f"{file.path}: has no index for want of room; it can be read, and `hubodo recover` makes it whole"
         )
 
     def _paused(self, why: str) -> None:
-        self.trouble = why
+        self.pause_reason = why
         self.notices.append(f"{why}; nothing is recorded until that is over")
 
     def _try_again(self) -> None:
@@ -310,8 +310,8 @@ class LogSeries:
         unsealed, self._unsealed = self._unsealed, None
         if unsealed is not None:
             try:
-                unsealed.seal()
-                unsealed.abandon()
+                unsealed.write_footer()
+                unsealed.close_without_footer()
                 unsealed = None
             except OSError:
                 pass  # the next log may begin all the same: there is a limit to the size of one file
@@ -319,13 +319,13 @@ class LogSeries:
             self._begin()
         except (InputError, OSError) as error:
             self._unsealed = unsealed
-            if self.trouble is None:
-                self._paused(words_of(error))
+            if self.pause_reason is None:
+                self._paused(describe_error(error))
             return
         if unsealed is not None:
             self._give_up(unsealed)
-        if self.trouble is not None:
-            self.trouble = None
+        if self.pause_reason is not None:
+            self.pause_reason = None
             self.notices.append(f"recording goes on in {self.path}")
         self._write_held()
 
@@ -336,7 +336,7 @@ class LogSeries:
         try:
             write(self._file)
         except OSError as error:
-            self._paused(f"{self._file.path}: {words_of(error)}")
+            self._paused(f"{self._file.path}: {describe_error(error)}")
             self._end()
             return False
         return True
@@ -361,12 +361,12 @@ class LogSeries:
 
     def _look(self, file: McapFile) -> None:
         """Whether the open log is still where it was, with room to grow."""
-        where = file.whereabouts()
+        where = file.file_state()
         if where != "here":
             self._lost_sight(file, where)
             return
-        self.room.make(self.rules.reserve, self._in_use)
-        lacking = self.room.lacks(self.rules.reserve)
+        self.disk_space.free_bytes(self.rules.reserve, self._in_use)
+        lacking = self.disk_space.describe_shortage(self.rules.reserve)
         if lacking is not None:
             self._paused(lacking)
             self._end()
@@ -380,11 +380,11 @@ class LogSeries:
             self.notices.append(f"recording goes on in {self.path}")
 
     def _sync_if_due(self, now_ns: int) -> None:
-        why = self._sync.failed()
+        why = self._sync.pop_error()
         if why is not None and self._file is not None:
             self._paused(f"{self._file.path}: the disk failed: {why}")
             self._end()
-        if self._sync.busy:
+        if self._sync.is_busy:
             if now_ns - self._sync_began_ns > _SLOW_SYNC_NS and not self._slow_said:
                 self._slow_said = True
                 self.notices.append(
@@ -393,6 +393,6 @@ class LogSeries:
             return
         if self._file is None or now_ns < self._next_sync or self._file.size == self._synced:
             return
-        self._next_sync, self._sync_began_ns = now_ns + PERIOD_NS, now_ns
+        self._next_sync, self._sync_began_ns = now_ns + SYNC_PERIOD_NS, now_ns
         self._synced = self._file.size
-        self._sync.give(self._file.duplicate())
+        self._sync.enqueue(self._file.duplicate_descriptor())

@@ -17,29 +17,29 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.log import ros2, topics
-from hubodo.log.container import Compression, McapFile, MessageIndexes
-from hubodo.log.message_records import SLAB, BatchStream, message_record
+from hubodo.log.mcap_file import Compression, McapFile, MessageIndexes
+from hubodo.log.message_records import MAX_PENDING_ROWS, RowBuffer, encode_message_record
 from hubodo.units import NS_PER_S
 
-_RAMP = np.arange(SLAB, dtype=np.uint32)
+_ROW_NUMBERS = np.arange(MAX_PENDING_ROWS, dtype=np.uint32)
 
 
-class _Index:
+class _ChannelIndex:
     """Times and places of one channel's messages in the pending chunk."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], int, int]] = []
         self.times: list[int] = []
-        self.places: list[int] = []
+        self.offsets: list[int] = []
 
-    def take(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def drain(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         times = [batch for batch, _, _ in self.batches]
-        places = [first + size * np.arange(len(batch)) for batch, first, size in self.batches]
+        offsets = [first + size * np.arange(len(batch)) for batch, first, size in self.batches]
         if self.times:
             times.append(np.array(self.times, np.int64))
-            places.append(np.array(self.places, np.int64))
-        self.batches, self.times, self.places = [], [], []
-        return np.concatenate(times), np.concatenate(places)
+            offsets.append(np.array(self.offsets, np.int64))
+        self.batches, self.times, self.offsets = [], [], []
+        return np.concatenate(times), np.concatenate(offsets)
 
     def __bool__(self) -> bool:
         return bool(self.batches or self.times)
@@ -70,7 +70,7 @@ class ChunkTarget(Protocol):
     def finish(self) -> None: ...
 
 
-class ChunkLog:
+class ChunkWriter:
     """A log being written, one message or many of one layout at a time; a context manager; one thread only.
 
     path: must not exist (`InputError`), or where else the chunks go. metadata: text by key, kept in the
@@ -94,21 +94,23 @@ class ChunkLog:
         self.t_zero_ns = time.time_ns() // NS_PER_S * NS_PER_S if t_zero_ns is None else t_zero_ns
         self.compression: Compression = compression
         self._file: ChunkTarget = McapFile(path) if isinstance(path, Path) else path
-        self._file.add_metadata(topics.METADATA, {**dict(metadata or {}), topics.T_ZERO: str(self.t_zero_ns)})
+        self._file.add_metadata(
+            topics.METADATA_RECORD, {**dict(metadata or {}), topics.T_ZERO_KEY: str(self.t_zero_ns)}
+        )
         self._chunk_bytes = chunk_bytes
         self._pending_ns = int(pending_s * NS_PER_S)
         self._clock = clock
-        self._deadline: int | None = None
-        self._parts: list[bytes] = []
-        self._bytes = 0  # in _parts
-        self._waiting: list[BatchStream] = []  # streams with rows that are not in _parts yet
-        self._waiting_bytes = 0
-        self._index: dict[int, _Index] = {}
-        self._sequence: dict[int, int] = {}
-        self._accepted = 0
+        self._flush_deadline_ns: int | None = None
+        self._records: list[bytes] = []
+        self._records_size = 0  # in _parts
+        self._pending_streams: list[RowBuffer] = []  # streams with rows that are not in _parts yet
+        self._pending_rows_size = 0
+        self._index: dict[int, _ChannelIndex] = {}
+        self._next_sequence: dict[int, int] = {}
+        self._message_count = 0
         self._schemas: dict[tuple[str, str], int] = {}
         self._channels: dict[str, int] = {}
-        self._streams: dict[str, BatchStream] = {}
+        self._streams: dict[str, RowBuffer] = {}
 
     @property
     def path(self) -> Path:
@@ -123,7 +125,7 @@ class ChunkLog:
     @property
     def message_count(self) -> int:
         """Messages accepted so far, pending ones included."""
-        return self._accepted
+        return self._message_count
 
     def add_channel(
         self,
@@ -143,8 +145,8 @@ class ChunkLog:
             schema_id = self._schemas[key]
         channel = self._file.add_channel(topic, encoding, schema_id, metadata or {})
         self._channels[topic] = channel
-        self._sequence[channel] = 0
-        self._index[channel] = _Index()
+        self._next_sequence[channel] = 0
+        self._index[channel] = _ChannelIndex()
         return channel
 
     def add_ros2_channel(self, topic: str, schema: str, metadata: Mapping[str, str] | None = None) -> int:
@@ -155,41 +157,41 @@ class ChunkLog:
         """One message. Times: ns since 1970, not negative (ValueError)."""
         if t_log_ns < 0 or t_pub_ns < 0:
             raise ValueError(f"negative time: log {t_log_ns} ns, publish {t_pub_ns} ns")
-        sequence = self._sequence[channel]
-        self._sequence[channel] = sequence + 1
-        self._accepted += 1
+        sequence = self._next_sequence[channel]
+        self._next_sequence[channel] = sequence + 1
+        self._message_count += 1
         index = self._index[channel]
         index.times.append(t_log_ns)
-        index.places.append(self._bytes)
-        self._parts.append(message_record(channel, sequence, t_log_ns, t_pub_ns, payload))
-        self._bytes += len(self._parts[-1])
-        self._appended()
+        index.offsets.append(self._records_size)
+        self._records.append(encode_message_record(channel, sequence, t_log_ns, t_pub_ns, payload))
+        self._records_size += len(self._records[-1])
+        self._flush_if_due()
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Another metadata record, such as a calibration's key figures."""
         self._file.add_metadata(name, values)
 
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
+    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a whole file in the log, such as a configuration or calibration."""
         self._file.add_attachment(name, media_type, data, self.t_zero_ns)
 
     def tick(self, now_ns: int | None = None) -> None:
         """Call every 0.1 s or so: writes the pending chunk when its first message has waited long enough."""
-        if self._deadline is None or self._clock is None:
+        if self._flush_deadline_ns is None or self._clock is None:
             return
-        if (self._clock() if now_ns is None else now_ns) >= self._deadline:
+        if (self._clock() if now_ns is None else now_ns) >= self._flush_deadline_ns:
             self.flush()
 
     def flush(self) -> None:
         """Hand what is pending to the operating system. OSError (disk full) loses only that."""
-        for stream in self._waiting:
-            self._drain(stream)
-        self._waiting = []
-        if not self._parts:
+        for stream in self._pending_streams:
+            self._encode_pending_rows(stream)
+        self._pending_streams = []
+        if not self._records:
             return
-        records = b"".join(self._parts)
-        indexes = {channel: index.take() for channel, index in self._index.items() if index}
-        self._parts, self._bytes, self._deadline = [], 0, None
+        records = b"".join(self._records)
+        indexes = {channel: index.drain() for channel, index in self._index.items() if index}
+        self._records, self._records_size, self._flush_deadline_ns = [], 0, None
         self._file.add_chunk(records, indexes, self.compression)
 
     def close(self) -> None:
@@ -209,21 +211,21 @@ class ChunkLog:
         self.close()
 
     def write_rows(
-        self, stream: BatchStream, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, values: Mapping[str, ArrayLike]
+        self, stream: RowBuffer, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, values: Mapping[str, ArrayLike]
     ) -> None:
         """A batch on a stream: times (n,) ns; values: field -> (n, ...), or a scalar for all."""
         published = np.asarray(t_pub_ns, np.int64)
         if not published.ndim:
             published = published.reshape(1)
         count = len(published)
-        if count > SLAB:
-            self._slabs(stream, published, t_log_ns, values)
+        if count > MAX_PENDING_ROWS:
+            self._write_slabs(stream, published, t_log_ns, values)
             return
         if count == 0:
             return
-        if stream.filled + count > SLAB:
-            self._drain(stream)
-        rows = slice(stream.filled, stream.filled + count)
+        if stream.n_filled + count > MAX_PENDING_ROWS:
+            self._encode_pending_rows(stream)
+        rows = slice(stream.n_filled, stream.n_filled + count)
         logged = stream.log_time[rows]
         logged[:] = t_log_ns
         stream.publish_time[rows] = published
@@ -232,48 +234,48 @@ class ChunkLog:
         # The sign bit of either shows in the or.
         if np.minimum.reduce(published if one_time else logged | published) < 0:
             raise ValueError(f"negative time: log {logged.min()} ns, publish {published.min()} ns")
-        views = stream.views
+        views = stream.field_views
         for path, value in values.items():
-            view, array = views[path] if path in views else stream.view(path), np.asarray(value)
+            view, array = views[path] if path in views else stream.field_view(path), np.asarray(value)
             if array.ndim and array.shape != (count, *view.shape[1:]):
                 raise ValueError(f"{path} has shape {array.shape}, not {(count, *view.shape[1:])}")
             view[rows] = array
-        if not stream.filled:
-            self._waiting.append(stream)
-        stream.filled = rows.stop
-        self._accepted += count
-        self._waiting_bytes += count * stream.record_size
-        self._appended()
+        if not stream.n_filled:
+            self._pending_streams.append(stream)
+        stream.n_filled = rows.stop
+        self._message_count += count
+        self._pending_rows_size += count * stream.record_size
+        self._flush_if_due()
 
-    def _drain(self, stream: BatchStream) -> None:
+    def _encode_pending_rows(self, stream: RowBuffer) -> None:
         """The rows that wait, as bytes; what follows from the rest of a row is filled in for all at once."""
-        count, stream.filled = stream.filled, 0
+        count, stream.n_filled = stream.n_filled, 0
         if not count:
             return
-        first = self._sequence[stream.channel]
-        self._sequence[stream.channel] = first + count
+        first = self._next_sequence[stream.channel]
+        self._next_sequence[stream.channel] = first + count
         # uint32 wraps by itself, as the sequence field of the format does.
-        stream.sequence[:count] = _RAMP[:count] + np.uint32(first & 0xFFFFFFFF)
+        stream.sequence[:count] = _ROW_NUMBERS[:count] + np.uint32(first & 0xFFFFFFFF)
         if stream.seconds is not None and stream.nanoseconds is not None:
             seconds, nanoseconds = np.divmod(stream.publish_time[:count], NS_PER_S)
             stream.seconds[:count], stream.nanoseconds[:count] = seconds, nanoseconds
         times = stream.log_time[:count].copy()
-        self._index[stream.channel].batches.append((times, self._bytes, stream.record_size))
-        self._parts.append(stream.rows[:count].tobytes())
-        self._bytes += count * stream.record_size
-        self._waiting_bytes -= count * stream.record_size
+        self._index[stream.channel].batches.append((times, self._records_size, stream.record_size))
+        self._records.append(stream.rows[:count].tobytes())
+        self._records_size += count * stream.record_size
+        self._pending_rows_size -= count * stream.record_size
 
-    def _slabs(
+    def _write_slabs(
         self,
-        stream: BatchStream,
+        stream: RowBuffer,
         published: NDArray[np.int64],
         t_log_ns: ArrayLike,
         values: Mapping[str, ArrayLike],
     ) -> None:
         arrays = {path: np.asarray(value) for path, value in values.items()}
         logged = np.asarray(t_log_ns, np.int64)
-        for first in range(0, len(published), SLAB):
-            part = slice(first, first + SLAB)
+        for first in range(0, len(published), MAX_PENDING_ROWS):
+            part = slice(first, first + MAX_PENDING_ROWS)
             self.write_rows(
                 stream,
                 published[part],
@@ -281,12 +283,12 @@ class ChunkLog:
                 {path: value[part] if value.ndim else value for path, value in arrays.items()},
             )
 
-    def _appended(self) -> None:
-        if self._bytes + self._waiting_bytes >= self._chunk_bytes:
+    def _flush_if_due(self) -> None:
+        if self._records_size + self._pending_rows_size >= self._chunk_bytes:
             self.flush()
         elif self._clock is not None:
             now = self._clock()
-            if self._deadline is None:
-                self._deadline = now + self._pending_ns
-            elif now >= self._deadline:
+            if self._flush_deadline_ns is None:
+                self._flush_deadline_ns = now + self._pending_ns
+            elif now >= self._flush_deadline_ns:
                 self.flush()

@@ -15,25 +15,25 @@ _LENGTH = struct.Struct("<I")
 _ARRAY = struct.Struct("<4sIII")
 
 
-def string_message(text: str) -> bytes:
+def encode_string_message(text: str) -> bytes:
     """A std_msgs/String."""
     data = text.encode() + b"\0"
     return ENCAPSULATION + _LENGTH.pack(len(data)) + data
 
 
-def bytes_message(data: bytes) -> bytes:
+def encode_bytes_message(data: bytes) -> bytes:
     """A std_msgs/UInt8MultiArray without dimensions."""
     return _ARRAY.pack(ENCAPSULATION, 0, 0, len(data)) + data
 
 
-def own_text(encoding: str, payload: bytes) -> bytes:
+def decode_string_message(encoding: str, payload: bytes) -> bytes:
     """The JSON of an event; of a damaged message nothing."""
     if encoding != "cdr":
         return payload
     return payload[8 : 8 + _length(payload, 4)].rstrip(b"\0")
 
 
-def own_bytes(encoding: str, payload: bytes) -> bytes:
+def decode_bytes_message(encoding: str, payload: bytes) -> bytes:
     """The bytes that came over a link, or were asked there; of a damaged message nothing."""
     if encoding != "cdr":
         return payload

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from hubodo.log.container import Compression, MessageIndexes
+from hubodo.log.mcap_file import Compression, MessageIndexes
 
 
 @dataclass(frozen=True, slots=True)
