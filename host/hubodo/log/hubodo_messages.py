@@ -6,9 +6,13 @@ have the bytes as they are, encoded as `json` and `hubodo`.
 
 from __future__ import annotations
 
+import json
+import math
 import struct
+from collections.abc import Iterable
 
 from hubodo.log.ros2 import ENCAPSULATION
+from hubodo.recording import Event
 
 _LENGTH = struct.Struct("<I")
 # Of a UInt8MultiArray: no dimensions, no offset, then the length of the data.
@@ -42,3 +46,32 @@ def decode_bytes_message(encoding: str, payload: bytes) -> bytes:
 
 def _length(payload: bytes, place: int) -> int:
     return _LENGTH.unpack_from(payload, place)[0] if len(payload) >= place + 4 else 0
+
+
+def parse_events(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, ...]]:
+    """Events in order of time from their messages, and a note on each that cannot be understood."""
+    events, notes = [], []
+    for payload in payloads:
+        try:
+            body = json.loads(payload, parse_constant=_reject_constant, parse_float=_parse_finite)
+            events.append(
+                Event(
+                    int(body["t_ns"]),
+                    str(body["kind"]),
+                    str(body["source"]),
+                    str(body["text"]),
+                    dict(body["data"]),
+                )
+            )
+        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+            notes.append(f"an event cannot be understood: {payload[:60]!r}")
+    return tuple(sorted(events, key=lambda event: event.t_ns)), tuple(notes)
+
+
+def _reject_constant(word: str) -> float:
+    raise ValueError(f"{word} is no number of JSON")
+
+
+def _parse_finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _reject_constant(text)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 
 from hubodo.log import role_tables, ros2, topics
 from hubodo.log.decode import WANTED, ChannelRows, Decoder, column_names, message_type
-from hubodo.log.hubodo_messages import decode_string_message
+from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import Log, LogMessage, open_log
@@ -24,7 +22,7 @@ from hubodo.log.row_checks import drop_non_finite_rows
 from hubodo.log.row_matching import places_of, rising_rows, shared_rows
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.log.timebase import MAX_EXACT_S, to_seconds
-from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
+from hubodo.recording import BIAS_FILTER_COLUMNS, NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording, Table
 from hubodo.units import NS_PER_S
 
 __all__ = ["Log", "LogMessage", "Stream", "open_log", "read_recording"]
@@ -54,35 +52,6 @@ def build_recording(
     what is not. Raises InputError as `assign` does.
     """
     return _RecordingBuilder(source, selection, progress).build()
-
-
-def parse_events(payloads: Iterable[bytes]) -> tuple[tuple[Event, ...], tuple[str, ...]]:
-    """Events in order of time from their messages, and a note on each that cannot be understood."""
-    events, notes = [], []
-    for payload in payloads:
-        try:
-            body = json.loads(payload, parse_constant=_reject_constant, parse_float=_parse_finite)
-            events.append(
-                Event(
-                    int(body["t_ns"]),
-                    str(body["kind"]),
-                    str(body["source"]),
-                    str(body["text"]),
-                    dict(body["data"]),
-                )
-            )
-        except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
-            notes.append(f"an event cannot be understood: {payload[:60]!r}")
-    return tuple(sorted(events, key=lambda event: event.t_ns)), tuple(notes)
-
-
-def _reject_constant(word: str) -> float:
-    raise ValueError(f"{word} is no number of JSON")
-
-
-def _parse_finite(text: str) -> float:
-    value = float(text)
-    return value if math.isfinite(value) else _reject_constant(text)
 
 
 class _RecordingBuilder:

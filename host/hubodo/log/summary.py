@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import Messages
 from hubodo.log.decode import Decoder, column_names, message_type, stamps
-from hubodo.log.hubodo_messages import decode_string_message
+from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.joints import JointSpeeds
 from hubodo.log.logfile import open_log
-from hubodo.log.recording_reader import EVENT_MEMORY_RATIO, parse_events
+from hubodo.log.recording_reader import EVENT_MEMORY_RATIO
 from hubodo.log.roles import SELECT_BY_TYPE, TopicCandidate, TopicSelection, assign_roles
 from hubodo.log.source import MessageSource, Stream, is_hubodo_log
 from hubodo.recording import BIAS_FILTER_COLUMNS, Event

@@ -91,9 +91,8 @@ def record(
         verdict, duration = loop.run(config.duration, judged=not config.wait)
         if verdict is not None:
             raise verdict
-    return make_result(
-        recorder, series, duration=duration, messages=log.message_count - series.unrecorded_messages
-    )
+    messages = log.message_count - series.unrecorded_messages
+    return make_result(recorder, series, duration=duration, messages=messages)
 
 
 def _localizer(

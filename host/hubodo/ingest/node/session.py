@@ -176,9 +176,8 @@ class NodeSession:
         self._tell("request", f"{words}: asked")
 
     def _tell(self, kind: str, text: str) -> None:
-        self._sink.write_event(
-            Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name})
-        )
+        event = Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name})
+        self._sink.write_event(event)
 
     def resumed(self, begin_ns: int, end_ns: int) -> None:
         """The computer stood still between these host times: the offset of its clock may be another."""

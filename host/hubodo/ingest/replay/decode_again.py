@@ -22,10 +22,9 @@ from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import Messages
 from hubodo.log.decode import message_type
-from hubodo.log.hubodo_messages import decode_bytes_message, decode_string_message
+from hubodo.log.hubodo_messages import decode_bytes_message, decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
-from hubodo.log.recording_reader import parse_events
 from hubodo.recording import Event
 from hubodo.version import __version__
 from hubowire import FrameDecoder, PayloadError, decode

@@ -19,10 +19,9 @@ from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.replay.setup import setup_of
 from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelRows, Decoder, message_type
-from hubodo.log.hubodo_messages import decode_string_message
+from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
-from hubodo.log.recording_reader import parse_events
 from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
