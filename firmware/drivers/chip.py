@@ -23,9 +23,9 @@ def setting(table, value):
 
 
 def acknowledges(i2c, address):
-    """Return True when a chip acknowledges its address; nothing is read or written."""
+    """Return True when a chip acknowledges; its register pointer is set to 0, no register is touched."""
     try:
-        i2c.writeto(address, b"")
+        i2c.writeto(address, b"\0")
     except OSError:
         return False
     return True
