@@ -11,7 +11,7 @@ import numpy as np
 from generators import wheel_drives
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
 
 BOTH = ("left", "right")
@@ -72,7 +72,7 @@ def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tu
 
 def _error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> np.ndarray:
     """Of x, y and heading, (3,). A track begins with the first whole window: so does its truth."""
-    begin = truth(drive, track.t[0] - WINDOW)
+    begin = truth(drive, track.t[0] - WINDOW_S)
     x, y, heading = truth(drive, track.t[at]) - begin
     way = complex(x, y) * cmath.exp(-1j * begin[2])
     return np.array([track.x[at] - way.real, track.y[at] - way.imag, track.heading[at] - heading])

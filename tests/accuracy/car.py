@@ -23,7 +23,7 @@ from hubodo.errors import CalibrationError  # noqa: E402
 from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
-from hubodo.fuse.wheel.track import WheelTrack, run  # noqa: E402
+from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
 from hubodo.recording import Recording, Table  # noqa: E402
 from hubodo.vehicle import NodeMount, Vehicle  # noqa: E402
@@ -58,7 +58,7 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
     """Largest distance from the truth in % of the path."""
-    track = run(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
+    track = run_wheel_filter(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
     return _largest(track, truth_of(log))
 
 

@@ -24,7 +24,7 @@ from generators import gnss_drives  # noqa: E402
 from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph  # noqa: E402
 from hubodo.fuse.track import Track  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
-from hubodo.fuse.wheel.track import run  # noqa: E402
+from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from hubodo.fuse.wheels import graph_constants  # noqa: E402
 
 SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
@@ -42,7 +42,7 @@ def paths(sets=SETS):
     for name, log in drives().items():
         for names in sets:
             if set(names) <= set(log.nodes):
-                made = run(wheel_config(with_nodes(names), list(names)), log.nodes)
+                made = run_wheel_filter(wheel_config(with_nodes(names), list(names)), log.nodes)
                 track = made.track
                 path = Track(track.t, track.x, track.y, track.heading)
                 found[name, names] = (path, graph_constants(made), truth_of(log))

@@ -22,7 +22,7 @@ import numpy as np
 
 from accuracy.mixed import plain
 from generators.clipped_drives import CASES, clipped_drive
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 WHEELS = {"one": ("left",), "two": BOTH}
@@ -46,7 +46,7 @@ def main() -> int:
             drive = clipped_drive(CASES[name], seed)
             rival.append(100.0 * plain(drive, not CASES[name].begins) / drive.length)
             for key, names in WHEELS.items():
-                found = run(config(drive, names, limits=CASES[name].limits), tables(drive))
+                found = run_wheel_filter(config(drive, names, limits=CASES[name].limits), tables(drive))
                 way = abs(found.report.distance / drive.length - 1.0)
                 error = end_error(drive, found) / drive.length
                 rows[key].append((100.0 * error, 100.0 * way, nees(drive, found)))

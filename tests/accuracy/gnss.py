@@ -28,7 +28,7 @@ from generators import gnss_drives, wheel_drives
 from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.fuse.wheels import graph_constants
 from hubodo.recording import Table
 
@@ -45,7 +45,7 @@ def odometry(drive, names):
         name: Table(dict(zip(columns, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
         for name, node in drive.nodes.items()
     }
-    found = run(config, nodes)
+    found = run_wheel_filter(config, nodes)
     track = found.track
     return Track(track.t, track.x, track.y, track.heading), graph_constants(found)
 

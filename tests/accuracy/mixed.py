@@ -25,7 +25,7 @@ from scipy.stats import chi2
 import wheel_runs
 from generators import wheel_drives
 from generators.mixed_drives import Drawn, drawn
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 
 NAMES = {"left": ("left",), "two": ("left", "right")}
 DEGREES = 3
@@ -64,10 +64,10 @@ def main() -> int:
         it = drawn(seed)
         numbers = [plain(it.drive) / it.drive.length]
         for name, nodes in NAMES.items():
-            found = run(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
+            found = run_wheel_filter(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
             numbers.append(wheel_runs.end_error(it.drive, found) / it.drive.length)
             numbers.append(wheel_runs.nees(it.drive, found))
-            told = any(wheel.grip.slips for wheel in found.filter.core.wheels)
+            told = any(wheel.slip_detector.slips for wheel in found.filter.core.wheels)
             alarms[name] += told and not it.slips
         rows.append(numbers)
         kinds.append(["all", *_kinds(it)])

@@ -26,7 +26,7 @@ from generators import wheel_drives
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import TRACK_WIDTH
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Table
 
@@ -82,7 +82,7 @@ def simulated(drives: int, first_seed: int) -> None:
 
 def _filtered(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
-    track = run(WheelConfig(drive.radius, drive.track, nodes), _tables(drive)).track
+    track = run_wheel_filter(WheelConfig(drive.radius, drive.track, nodes), _tables(drive)).track
     error = _error(drive, float(track.t[-1]), track.x[-1], track.y[-1], track.heading[-1])
     sigma = np.sqrt(np.diag(track.covariance[-1])[:3])
     inside = np.abs(error) < 1.96 * sigma
@@ -164,8 +164,8 @@ def wheelchair() -> None:
     for name, names in NAMES.items():
         nodes = {node: WheelNode(node, "left") for node in names}  # type: ignore[arg-type]
         # The track was not measured; 0.92 m is a guess of 5 %.
-        track = run(
-            WheelConfig(0.31, 0.92, nodes, known={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes
+        track = run_wheel_filter(
+            WheelConfig(0.31, 0.92, nodes, priors={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes
         ).track
         error = np.degrees(track.heading - np.interp(track.t, frame.t, summed))
         error -= error[0]

@@ -14,7 +14,7 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from generators.rests import drive_with_rest  # noqa: E402
-from hubodo.fuse.wheel.track import run  # noqa: E402
+from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from wheel_runs import config, end_error, nees, tables  # noqa: E402
 
 KINDS = {"0.002 rad/s of noise": (0.002, 0.0), "0.02 rad/s": (0.02, 0.0), "idling, 0.03 rad/s": (0.002, 0.03)}
@@ -39,7 +39,7 @@ def main() -> int:
                 found = []
                 for seed in range(args.seed, args.seed + args.drives):
                     drive = drive_with_rest(seed, LENGTH, rest, where, noise, idling)
-                    made = run(config(drive), tables(drive))
+                    made = run_wheel_filter(config(drive), tables(drive))
                     found.append((100.0 * end_error(drive, made) / drive.length, nees(drive, made)))
                 errors, honest = np.array(found).T
                 print(

@@ -18,7 +18,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 from generators.silences import MEANWHILE, paused_drive, silent_drive  # noqa: E402
 from generators.wheel_drives import WheelDrive  # noqa: E402
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample  # noqa: E402
-from hubodo.fuse.wheel.track import run  # noqa: E402
+from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from wheel_runs import BOTH, config, pose_error, tables  # noqa: E402
 
 
@@ -49,7 +49,7 @@ def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: rang
     rows = []
     for seed in seeds:
         drive, heard = silent_drive(seed, seconds, meanwhile)
-        track = run(config(drive, names), tables(drive)).track
+        track = run_wheel_filter(config(drive, names), tables(drive)).track
         row = []
         for place in (int(np.searchsorted(track.t, heard)), -1):
             error, covariance = pose_error(drive, track, place)
@@ -72,7 +72,7 @@ def _pause(seconds: float, seeds: range) -> None:
     for seed in seeds:
         drive, _, _ = paused_drive(seed, seconds)
         begin = time.process_time()
-        track = run(config(drive), tables(drive)).track
+        track = run_wheel_filter(config(drive), tables(drive)).track
         spent = max(spent, time.process_time() - begin)
         covariance = track.covariance[-1]
         off.append(track.heading[-1] - drive.heading[-1])

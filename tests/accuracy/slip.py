@@ -29,7 +29,7 @@ from generators import gnss_drives, slip_drives, wheel_drives
 from generators.wheel_drives import Plan, WheelDrive
 from hubodo.fuse.fused import fuse_recording
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, wheel_config
-from hubodo.fuse.wheel.track import WheelRun, run
+from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
@@ -102,7 +102,7 @@ def made(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
 def outcome(case: Case, seed: int) -> Outcome:
     """One drive."""
     drive, names, start = made(case, seed)
-    found = run(config(drive, names), tables(drive))
+    found = run_wheel_filter(config(drive, names), tables(drive))
     hits = alarms = 0
     for slips in found.report.slips.values():
         inside = [slip.begin < start + case.duration + _SLACK and slip.end > start - _SLACK for slip in slips]
@@ -126,7 +126,7 @@ def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
 def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
     """m off in the middle of what happens, and NEES there, of a track that knows `lag` s of what follows."""
     drive, names, start = made(case, seed)
-    track = run(config(drive, names), tables(drive), lag).track
+    track = run_wheel_filter(config(drive, names), tables(drive), lag).track
     error, covariance = pose_error(drive, track, int(np.searchsorted(track.t, start + 0.5 * case.duration)))
     return float(np.hypot(*error[:2])), float(error @ np.linalg.solve(covariance, error))
 
@@ -158,7 +158,7 @@ def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
     found: 1 where the user is told that the two are no axle.
     """
     drive = slip_drives.steered(np.random.default_rng(seed), ERRORS, side)
-    made = run(config(drive), tables(drive))
+    made = run_wheel_filter(config(drive), tables(drive))
     said = any("steers" in line or "not those of an axle" in line for line in made.report.warnings)
     right = [wheel.name for wheel in made.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
     error = 100.0 * end_error(drive, made) / drive.length
@@ -169,7 +169,7 @@ def exchanged_outcome(seed: int) -> Outcome:
     """The nodes of the two sides exchanged."""
     drive, _, _ = made(CASES["two wheels, nothing happens"], seed)
     recorded = tables(drive)
-    found = run(config(drive), {"left": recorded["right"], "right": recorded["left"]})
+    found = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
     said = any("exchanged" in line for line in found.report.warnings)
     return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), int(said), 0)
 
@@ -179,7 +179,7 @@ def careless_outcome(seed: int) -> Outcome:
     rng = np.random.default_rng(seed)
     errors = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 130.0, 6.0), rng, errors)
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     alone = len(found.filter.core.wheels) == 1
     return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), 0, int(alone))
 
@@ -191,7 +191,7 @@ def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng, 150.0, 6.0), rng, replace(ERRORS, track=tape))
         for names in (("left",), ("right",), BOTH):
-            found = run(config(drive, names), tables(drive))
+            found = run_wheel_filter(config(drive, names), tables(drive))
             errors.setdefault(" and ".join(names), []).append(100.0 * end_error(drive, found) / drive.length)
     return {name: np.array(found) for name, found in errors.items()}
 
@@ -202,13 +202,15 @@ def real_alarms() -> dict[str, int]:
     for name, log in car.drives().items():
         for names in car.SETS:
             if set(names) <= set(log.nodes):
-                runs[f"car {name}, {' and '.join(names)}"] = run(
+                runs[f"car {name}, {' and '.join(names)}"] = run_wheel_filter(
                     wheel_config(car.CAR, list(names)), log.nodes
                 )
     chair = read_folder(wanted.recording("wheelchair"))
     for names in (("left",), ("right",), BOTH):
         nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
-        runs[f"wheelchair, {' and '.join(names)}"] = run(WheelConfig(0.31, 0.92, nodes), chair.nodes)
+        runs[f"wheelchair, {' and '.join(names)}"] = run_wheel_filter(
+            WheelConfig(0.31, 0.92, nodes), chair.nodes
+        )
     return {name: sum(map(len, found.report.slips.values())) for name, found in runs.items()}
 
 

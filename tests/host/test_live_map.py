@@ -14,8 +14,8 @@ from fakes.fake_receiver import fake_receiver
 from fakes.script import Script
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from generators.gnss_drives import WGS84, geodetic
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
@@ -143,7 +143,7 @@ def steps(seconds=40.0, heading=0.0, drift=0.0):
     items = []
     for k in range(1, int(10 * seconds)):
         t = 0.1 * k
-        items.append(Pose(t, t, 0.0, 0.0, 1.0, 0.0, np.eye(5), Stillness.MOVING, 0.0, 0))
+        items.append(Pose(t, t, 0.0, 0.0, 1.0, 0.0, np.eye(5), MotionState.MOVING, 0.0, 0))
         if k % 2 == 0:
             way = t * np.exp(1j * heading)
             latitude, longitude = geodetic(np.array([way.real]), np.array([way.imag]), *ORIGIN)

@@ -26,18 +26,18 @@ _SAME: dict[tuple[str, str, str], str] = {
         "- -> ",
     ): "it is compared with counts whose low byte is at least 250",
     (
-        "host/hubodo/fuse/wheel/clipping.py",
+        "host/hubodo/fuse/wheel/spin_search.py",
         "found = taken.best(found.excess + around, found.slope + 0.1 * hardest * around)",
         "+ -> -",
     ): "what is looked at reaches as far to either side: the same places in another order",
     (
-        "host/hubodo/fuse/wheel/clipping.py",
+        "host/hubodo/fuse/wheel/spin_search.py",
         ".best(found.excess + wide * _GRID, found.slope + finer * _GRID)",
         "+ -> -",
     ): "what is looked at reaches as far to either side: the same places in another order",
     (
-        "host/hubodo/fuse/wheel/excess.py",
-        "if wheel.joined and (unseen or far > _LOST_ANGLE**2):",
+        "host/hubodo/fuse/wheel/rate_beyond_range.py",
+        "if wheel.angle_initialised and (unseen or far > _LOST_ANGLE**2):",
         "2 -> 3",
     ): "it is one radian, and one to any power is one",
     (

@@ -11,7 +11,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.node_screening import stretches
+from hubodo.fuse.wheel.node_screening import find_runs
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount
 
@@ -133,7 +133,7 @@ def _pile(size: Array, kind: str) -> float | None:
         same = np.append(False, channel[1:] == channel[:-1])
         others = ~at_end & np.append(False, ~at_end[:-1])
         repeats = np.count_nonzero(same & others) / (1 + np.count_nonzero(others))
-        longest = max((last - first + 1 for first, last in stretches(at_end)), default=0)
+        longest = max((last - first + 1 for first, last in find_runs(at_end)), default=0)
         if np.count_nonzero(at_end) >= _PILE and longest >= _RUN and repeats < _QUIET:
             ends.append(top)
     return min(ends) if ends else None

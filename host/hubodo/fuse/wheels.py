@@ -20,12 +20,12 @@ from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
-from hubodo.fuse.wheel.loose_way import loose_way
-from hubodo.fuse.wheel.node_screening import screened
+from hubodo.fuse.wheel.node_screening import screen_samples
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.fuse.wheel.surface_speeds import surface_speeds
-from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
+from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
+from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run_wheel_filter
+from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Side, Vehicle
 
@@ -171,19 +171,19 @@ def _filtered(
     for_graph: bool,
 ) -> WheelOdometry:
     """The wheel filter on nodes of a recording whose samples are calibrated."""
-    used_nodes, screenings = screened({name: recording.nodes[name] for name in names})
+    used_nodes, screenings = screen_samples({name: recording.nodes[name] for name in names})
     names = tuple(name for name in names if len(used_nodes[name]) > _FEW) or names
     try:
         # The filter begins at the first edge of a window.
         first = min(table.t[0] for table in used_nodes.values() if len(table))
-        first = math.ceil(first / WINDOW - 1e-9) * WINDOW
+        first = math.ceil(first / WINDOW_S - 1e-9) * WINDOW_S
         config = wheel_config(located(vehicle, recording), list(names), calibration, ranges)
         config = replace(config, start_heading=start_heading(recording, first) or 0.0)
-        speeds = None if recording.wheels is None else surface_speeds(recording.wheels)
-        config = replace(config, encoder=bool(speeds))
-        result = run(config, used_nodes, lag, speeds)
-        if for_graph and lag == 0.0 and result.filter.core.slips.doubt:
-            result = run(config, used_nodes, math.inf, speeds)
+        speeds = None if recording.wheels is None else average_surface_speeds(recording.wheels)
+        config = replace(config, encoder_aided=bool(speeds))
+        result = run_wheel_filter(config, used_nodes, lag, speeds)
+        if for_graph and lag == 0.0 and result.filter.core.slip_schedule.speed_variance:
+            result = run_wheel_filter(config, used_nodes, math.inf, speeds)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
@@ -217,9 +217,9 @@ def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Trac
 
     The filter's first pose is the end of its first window.
     """
-    track = filtered.plain()
+    track = filtered.to_track()
     start = {
-        "t": track.t[0] - WINDOW,
+        "t": track.t[0] - WINDOW_S,
         "heading": heading,
         "speed": track.speed[0],
         "yaw_rate": track.yaw_rate[0],
@@ -227,7 +227,7 @@ def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Trac
     }
     names = [item.name for item in fields(Track) if item.name != "step_inflation"]
     poses = {name: np.append(start.get(name, 0.0), getattr(track, name)) for name in names}
-    return Track(**poses, step_inflation=np.append(0.0, loose_way(filtered)))
+    return Track(**poses, step_inflation=np.append(0.0, odometry_inflation(filtered)))
 
 
 def _steering(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from hubodo.calibration.file import (
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
 from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, WheelPriors, calibrate_wheels
-from hubodo.fuse.wheel.calibration.findings import plain
+from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_json
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_times import check_times
@@ -63,15 +63,15 @@ class CalibratedWheels:
         return {
             "output": self.output,
             "positions": self.positions,
-            "fixes": found.fixes,
-            "jumps": found.jumps,
-            "position_error": {"random": found.random, "slow": found.slow},
+            "fixes": found.n_positions,
+            "jumps": found.n_jumps,
+            "position_error": {"random": found.white_sigma, "slow": found.slow_sigma},
             "antenna": {name: asdict(q) for name, q in zip("xy", found.antenna, strict=True)},
             "rms_before": found.rms,
             "held_out": asdict(found.held_out),
-            "nodes": {name: plain(effects) for name, effects in found.nodes.items()},
-            "vehicle": plain(found.vehicle),
-            "unseen": list(found.unseen),
+            "nodes": {name: quantities_as_json(effects) for name, effects in found.nodes.items()},
+            "vehicle": quantities_as_json(found.vehicle),
+            "unseen": list(found.not_observable),
             "warnings": list(found.warnings),
         }
 
@@ -85,7 +85,7 @@ class CalibratedWheels:
         console.print(table)
         for line in _words(self.result, self.positions):
             console.print(line, highlight=False, soft_wrap=True)
-        for line in self.result.unseen:
+        for line in self.result.not_observable:
             console.print(f"not seen: {line}", highlight=False, markup=False, soft_wrap=True)
         for line in self.result.warnings:
             console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> CalibratedWheels:
     found = calibrate_wheels(config, recording.nodes, positions, priors)
     found = replace(found, warnings=recording.warnings + tuple(found.warnings))
     provenance: dict[str, Any] = {
-        "method": f"wheel filter with {found.fixes} positions ({kind})",
+        "method": f"wheel filter with {found.n_positions} positions ({kind})",
         "source_sha256": hash_source(args.log),
         "date": datetime.now(UTC).date().isoformat(),
     }
@@ -165,16 +165,16 @@ def _positions(recording: Recording, vehicle: Vehicle, log: str) -> tuple[str, P
 def _words(found: WheelCalibration, positions: str) -> Iterator[str]:
     """What people want to know beside the table."""
     yield (
-        f"{found.fixes} positions ({positions}), off by {found.random:.2g} m at random and {found.slow:.2g} "
-        f"m slowly; before calibration the track was {found.rms:.2f} m rms from them"
+        f"{found.n_positions} positions ({positions}), off by {found.white_sigma:.2g} m at random and "
+        f"{found.slow_sigma:.2g} m slowly; before calibration the track was {found.rms:.2f} m rms from them"
     )
-    if found.jumps:
-        yield f"the positions jumped {found.jumps} times; each began a new slow error"
+    if found.n_jumps:
+        yield f"the positions jumped {found.n_jumps} times; each began a new slow error"
     x, y = found.antenna
     yield f"antenna {x.value:+.2f} ± {x.sigma:.2f} m forward, {y.value:+.2f} ± {y.sigma:.2f} m to the left"
     judged = found.held_out
     if judged.stretches:
-        yield (f"held out: {judged.stretches} stretches, calibrated on the others each: {judged.words}")
+        yield (f"held out: {judged.stretches} stretches, calibrated on the others each: {judged.description}")
     else:
         yield "held out: the drive is too short to leave stretches out; whether it helps is not known"
 

@@ -12,8 +12,8 @@ from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import ENCODER_LEFT, ENCODER_RIGHT, SPEED, TRACK_WIDTH, YAW_RATE
 from hubodo.fuse.wheel.measurements.surface_speed import STATES, measure
 from hubodo.fuse.wheel.state import initial_state
-from hubodo.fuse.wheel.surface_speeds import surface_speeds
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from in_process import hubodo
@@ -71,7 +71,7 @@ def fuse(tmp_path):
 
 def test_derivatives_are_differences():
     nodes = {"left": WheelNode("left", "left")}
-    begin = initial_state(WheelConfig(0.15, 0.5, nodes, encoder=True))
+    begin = initial_state(WheelConfig(0.15, 0.5, nodes, encoder_aided=True))
     at, rng = begin.columns.vehicle, np.random.default_rng(1)
     x = [0.0] * len(begin.x)
     for entry in (SPEED, YAW_RATE, TRACK_WIDTH, ENCODER_LEFT, ENCODER_RIGHT):
@@ -94,7 +94,7 @@ def test_means_over_windows_are_those_of_the_straight_lines_and_holes_are_left_o
     t = np.cumsum(rng.uniform(0.005, 0.05, 400))
     t = np.where(t > 5.0, t + 2.0, t)
     left = np.sin(t)
-    found = surface_speeds(Table({"t": t, "left": left, "right": 2.0 * left}))
+    found = average_surface_speeds(Table({"t": t, "left": left, "right": 2.0 * left}))
     for number, (one, other) in found.items():
         grid = np.linspace(0.1 * number, 0.1 * number + 0.1, 20_001)
         assert one == pytest.approx(np.trapezoid(np.interp(grid, t, left), grid) / 0.1, abs=1e-6)
@@ -145,8 +145,10 @@ def test_beside_nodes_the_track_is_honest_and_surer(names):
     honest = []
     for seed in range(SEED, SEED + 5):
         drive, wheels = driven(seed)
-        plain = run(config(drive, names), tables(drive))
-        found = run(config(drive, names, encoder=True), tables(drive), 0.0, surface_speeds(wheels))
+        plain = run_wheel_filter(config(drive, names), tables(drive))
+        found = run_wheel_filter(
+            config(drive, names, encoder_aided=True), tables(drive), 0.0, average_surface_speeds(wheels)
+        )
         error, covariance = pose_error(drive, found.track, -1)
         honest.append(float(error @ np.linalg.solve(covariance, error)))
         assert np.trace(covariance[:2, :2]) < np.trace(plain.track.covariance[-1, :2, :2])
@@ -159,8 +161,10 @@ def test_they_carry_the_vehicle_over_a_silence_of_its_node():
     node = drive.nodes["left"]
     keep = (node.t < 20.0) | (node.t > 30.0)
     drive.nodes["left"] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
-    found = run(config(drive, ("left",), encoder=True), tables(drive), 0.0, surface_speeds(wheels))
-    assert found.report.silences == ()
+    found = run_wheel_filter(
+        config(drive, ("left",), encoder_aided=True), tables(drive), 0.0, average_surface_speeds(wheels)
+    )
+    assert found.report.outages == ()
     place = int(np.searchsorted(found.track.t, 30.2))
     error, covariance = pose_error(drive, found.track, place)
     print(f"seed {SEED}: {np.hypot(*error[:2]):.2f} m off, {np.degrees(error[2]):.1f}°")
@@ -174,7 +178,7 @@ def test_the_speed_of_a_window_is_the_mean_of_the_lines_between_rows_where_none_
     t = 0.234 + np.cumsum(rng.uniform(0.01, 0.15, 120))
     t[60:] += 0.9
     rows = {side: 1.0 + rng.standard_normal(120) for side in ("left", "right")}
-    found = surface_speeds(Table({"t": t, **rows}))
+    found = average_surface_speeds(Table({"t": t, **rows}))
     windows = [k for k in range(200) if t[0] <= 0.1 * k and 0.1 * (k + 1) <= t[-1]]
     sound = [k for k in windows if 0.1 * (k + 1) <= t[59] or 0.1 * k >= t[60]]
     assert list(found) == sound and len(sound) < len(windows) - 8
@@ -187,6 +191,6 @@ def test_the_speed_of_a_window_is_the_mean_of_the_lines_between_rows_where_none_
 
 @pytest.mark.parametrize("speed", [0.0, 1.0, -20.0])
 def test_an_encoder_is_unsure_by_two_centimetres_a_second_and_a_hundredth(speed):
-    begin = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}, encoder=True))
+    begin = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}, encoder_aided=True))
     _, variance, _ = measure(list(begin.x), begin.columns.vehicle, 1.0, 0.25, speed)
     assert variance == pytest.approx(0.02**2 + (0.01 * speed) ** 2)

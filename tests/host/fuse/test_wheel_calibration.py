@@ -16,19 +16,19 @@ from generators import wheel_drives
 from generators.told_positions import Receiver, positions
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import CalibrationError
-from hubodo.fuse.wheel.calibration.alignment import start_heading
+from hubodo.fuse.wheel.calibration.aided_filter import run_aided_filter
+from hubodo.fuse.wheel.calibration.alignment import align_heading
 from hubodo.fuse.wheel.calibration.calibrate import (
     WheelCalibration,
     WheelPriors,
     _Drive,
     calibrate_wheels,
 )
-from hubodo.fuse.wheel.calibration.held_out import Distances, LeftOut, held_out
-from hubodo.fuse.wheel.calibration.positions import Positions, random_part
-from hubodo.fuse.wheel.calibration.told import tell
+from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors, measure_held_out_errors
+from hubodo.fuse.wheel.calibration.positions import Positions, estimate_white_sigma
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import X, Y
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
@@ -62,9 +62,9 @@ def _drive(
 
 def _leave_nothing_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """No stretches are left out from here on, which takes most of the time: for what they do not touch."""
-    nothing = Distances(0.0, 0.0)
-    module = "hubodo.fuse.wheel.calibration.calibrate.held_out"
-    monkeypatch.setattr(module, lambda *_: LeftOut(nothing, nothing, 0))
+    nothing = ErrorSummary(0.0, 0.0)
+    module = "hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors"
+    monkeypatch.setattr(module, lambda *_: HeldOutErrors(nothing, nothing, 0))
 
 
 def _told(drive: wheel_drives.WheelDrive, seed: int, receiver: Receiver, declared: float = 0.1) -> Positions:
@@ -168,21 +168,23 @@ def test_stretches_that_were_left_out_say_whether_it_helps() -> None:
     told = _exact(drive, 78)
     found = calibrate_wheels(config(drive), tables(drive), told)
     assert found.held_out.stretches == 4 and found.held_out.after.rms < 0.5 * found.held_out.before.rms
-    plain = run(config(drive), tables(drive)).track
+    plain = run_wheel_filter(config(drive), tables(drive)).track
     stretched = replace(plain, x=1.01 * plain.x, y=1.01 * plain.y)
-    good = held_out(told, stretched, lambda *_: (plain, (0.0, 0.0)), (0.0, 0.0))
-    bad = held_out(
+    good = measure_held_out_errors(told, stretched, lambda *_: (plain, (0.0, 0.0)), (0.0, 0.0))
+    bad = measure_held_out_errors(
         told, plain, lambda *_: (replace(plain, x=1.1 * plain.x, y=1.1 * plain.y), (0.0, 0.0)), (0.0, 0.0)
     )
-    assert good.improved and not bad.improved
-    first = told.where(np.arange(len(told)) < 30)
-    assert held_out(first, plain, lambda *_: (stretched, (0.0, 0.0)), (0.0, 0.0)).stretches == 0
+    assert good.is_improved and not bad.is_improved
+    first = told.select(np.arange(len(told)) < 30)
+    assert (
+        measure_held_out_errors(first, plain, lambda *_: (stretched, (0.0, 0.0)), (0.0, 0.0)).stretches == 0
+    )
 
 
 def test_a_calibration_that_does_not_help_is_not_made(monkeypatch: pytest.MonkeyPatch) -> None:
     drive = _drive(79, 60.0)
-    module = "hubodo.fuse.wheel.calibration.calibrate.held_out"
-    monkeypatch.setattr(module, lambda *_: LeftOut(Distances(0.1, 0.2), Distances(0.15, 0.25), 4))
+    module = "hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors"
+    monkeypatch.setattr(module, lambda *_: HeldOutErrors(ErrorSummary(0.1, 0.2), ErrorSummary(0.15, 0.25), 4))
     with pytest.raises(
         CalibrationError,
         match=r"no better \(0.100 m from .* 0.150 m after; rms 0.200 m, 0.250 m\).*nothing is written",
@@ -196,7 +198,7 @@ def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> N
     for seed in range(70, 74):
         drive = _drive(seed, 120.0, FAST)
         told = _exact(drive, seed)
-        found = calibrate_wheels(config(drive), tables(drive), told.where(told.t < 0.5 * told.t[-1]))
+        found = calibrate_wheels(config(drive), tables(drive), told.select(told.t < 0.5 * told.t[-1]))
         calibration = Calibration()
         for name in drive.nodes:
             calibration = calibration.with_node(name, found.effects(name))
@@ -204,7 +206,7 @@ def test_the_first_half_of_a_drive_makes_the_distance_of_all_of_it_better() -> N
         mounts = {name: NodeMount(name, "left") for name in drive.nodes}
         for label, known in (("nominal", None), ("calibrated", calibration)):
             settings = wheel_config(Vehicle(drive.radius, drive.track, mounts), list(mounts), known)
-            track = run(settings, tables(drive)).track
+            track = run_wheel_filter(settings, tables(drive)).track
             way = float(np.sum(np.hypot(np.diff(track.x), np.diff(track.y))))
             off[label].append(way - drive.length)
     print(off)
@@ -215,7 +217,7 @@ def test_a_straight_drive_names_track_and_scale_as_unseen() -> None:
     rng = np.random.default_rng(73)
     drive = wheel_drives.drive(wheel_drives.legs([(6.0, 0.0, 0.0), (30.0, 1.2, 0.0)]), rng, ERRORS)
     found = calibrate_wheels(config(drive), tables(drive), _exact(drive, 73))
-    named = " ".join(found.unseen)
+    named = " ".join(found.not_observable)
     assert "left.gyro_scale_factor.x" in named
     assert "vehicle.track_width.error" in named
     assert "track_width" not in found.vehicle
@@ -226,14 +228,14 @@ def test_one_node_has_no_track_width() -> None:
     drive = _drive(74, 60.0)
     found = calibrate_wheels(config(drive, ("left",)), tables(drive), _exact(drive, 74))
     assert found.vehicle == {}
-    assert any("one node does not show it" in line for line in found.unseen)
+    assert any("one node does not show it" in line for line in found.not_observable)
 
 
 def test_too_few_positions_and_too_short_a_drive_are_refused() -> None:
     drive = _drive(75, 20.0)
     told = _exact(drive, 75)
     with pytest.raises(CalibrationError, match="at least ten"):
-        calibrate_wheels(config(drive), tables(drive), told.where(np.arange(len(told)) < 5))
+        calibrate_wheels(config(drive), tables(drive), told.select(np.arange(len(told)) < 5))
     with pytest.raises(CalibrationError, match="m from the start"):
         calibrate_wheels(config(drive), tables(drive), replace(told, x=0.01 * told.x, y=0.01 * told.y))
 
@@ -243,15 +245,15 @@ def test_a_heading_wants_ten_metres_and_ten_sigma_of_positions(sigma: float, lea
     """The farthest position lies 5 % nearer than that, or 5 % farther."""
     drive = _drive(75, 20.0)
     told = _exact(drive, 75)
-    track = run(config(drive), tables(drive)).track
+    track = run_wheel_filter(config(drive), tables(drive)).track
     reach = np.hypot(told.x - told.x[0], told.y - told.y[0]).max()
     near, far = (
         replace(told, x=share * told.x, y=share * told.y, sigma=np.full(len(told), sigma))
         for share in (0.95 * least / reach, 1.05 * least / reach)
     )
     with pytest.raises(CalibrationError, match=f"drive {least:.0f} m away"):
-        start_heading(track, near)
-    start_heading(track, far)
+        align_heading(track, near)
+    align_heading(track, far)
 
 
 def test_the_verb_writes_a_calibration_file_that_reads_back(tmp_path: Path) -> None:
@@ -283,8 +285,8 @@ def test_a_drive_begins_at_the_origin_as_far_off_as_antenna_and_first_position_m
     drive = _drive(75, 20.0)
     at = Positions(np.array([0.0]), np.array([3.0]), np.array([4.0]), np.array([0.2]))
     for random, slow in ((3.0, 5.0), (1.5, 1.5), (0.2, 0.7)):
-        told = tell(config(drive), (), at, np.array([random]), slow, 3.0 + 4.0j, {})
-        assert (told.used, told.jumps, told.cost) == (0, 0, 0.0)
+        told = run_aided_filter(config(drive), (), at, np.array([random]), slow, 3.0 + 4.0j, {})
+        assert (told.n_used, told.n_jumps, told.cost) == (0, 0, 0.0)
         # 1.5 m is what is believed of an antenna that nobody measured.
         for entry, value in ((X, 3.0), (Y, 4.0)):
             place = told.core.columns.vehicle[entry]
@@ -328,13 +330,13 @@ def test_what_is_random_in_positions_shows_beside_what_changes_slowly_and_beside
     wild = np.where(rng.random((2, len(t))) < 0.01, 30.0, 0.0)
     noise = rng.normal(0.0, 0.3, (2, len(t))) + wild * rng.normal(size=(2, len(t)))
     told = Positions(t, x + noise[0] + 0.01 * t, y + noise[1], np.full(len(t), 5.0))
-    np.testing.assert_allclose(random_part(told, x, y), 0.31, rtol=0.09)
+    np.testing.assert_allclose(estimate_white_sigma(told, x, y), 0.31, rtol=0.09)
     declared = Positions(t, told.x, told.y, np.full(len(t), 0.1))
-    np.testing.assert_array_equal(random_part(declared, x, y), 0.1)
+    np.testing.assert_array_equal(estimate_white_sigma(declared, x, y), 0.1)
     exact = Positions(t, x, y, np.full(len(t), 5.0))
-    np.testing.assert_array_equal(random_part(exact, x, y), 0.01)
+    np.testing.assert_array_equal(estimate_white_sigma(exact, x, y), 0.01)
 
 
 def test_of_few_positions_what_is_declared_counts():
     few = Positions(*np.zeros((3, 9)), np.array([0.001, *np.full(8, 2.0)]))
-    np.testing.assert_array_equal(random_part(few, few.x, few.y), [0.01, *np.full(8, 2.0)])
+    np.testing.assert_array_equal(estimate_white_sigma(few, few.x, few.y), [0.01, *np.full(8, 2.0)])

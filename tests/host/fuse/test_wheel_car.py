@@ -6,7 +6,7 @@ import pytest
 
 import wanted
 from accuracy import car
-from hubodo.fuse.wheel.calibration.held_out import Distances, LeftOut
+from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +23,8 @@ def tape(logs):
 
 def _leave_nothing_out(monkeypatch):
     """Other drives judge: no stretches of this one need to, which takes most of the time."""
-    nothing = LeftOut(Distances(0.0, 0.0), Distances(0.0, 0.0), 0)
-    monkeypatch.setattr("hubodo.fuse.wheel.calibration.calibrate.held_out", lambda *_: nothing)
+    nothing = HeldOutErrors(ErrorSummary(0.0, 0.0), ErrorSummary(0.0, 0.0), 0)
+    monkeypatch.setattr("hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors", lambda *_: nothing)
 
 
 @pytest.mark.parametrize("first", ["drive-1", "drive-3"])

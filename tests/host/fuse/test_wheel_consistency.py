@@ -11,8 +11,8 @@ from generators import wheel_drives
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelNoise
 from hubodo.fuse.wheel.entries import SLOPE, TRACK_WIDTH, WHEEL_RADIUS
-from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 
@@ -29,15 +29,15 @@ def test_innovations_and_errors_are_inside_their_chi_square_bands(rotations: boo
     noise = WheelNoise(
         gyro=1e-4,
         accel=1.2e-3,
-        roll=0.0,
-        flex=0.0,
-        push=0.1,
-        vibration=0.0,
-        sway=0.06,
-        road=0.002,
-        lateral=3e-4,
+        roll_rate=0.0,
+        axle_flex=0.0,
+        forward_force=0.1,
+        vibration_share=0.0,
+        lateral_force=0.06,
+        road_roughness=0.002,
+        lateral_slip=3e-4,
     )
-    settings = {"noise": noise, "known": {SLOPE: Quantity(0.0, 0.03)}}
+    settings = {"noise": noise, "priors": {SLOPE: Quantity(0.0, 0.03)}}
     made = _consistency(range(606, 614), 40.0, errors, [BOTH], rotations, **settings)
     normalised, nis = made[BOTH]
     low, high = chi2.ppf([0.005, 0.995], 3 * len(normalised))
@@ -93,12 +93,12 @@ def _consistency(
         plan = wheel_drives.loop(rng, length, 6.0)
         drive = wheel_drives.drive(plan, rng, errors, rotations=rotations)
         for names, found_so_far in normalised.items():
-            found = run(config(drive, names, **settings), tables(drive))
+            found = run_wheel_filter(config(drive, names, **settings), tables(drive))
             found_so_far.append(nees(drive, found))
-            moving = found.track.still == Stillness.MOVING
+            moving = found.track.motion_state == MotionState.MOVING
             nis[names] += found.track.nis[moving].sum()
             # Yaw rate and speed are free in each window: two of the numbers set them.
-            degrees[names] += int((found.track.degrees[moving] - 2).sum())
+            degrees[names] += int((found.track.dof[moving] - 2).sum())
     made = {names: (own, nis[names] / degrees[names]) for names, own in normalised.items()}
     for names, (own, share) in made.items():
         print(names, "mean NEES", np.mean(own), "of 3; NIS per degree", share)
@@ -112,7 +112,7 @@ def test_two_wheels_are_not_worse_than_the_better_one() -> None:
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng, 70.0, 6.0), rng)
         for names, found in errors.items():
-            found.append(end_error(drive, run(config(drive, names), tables(drive))))
+            found.append(end_error(drive, run_wheel_filter(config(drive, names), tables(drive))))
     rms = {names: float(np.sqrt(np.mean(np.square(found)))) for names, found in errors.items()}
     print(rms)
     assert rms[BOTH] / min(rms["left",], rms["right",]) < 1.0
@@ -125,7 +125,7 @@ def test_errors_of_the_node_are_found_while_driving(facing: dict[str, str]) -> N
     rng = np.random.default_rng(30)
     errors = replace(wheel_drives.Errors(), warmup=0.0, vibration=0.0)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 100.0, 6.0), rng, errors, facing=facing)
-    found = run(config(drive, facing=facing), tables(drive))
+    found = run_wheel_filter(config(drive, facing=facing), tables(drive))
     for name, node in drive.nodes.items():
         quantities = found.report.nodes[name]
         for key, effect, parameter in (

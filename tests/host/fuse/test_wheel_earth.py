@@ -6,7 +6,7 @@ import pytest
 from generators import wheel_drives
 from hubodo.errors import ConfigError
 from hubodo.fuse.wheel.config import wheel_config
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.fuse.wheels import located
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle, parse_vehicle
@@ -25,7 +25,7 @@ def test_with_a_latitude_the_heading_stays_that_over_ground(names):
     off = {}
     for latitude_deg in (None, LATITUDE_DEG):
         vehicle = Vehicle(drive.radius, drive.track, MOUNTS, latitude_deg=latitude_deg)
-        track = run(wheel_config(vehicle, list(names)), tables(drive)).track
+        track = run_wheel_filter(wheel_config(vehicle, list(names)), tables(drive)).track
         off[latitude_deg] = np.degrees(track.heading[-1] - np.interp(track.t[-1], drive.t, drive.heading))
     seconds = 160.0  # it moves
     print(off)

@@ -11,11 +11,11 @@ from generators import wheel_drives
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.entries import TIME_OFFSET
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
-from hubodo.fuse.wheel.track import collect, run
+from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from wheel_runs import BOTH, config, end_error, short, tables, truth
 
 SHORT = short(3)
-SHORT_BULK = collect(
+SHORT_BULK = track_from_poses(
     [
         *(made := WheelFilter(config(SHORT)))
         .handle_many({name: (node.t, node.gyro, node.accel) for name, node in SHORT.nodes.items()})
@@ -26,7 +26,7 @@ SHORT_BULK = collect(
 
 
 def _same_bits(found: list[object]) -> None:
-    track = collect(found)  # type: ignore[arg-type]
+    track = track_from_poses(found)  # type: ignore[arg-type]
     for field in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
         assert getattr(track, field).tobytes() == getattr(SHORT_BULK, field).tobytes(), field
 
@@ -101,14 +101,14 @@ def test_slip_of_one_wheel_is_found_on_that_wheel_and_costs_little() -> None:
     plan = wheel_drives.with_slip(plan, "right", 14.0, 1.5, 0.8)
     drive = wheel_drives.drive(plan, np.random.default_rng(seed))
     for names in (BOTH, ("right",)):
-        found = run(config(drive, names), tables(drive))
+        found = run_wheel_filter(config(drive, names), tables(drive))
         counts = found.report.counts
         assert counts["right"]["windows_slipping"] > 5, f"seed {seed}"
         assert set(found.report.slips) == {"right"} and len(found.report.slips["right"]) == 1
         if "left" in counts:
             assert counts["left"]["windows_slipping"] <= 1
         # 1.2 m of slip; a tenth of it is left, by the good wheel or by the accelerometer.
-        before = end_error(clean, run(config(clean, names), tables(clean)))
+        before = end_error(clean, run_wheel_filter(config(clean, names), tables(clean)))
         print(f"seed {seed}, {names}: {before:.2f} m without slip, {end_error(drive, found):.2f} m with it")
         assert end_error(drive, found) < before + 0.12
 
@@ -120,9 +120,9 @@ def test_clock_offset_between_the_nodes_is_found() -> None:
     drive = wheel_drives.drive(wheel_drives.legs(parts), rng, replace(wheel_drives.Errors(), clock=0.0))
     late = drive.nodes["right"]
     drive.nodes["right"] = replace(late, t=late.t + 0.025)
-    offset = run(config(drive, known={TIME_OFFSET: Quantity(0.0, 0.03)}), tables(drive)).report.vehicle[
-        "time_offset"
-    ]["delay"]
+    offset = run_wheel_filter(
+        config(drive, priors={TIME_OFFSET: Quantity(0.0, 0.03)}), tables(drive)
+    ).report.vehicle["time_offset"]["delay"]
     assert offset.value == pytest.approx(0.025, abs=max(0.003, 3 * offset.sigma))
 
 
@@ -136,9 +136,9 @@ def test_spin_beyond_the_gyro_is_carried_by_gravity_and_centripetal_force() -> N
     errors = replace(wheel_drives.Errors(), scale=0.003)
     drive = wheel_drives.drive(plan, rng, errors, arm=(0.02, 0.01), rate_hz=208.0)
     length = drive.length
-    naive = run(config(drive, ("left",), limits={"gyro_limit": 1e9}), tables(drive))
+    naive = run_wheel_filter(config(drive, ("left",), limits={"gyro_limit": 1e9}), tables(drive))
     for names in (("left",), BOTH):
-        found = run(config(drive, names), tables(drive))
+        found = run_wheel_filter(config(drive, names), tables(drive))
         assert found.report.counts["left"]["windows_clipped"] > 30, f"seed {seed}"
         assert end_error(drive, found) < 0.015 * length
         assert any("gz at its limit" in line for line in found.report.warnings)
@@ -148,7 +148,7 @@ def test_spin_beyond_the_gyro_is_carried_by_gravity_and_centripetal_force() -> N
 @pytest.mark.parametrize("node", BOTH)
 def test_a_node_mounted_the_other_way_round_is_named(node: str) -> None:
     drive = short(12, facing={node: "right"})
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     assert any(node in line and "facing" in line for line in found.report.warnings), found.report.warnings
     # Its speed is not used from then on, and the sigma covers what went wrong before.
     assert end_error(drive, found) < 2.5 * np.sqrt(np.trace(found.track.covariance[-1, :2, :2]))
@@ -158,7 +158,7 @@ def test_a_node_mounted_the_other_way_round_is_named(node: str) -> None:
 def test_exchanged_sides_are_named() -> None:
     drive = short(13)
     recorded = tables(drive)
-    found = run(config(drive), {"left": recorded["right"], "right": recorded["left"]})
+    found = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
     assert any("exchanged" in line for line in found.report.warnings)
 
 
@@ -166,7 +166,7 @@ def test_a_drive_without_rest_gives_a_track_and_says_so() -> None:
     rng = np.random.default_rng(14)
     plan = wheel_drives.legs([(15.0, 1.2, 0.2), (10.0, 1.5, -0.1)])
     drive = wheel_drives.drive(plan, rng)
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     assert any("no rest at the start" in line for line in found.report.warnings)
     begin = found.track.t[0]
     x0, y0, h0 = truth(drive, begin)
@@ -175,20 +175,20 @@ def test_a_drive_without_rest_gives_a_track_and_says_so() -> None:
     ahead = np.array([cos * (x - x0) + sin * (y - y0), -sin * (x - x0) + cos * (y - y0)])
     error = np.hypot(found.track.x[-1] - ahead[0], found.track.y[-1] - ahead[1])
     assert error < 0.05 * drive.length
-    rested = run(config(SHORT), tables(SHORT))
+    rested = run_wheel_filter(config(SHORT), tables(SHORT))
     assert found.track.covariance[20, 2, 2] > rested.track.covariance[20, 2, 2]
 
 
 def test_wheels_that_never_turn_stay_at_the_origin_and_say_so() -> None:
     rng = np.random.default_rng(15)
     drive = wheel_drives.drive(wheel_drives.legs([(12.0, 0.0, 0.0)]), rng)
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     assert sum("turned only" in line for line in found.report.warnings) == 2
     assert np.hypot(found.track.x[-1], found.track.y[-1]) < 0.01
 
 
 def test_a_missing_node_is_said_and_the_other_carries_on_with_larger_sigma() -> None:
-    alone = run(config(SHORT), {"left": tables(SHORT)["left"]})
+    alone = run_wheel_filter(config(SHORT), {"left": tables(SHORT)["left"]})
     assert any("right: no samples" in line for line in alone.report.warnings)
     assert alone.track.covariance[-1, 2, 2] > SHORT_BULK.covariance[-1, 2, 2]
     assert end_error(SHORT, alone) < 0.02 * SHORT.length
@@ -219,7 +219,7 @@ def test_one_false_time_stamp_costs_one_sample_in_both_ways_of_feeding() -> None
         single += live.handle(WheelSample("left", at, tuple(gyro), tuple(accel))).poses
     single += live.finish().poses
     assert bulk.refused["left"] == live.refused["left"] == 2
-    assert collect(poses).covariance.tobytes() == collect(single).covariance.tobytes()
+    assert track_from_poses(poses).covariance.tobytes() == track_from_poses(single).covariance.tobytes()
 
 
 def test_a_gap_of_both_nodes_makes_the_sigma_grow() -> None:
@@ -227,7 +227,7 @@ def test_a_gap_of_both_nodes_makes_the_sigma_grow() -> None:
     for name, node in drive.nodes.items():
         keep = (node.t < 12.0) | (node.t > 15.0)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     before, after = (int(np.searchsorted(found.track.t, t)) for t in (11.9, 15.2))
     grown = np.sqrt(np.trace(found.track.covariance[after, :2, :2]))
     assert grown > 0.5 > np.sqrt(np.trace(found.track.covariance[before, :2, :2]))
@@ -237,4 +237,4 @@ def test_a_gap_of_both_nodes_makes_the_sigma_grow() -> None:
 
 
 def test_one_wheel_reports_no_track_width() -> None:
-    assert run(config(SHORT, ("left",)), tables(SHORT)).report.vehicle == {}
+    assert run_wheel_filter(config(SHORT, ("left",)), tables(SHORT)).report.vehicle == {}

@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -20,14 +19,15 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_Z,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     TRACK_WIDTH,
     WHEEL_ANGLE,
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.stillness import Stillness
 
 R, TRACK, EARTH, LIMIT = 0.3, 0.6, 3e-3, 34.0
 SPEED, YAW_RATE, LEAN, ANGLE = 1.7, 0.8, 0.15, 1.1
@@ -49,20 +49,20 @@ OFF = {
 }
 
 
-def at(still: Stillness, speed: float = SPEED, yaw_rate: float = YAW_RATE) -> Pose:
+def at(still: MotionState, speed: float = SPEED, yaw_rate: float = YAW_RATE) -> Pose:
     return Pose(5.0, 2.0, 3.0, 0.4, speed, yaw_rate, np.eye(5), still, 0.0, 0)
 
 
-def filtered(*sides: str, facing: str = "left", still: Stillness = Stillness.MOVING) -> WheelFilter:
+def filtered(*sides: str, facing: str = "left", still: MotionState = MotionState.MOVING) -> WheelFilter:
     """With a pose at 5 s, and wheels whose errors are known."""
     nodes = {side: WheelNode(side, facing, gyro_limit=LIMIT) for side in sides}  # type: ignore[arg-type]
     made = WheelFilter(WheelConfig(R, TRACK, nodes, ground_rate=EARTH))
     made._pose = at(still)
     for wheel in made.core.wheels:
-        wheel.joined = True
-        made.core.x[wheel.at[WHEEL_ANGLE]] = ANGLE
+        wheel.angle_initialised = True
+        made.core.x[wheel.columns[WHEEL_ANGLE]] = ANGLE
         for entry, value in OFF.items():
-            made.core.x[wheel.at[entry]] = value
+            made.core.x[wheel.columns[entry]] = value
     return made
 
 
@@ -106,8 +106,8 @@ def test_beyond_its_limit_a_gyro_is_believed_with_the_excess_alone(facing: str) 
     made = filtered("left", facing=facing)
     x, wheel = made.core.x, made.core.wheels[0]
     for entry in OFF:
-        x[wheel.at[entry]] = 0.0
-    x[wheel.at[GYRO_BIAS_Z]], x[wheel.at[EXCESS]] = 0.5, 12.0
+        x[wheel.columns[entry]] = 0.0
+    x[wheel.columns[GYRO_BIAS_Z]], x[wheel.columns[RATE_BEYOND_RANGE]] = 0.5, 12.0
     spin = LIMIT if facing == "left" else -LIMIT
     made._last["left"] = WheelSample("left", 5.0, (0.0, 0.0, spin), (0.0, 0.0, 0.0))
     _, speed, yaw_rate = made._now(wheel)
@@ -132,7 +132,7 @@ def test_a_vehicle_goes_on_along_the_bend_at_the_mean_of_both_wheels() -> None:
     arc = 1.9 / 0.9
     assert state.x == pytest.approx(2.0 + arc * (math.sin(heading) - math.sin(0.4)), abs=1e-5)
     assert state.y == pytest.approx(3.0 - arc * (math.cos(heading) - math.cos(0.4)), abs=1e-5)
-    assert state.still is Stillness.MOVING and np.array_equal(state.covariance, np.eye(5))
+    assert state.motion_state is MotionState.MOVING and np.array_equal(state.covariance, np.eye(5))
 
 
 def test_a_sample_from_before_the_pose_says_nothing_and_one_of_its_time_does() -> None:
@@ -144,17 +144,17 @@ def test_a_sample_from_before_the_pose_says_nothing_and_one_of_its_time_does() -
     assert (state.t, state.x, state.y, state.speed) == (5.0, 2.0, 3.0, 2.1)
 
 
-@pytest.mark.parametrize("still", [Stillness.RESTING, Stillness.ROCKING])
-def test_a_vehicle_that_stands_stays_where_it_is_while_time_goes_on(still: Stillness) -> None:
+@pytest.mark.parametrize("still", [MotionState.STANDSTILL, MotionState.ROCKING])
+def test_a_vehicle_that_stands_stays_where_it_is_while_time_goes_on(still: MotionState) -> None:
     state = shown(filtered("left", "right", still=still), left=(5.02, 9.0, 9.0), right=(5.04, 9.0, 9.0))
     assert (state.t, state.x, state.y, state.heading) == (5.04, 2.0, 3.0, 0.4)
-    assert (state.speed, state.yaw_rate, state.still) == (SPEED, YAW_RATE, still)
+    assert (state.speed, state.yaw_rate, state.motion_state) == (SPEED, YAW_RATE, still)
 
 
 def test_only_wheels_whose_angle_is_known_are_asked() -> None:
     made = filtered("left", "right")
     for side in ("left", "right"):
         made._last[side] = sample(made, side)
-    made.core.wheels[1].joined = False
+    made.core.wheels[1].angle_initialised = False
     assert made.state() is not None and set(made._shown) == {"left"}
     assert WheelFilter(made.config).state() is None

@@ -15,20 +15,20 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_ACROSS,
     LEVER_ARM_X,
     LEVER_ARM_Y,
-    OF_POSITIONS,
-    OF_VEHICLE,
-    OF_WHEEL,
+    POSITION_ENTRIES,
     SPEED,
+    VEHICLE_ENTRIES,
     WHEEL_ANGLE,
+    WHEEL_ENTRIES,
     YAW_RATE,
-    Columns,
     Entry,
+    StateLayout,
 )
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.measurements import (
     MEASUREMENTS,
+    LinearisedWindow,
     WheelGeometry,
-    WheelWindow,
     WindowNoise,
     centripetal,
     position,
@@ -36,38 +36,40 @@ from hubodo.fuse.wheel.measurements import (
     zero_velocity,
 )
 from hubodo.fuse.wheel.measurements.shared import Row
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.sine import cosine_and_sine
-from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-AT = Columns(1, told=True).wheels[0]
+AT = StateLayout(1, position_aided=True).wheels[0]
 TOLD = position.Position(3.0, -2.0, 0.5)
-SEEN = steady.Steady(3.0 - 50.0j, 0.4 + 1.3j, 0.2, 0.01, -62.0, -3900.0 + 7.0j, 0.31)
+SEEN = steady.NodeFixedTerms(3.0 - 50.0j, 0.4 + 1.3j, 0.2, 0.01, -62.0, -3900.0 + 7.0j, 0.31)
 
 
-def _view(geometry: WheelGeometry, window: Window, x: list[float]) -> WheelWindow:
-    view = WheelWindow(geometry, AT)
-    view.look(x, window, resting=False)
+def _view(geometry: WheelGeometry, window: Window, x: list[float]) -> LinearisedWindow:
+    view = LinearisedWindow(geometry, AT)
+    view.linearise(x, window, resting=False)
     view.yaw_change = 0.7
     return view
 
 
-def _centripetal(view: WheelWindow) -> tuple[Row]:
+def _centripetal(view: LinearisedWindow) -> tuple[Row]:
     row = centripetal.measure(view, WheelNoise())
     assert row is not None
     return (row,)
 
 
 # Name -> the entries seen, those left out on purpose, and the rows of one window.
-CASES: dict[str, tuple[tuple[Entry, ...], tuple[Entry, ...], Callable[[WheelWindow], tuple[Row, ...]]]] = {
-    "centripetal": (centripetal.STATES, centripetal.LEFT_OUT, _centripetal),
+CASES: dict[
+    str, tuple[tuple[Entry, ...], tuple[Entry, ...], Callable[[LinearisedWindow], tuple[Row, ...]]]
+] = {
+    "centripetal": (centripetal.STATES, centripetal.UNCORRECTED_STATES, _centripetal),
     "position": (position.STATES, (), lambda view: position.measure(view.x, AT, TOLD)),
     "steady": (steady.STATES, (), lambda view: steady.measure(view.x, AT, SEEN)),
     "zero velocity": (
         zero_velocity.STATES,
         (),
-        lambda view: zero_velocity.measure(view.x, AT, Stillness.RESTING),
+        lambda view: zero_velocity.measure(view.x, AT, MotionState.STANDSTILL),
     ),
 }
 NOISE = WindowNoise(WheelNoise(), 0.31)
@@ -98,7 +100,7 @@ def test_derivatives_of_every_measurement_equal_central_differences(
     rng = np.random.default_rng(seed)
     window = _window(rng, float(rng.uniform(-34.0, 34.0)), facing)
     geometry = WheelGeometry(side, 0.31, 0.46 * side, 1.0)
-    entries = OF_VEHICLE + OF_POSITIONS + OF_WHEEL
+    entries = VEHICLE_ENTRIES + POSITION_ENTRIES + WHEEL_ENTRIES
     sign = np.array([entry.sign(facing) for entry in entries])  # type: ignore[arg-type]
     own = 0.1 * rng.standard_normal(len(entries))
 
@@ -128,8 +130,8 @@ def test_a_new_measurement_is_a_line_in_the_tuple(monkeypatch: pytest.MonkeyPatc
     rng = np.random.default_rng(3)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 15.0, 5.0), rng)
 
-    def measure(w: WheelWindow, noise: WindowNoise) -> Row:
-        return 7.0 - w.x[w.at[ACCEL_BIAS_Z]], 1e-12, {ACCEL_BIAS_Z: 1.0}
+    def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
+        return 7.0 - w.x[w.columns[ACCEL_BIAS_Z]], 1e-12, {ACCEL_BIAS_Z: 1.0}
 
     told = SimpleNamespace(STATES=(ACCEL_BIAS_Z,), usable=lambda window: True, measure=measure)
 
@@ -140,7 +142,7 @@ def test_a_new_measurement_is_a_line_in_the_tuple(monkeypatch: pytest.MonkeyPatc
         return [made.core.estimate(name, ACCEL_BIAS_Z).value for name in drive.nodes]
 
     assert max(abs(value) for value in biases()) < 2.0
-    monkeypatch.setattr(measurements, "OF_EACH_WHEEL", (*measurements.OF_EACH_WHEEL, told))
+    monkeypatch.setattr(measurements, "PER_WHEEL", (*measurements.PER_WHEEL, told))
     # Each window gates what stands out by three sigma, so that it takes some to get there.
     assert biases() == pytest.approx([7.0, 7.0], abs=0.01)
 
@@ -150,19 +152,19 @@ def _worst_residuals(drive: wheel_drives.WheelDrive, side: str, camber: float) -
     node = drive.nodes[side]
     sign = 1.0 if side == "left" else -1.0
     geometry = WheelGeometry(sign, drive.radius, 0.5 * sign * drive.track)
-    view, noise = WheelWindow(geometry, AT), WindowNoise(WheelNoise(), drive.radius)
+    view, noise = LinearisedWindow(geometry, AT), WindowNoise(WheelNoise(), drive.radius)
     x = [0.0] * len(AT)
     x[AT[WHEEL_ANGLE]], x[AT[CAMBER]] = node.truth["start_angle"], camber
     x[AT[LEVER_ARM_X]], x[AT[LEVER_ARM_Y]] = node.truth["arm_x"], node.truth["arm_y"]
     worst = dict.fromkeys(MEASUREMENTS, 0.0)
     for window in WindowBuilder("left", 0.0).add_many(node.t, node.gyro, node.accel):
         at = slice(window.number * 100, window.number * 100 + 101)
-        x[AT[YAW_RATE]] = (drive.heading[at][-1] - drive.heading[at][0]) / WINDOW
+        x[AT[YAW_RATE]] = (drive.heading[at][-1] - drive.heading[at][0]) / WINDOW_S
         x[AT[SPEED]] = float(np.mean(drive.speed[at]))
-        view.look(x, window, resting=False)
+        view.linearise(x, window, resting=False)
         for measurement in MEASUREMENTS:
             worst[measurement] = max(worst[measurement], abs(measurement.measure(view, noise)[0]))
-        x[AT[WHEEL_ANGLE]] += view.rate * WINDOW
+        x[AT[WHEEL_ANGLE]] += view.rolling_rate * WINDOW_S
     return {measurement.__name__.rpartition(".")[2]: value for measurement, value in worst.items()}  # type: ignore[attr-defined]
 
 
@@ -177,7 +179,7 @@ def test_all_residuals_vanish_at_the_true_state_of_a_rigid_wheel(side: str, camb
     drive = wheel_drives.drive(plan, rng, wheel_drives.PERFECT, camber=camber, rate_hz=1000.0, arm=arm)
     worst = _worst_residuals(drive, side, camber)
     # Half a step of the chip (0.07 deg/s; 0.488 mg) over a window, plus the curvature of speed within one.
-    gyro, accel = wheel_drives.GYRO_STEP * WINDOW, wheel_drives.ACCEL_STEP * WINDOW
+    gyro, accel = wheel_drives.GYRO_STEP * WINDOW_S, wheel_drives.ACCEL_STEP * WINDOW_S
     assert worst["yaw"] < gyro, f"seed {seed}"
     # The wheel angle is summed from quantised spin for 14 s: some milliradians of it turn yaw into roll.
     assert worst["roll"] < 3 * gyro
@@ -189,11 +191,15 @@ def test_all_residuals_vanish_at_the_true_state_of_a_rigid_wheel(side: str, camb
 
 def test_a_mean_of_two_parameters_has_one_sign_and_one_belief() -> None:
     """What the filter can only see together must be declared alike in the effect."""
-    for entry in OF_WHEEL:
+    for entry in WHEEL_ENTRIES:
         for parameter in entry.parameters:
-            assert entry.of is not None
-            assert entry.of.estimate(parameter) == entry.of.estimate(entry.parameters[0]), entry
-            assert entry.of.sign(parameter, "right") == entry.of.sign(entry.parameters[0], "right"), entry
+            assert entry.effect_class is not None
+            assert entry.effect_class.estimate(parameter) == entry.effect_class.estimate(
+                entry.parameters[0]
+            ), entry
+            assert entry.effect_class.sign(parameter, "right") == entry.effect_class.sign(
+                entry.parameters[0], "right"
+            ), entry
     assert GYRO_SCALE_ACROSS.parameters == ("x", "y")
 
 
@@ -204,7 +210,7 @@ def test_the_variance_along_the_axle_is_that_about_its_mean() -> None:
     accel = np.column_stack([np.zeros((count, 2)), 4.0 + sigma * rng.standard_normal(count)])
     gyro = np.array([0.5, -0.2, 3.0]) + 0.02 * rng.standard_normal((count, 3))
     windows = WindowBuilder("left", 0.0).add_many(np.arange(count) / 400.0, gyro, accel)
-    share = 1.0 - 1.0 / (400.0 * WINDOW)
+    share = 1.0 - 1.0 / (400.0 * WINDOW_S)
     assert np.mean([window.axial_variance for window in windows]) == pytest.approx(share * sigma**2, rel=0.02)
     assert np.mean([window.gyro_variance for window in windows]) == pytest.approx(
         share * 3 * 0.02**2, rel=0.02

@@ -14,12 +14,12 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
     GYRO_SCALE_Z,
     HEADING,
+    RATE_BEYOND_RANGE,
     SLOPE,
     SPEED,
     TIME_OFFSET,
@@ -29,14 +29,14 @@ from hubodo.fuse.wheel.entries import (
     Y,
 )
 from hubodo.fuse.wheel.measurements import WindowNoise
-from hubodo.fuse.wheel.prediction import Prediction, each_still, least_still
-from hubodo.fuse.wheel.propagation import WheelMotion
-from hubodo.fuse.wheel.silence import agility, window_walk
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
+from hubodo.fuse.wheel.prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
+from hubodo.fuse.wheel.propagation import MotionModel
 from hubodo.fuse.wheel.state import InitialState, initial_state
-from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
-T, G = WINDOW, STANDARD_GRAVITY
+T, G = WINDOW_S, STANDARD_GRAVITY
 FASTEST = 1.0
 Pairs = tuple[tuple[Any, Window], ...]
 
@@ -44,11 +44,11 @@ Pairs = tuple[tuple[Any, Window], ...]
 def vehicle(*names: str) -> tuple[WheelConfig, InitialState, Pairs]:
     """Wheels whose angles are known, each in a window of its own."""
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
-    config = WheelConfig(0.2, 0.6, nodes, told=True)
+    config = WheelConfig(0.2, 0.6, nodes, position_aided=True)
     begin = initial_state(config)
     windows = []
     for number, wheel in enumerate(begin.wheels):
-        wheel.joined = True
+        wheel.angle_initialised = True
         rate = 6.0 + number
         windows.append(
             Window(
@@ -91,9 +91,9 @@ def test_a_vehicle_goes_along_an_arc_and_its_wheels_turn_by_what_their_gyros_sho
     at = begin.columns.vehicle
     before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = speed, yaw_rate, 0.7
     for wheel in begin.wheels:
-        before[wheel.at[CAMBER]] = 0.2
+        before[wheel.columns[CAMBER]] = 0.2
     x = before.tolist()
-    WheelMotion(config, begin).advance(x, p, pairs)
+    MotionModel(config, begin).advance(x, p, pairs)
     expected = before.copy()
     end = 0.7 + yaw_rate * T
     expected[at[HEADING]] = end
@@ -101,22 +101,22 @@ def test_a_vehicle_goes_along_an_arc_and_its_wheels_turn_by_what_their_gyros_sho
     expected[at[X]] += speed / yaw_rate * (math.sin(end) - math.sin(0.7))
     expected[at[Y]] -= speed / yaw_rate * (math.cos(end) - math.cos(0.7))
     for entry, place in at.items():
-        expected[place] *= math.exp(-T / entry.forgets)
+        expected[place] *= math.exp(-T / entry.correlation_time)
     for wheel, window in pairs:
-        own = {entry: before[place] for entry, place in wheel.at.items()}
+        own = {entry: before[place] for entry, place in wheel.columns.items()}
         rate = window.spin / T
         if not clipped:
             rate = (rate - own[GYRO_BIAS_Z]) / (1.0 + own[GYRO_SCALE_Z])
-        rate += own[EXCESS] - wheel.geometry.side * yaw_rate * math.sin(0.2)
-        expected[wheel.at[WHEEL_ANGLE]] += rate * T
+        rate += own[RATE_BEYOND_RANGE] - wheel.geometry.side * yaw_rate * math.sin(0.2)
+        expected[wheel.columns[WHEEL_ANGLE]] += rate * T
     assert x == pytest.approx(expected, abs=3e-7)
 
 
 def test_a_wheel_angle_stays_within_half_a_turn() -> None:
     config, begin, pairs = vehicle("left")
-    x, place = list(begin.x), begin.wheels[0].at[WHEEL_ANGLE]
+    x, place = list(begin.x), begin.wheels[0].columns[WHEEL_ANGLE]
     x[place] = 3.0
-    WheelMotion(config, begin).advance(x, begin.p, pairs)
+    MotionModel(config, begin).advance(x, begin.p, pairs)
     assert x[place] == pytest.approx(3.0 + 0.6 - 2.0 * math.pi)
 
 
@@ -130,7 +130,7 @@ def test_the_transition_of_a_window_is_the_derivative_of_the_motion(
     before, p = somewhere(begin, 6)
     at = begin.columns.vehicle
     before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = 3.0, 0.1, 0.7
-    motion = WheelMotion(config, begin)
+    motion = MotionModel(config, begin)
 
     def after(x: np.ndarray) -> np.ndarray:
         made = x.tolist()
@@ -160,8 +160,8 @@ def test_the_covariance_goes_through_a_window_as_the_transition_says_and_by_what
     at = begin.columns.vehicle
     before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = speed, 0.5, 0.7
     for wheel in begin.wheels:
-        wheel.rest.noise = gyro
-    motion, found = WheelMotion(config, begin), p.copy()
+        wheel.standstill.noise = gyro
+    motion, found = MotionModel(config, begin), p.copy()
     for number in range(2):
         x = before.tolist()
         motion.advance(x, found, pairs)
@@ -170,14 +170,16 @@ def test_the_covariance_goes_through_a_window_as_the_transition_says_and_by_what
     f = motion.transition()
     noise = np.zeros_like(p)
     for wheel in begin.wheels:
-        for entry, place in wheel.at.items():
+        for entry, place in wheel.columns.items():
             if entry is TIME_OFFSET and len(names) == 1:
                 continue
-            lasting = math.isinf(entry.forgets)
+            lasting = math.isinf(entry.correlation_time)
             noise[place, place] = (
-                entry.walk**2 * T if lasting else entry.prior**2 * -math.expm1(-2.0 * T / entry.forgets)
+                entry.random_walk**2 * T
+                if lasting
+                else entry.prior**2 * -math.expm1(-2.0 * T / entry.correlation_time)
             )
-        angle = wheel.at[WHEEL_ANGLE]
+        angle = wheel.columns[WHEEL_ANGLE]
         noise[angle, angle] = max(config.noise.gyro**2 * T, gyro * T * T) + (missing * T) ** 2
     across = np.array([-math.sin(0.7 + 0.025), math.cos(0.7 + 0.025)])
     places = [at[X], at[Y]]
@@ -186,7 +188,7 @@ def test_the_covariance_goes_through_a_window_as_the_transition_says_and_by_what
     np.testing.assert_allclose(found, f @ first @ f.T + noise, rtol=1e-6, atol=1e-12)
     # So little is random that it would be lost beside what was not known.
     still = np.zeros_like(p)
-    WheelMotion(config, begin).advance(before.tolist(), still, pairs)
+    MotionModel(config, begin).advance(before.tolist(), still, pairs)
     np.testing.assert_allclose(still, noise, rtol=1e-3, atol=1e-20)
 
 
@@ -195,13 +197,13 @@ def predicted(
     begin: InitialState,
     x: np.ndarray,
     p: np.ndarray,
-    made: Prediction | None = None,
+    made: MotionPrediction | None = None,
     carry: bool = True,
     told: bool = False,
-    stillness: Stillness = Stillness.MOVING,
-) -> tuple[np.ndarray, np.ndarray, Prediction]:
+    stillness: MotionState = MotionState.MOVING,
+) -> tuple[np.ndarray, np.ndarray, MotionPrediction]:
     """States and covariance after a window that is expected."""
-    made = made or Prediction(begin.columns, WindowNoise(WheelConfig(0.2, 0.6, {"a": LEFT}).noise, 0.2))
+    made = made or MotionPrediction(begin.columns, WindowNoise(WheelConfig(0.2, 0.6, {"a": LEFT}).noise, 0.2))
     after, p = x.tolist(), p.copy()
     made.predict(after, p, pairs, stillness, carry, told, FASTEST)
     return np.array(after), p, made
@@ -212,8 +214,10 @@ LEFT = WheelNode("left", "left")
 
 def felt(wheel: Any, window: Window, x: np.ndarray) -> float:
     """m/s of forward force, less that of lever arm, bias and slope: the model of forward.py, written anew."""
-    own = {f"{entry}": x[place] for entry, place in wheel.at.items()}
-    rate = (window.spin / T - own["gyro_bias.z"]) / (1.0 + own["gyro_scale_factor.z"]) + own[str(EXCESS)]
+    own = {f"{entry}": x[place] for entry, place in wheel.columns.items()}
+    rate = (window.spin / T - own["gyro_bias.z"]) / (1.0 + own["gyro_scale_factor.z"]) + own[
+        str(RATE_BEYOND_RANGE)
+    ]
     rolls = rate - wheel.geometry.side * own[str(YAW_RATE)] * math.sin(own[str(CAMBER)])
     turn = cmath.exp(1j * (own[str(WHEEL_ANGLE)] + 0.5 * rolls * T))
     force = window.force - complex(own["accel_bias.x"], own["accel_bias.y"]) * window.carrier
@@ -238,11 +242,11 @@ def test_a_speed_that_is_carried_gains_what_the_accelerometers_feel_with_all_tha
         return predicted(pairs, begin, at, p)[0][speed]
 
     slope = [(after(before + 1e-6 * u) - after(before - 1e-6 * u)) / 2e-6 for u in np.eye(len(before))]
-    assert made.carried == pytest.approx(np.array(slope), abs=1e-7)
+    assert made.speed_row == pytest.approx(np.array(slope), abs=1e-7)
     f = np.eye(len(before))
     f[speed] = slope
     noise = config.noise
-    white = noise.accel**2 * T + (noise.vibration * T) ** 2 * 0.3 + (noise.push * T) ** 2
+    white = noise.accel**2 * T + (noise.vibration_share * T) ** 2 * 0.3 + (noise.forward_force * T) ** 2
     expected = f @ p @ f.T
     expected[speed, speed] += white / len(pairs)
     expected[yaw_rate, yaw_rate] += 0.5**2
@@ -252,7 +256,7 @@ def test_a_speed_that_is_carried_gains_what_the_accelerometers_feel_with_all_tha
     x, _, made = predicted(harder, begin, before, p, made)
     second = np.mean([felt(*pair, before) for pair in harder])
     assert x[speed] - before[speed] == pytest.approx(0.5 * (gain + second))
-    made.forget()
+    made.clear_force()
     x, *_ = predicted(harder, begin, before, p, made)
     assert x[speed] - before[speed] == pytest.approx(second)
 
@@ -277,10 +281,10 @@ def test_an_accelerometer_that_tells_nothing_has_no_part_in_a_carried_speed() ->
         mixed = (pairs[0], *changed(pairs[1:], **unsound))
         assert predicted(mixed, begin, before, p)[0][speed] - before[speed] == pytest.approx(alone)
         x, found, made = predicted(changed(pairs, **unsound), begin, before, p)
-        assert x == pytest.approx(before) and made.carried is None
+        assert x == pytest.approx(before) and made.speed_row is None
         assert found[speed, speed] == pytest.approx(p[speed, speed] + 0.5**2)
         assert found[yaw_rate, yaw_rate] == pytest.approx(p[yaw_rate, yaw_rate] + 0.5**2)
-    for word in ("joined", "part"):
+    for word in ("angle_initialised", "is_used"):
         setattr(begin.wheels[1], word, False)
         assert predicted(pairs, begin, before, p)[0][speed] - before[speed] == pytest.approx(alone)
         setattr(begin.wheels[1], word, True)
@@ -297,7 +301,7 @@ def free(begin: InitialState, pairs: Pairs, **options: bool) -> tuple[float, flo
 
 def test_speed_and_yaw_rate_are_free_where_they_are_seen_and_wander_where_they_are_not() -> None:
     _, begin, pairs = vehicle(*BOTH)
-    wander = window_walk(agility(FASTEST))
+    wander = free_motion_variances(vehicle_agility(FASTEST))
     seen, gone = 0.25, Window(missing=0.5)
     assert max(wander) < 0.5 * seen
     one = (pairs[0], (begin.wheels[1], gone))
@@ -314,7 +318,7 @@ def test_speed_and_yaw_rate_are_free_where_they_are_seen_and_wander_where_they_a
         (False, none, True, (seen, seen)),
     ):
         for wheel in begin.wheels:
-            wheel.joined = joined
+            wheel.angle_initialised = joined
         assert free(begin, heard, carry=False, told=told) == pytest.approx(expected)
         if heard is not pairs:
             along, turning = free(begin, heard, **carried)
@@ -337,22 +341,22 @@ def test_a_speed_that_is_seen_goes_on_with_the_forward_force_that_is_felt(
     for wheel, window in pairs:
         rate = window.spin / T
         if not clipped:
-            rate = (rate - before[wheel.at[GYRO_BIAS_Z]]) / (1.0 + before[wheel.at[GYRO_SCALE_Z]])
-        rate += before[wheel.at[EXCESS]]
-        angle = before[wheel.at[WHEEL_ANGLE]] + 0.5 * rate * T
+            rate = (rate - before[wheel.columns[GYRO_BIAS_Z]]) / (1.0 + before[wheel.columns[GYRO_SCALE_Z]])
+        rate += before[wheel.columns[RATE_BEYOND_RANGE]]
+        angle = before[wheel.columns[WHEEL_ANGLE]] + 0.5 * rate * T
         forces.append((window.force * cmath.exp(1j * angle)).imag)
     at = begin.columns.vehicle
     gain = np.mean(forces) - before[at[SLOPE]] * T
     assert abs(gain) < 0.5
     assert x[at[SPEED]] - before[at[SPEED]] == pytest.approx(gain)
-    assert made.carried is None and made.renewed == []
+    assert made.speed_row is None and made.reset_states == []
 
 
 @pytest.mark.parametrize(
-    ("stillness", "sigmas"), [(Stillness.RESTING, (1e-3, 1e-4)), (Stillness.ROCKING, (0.03, 0.03))]
+    ("stillness", "sigmas"), [(MotionState.STANDSTILL, (1e-3, 1e-4)), (MotionState.ROCKING, (0.03, 0.03))]
 )
 def test_a_vehicle_that_stands_has_no_speed_and_knows_nothing_of_the_one_before(
-    stillness: Stillness, sigmas: tuple[float, float]
+    stillness: MotionState, sigmas: tuple[float, float]
 ) -> None:
     _, begin, pairs = vehicle(*BOTH)
     before, p = somewhere(begin, 11)
@@ -364,7 +368,7 @@ def test_a_vehicle_that_stands_has_no_speed_and_knows_nothing_of_the_one_before(
     expected[places, places] = np.square(sigmas)
     np.testing.assert_allclose(found, expected)
     assert x == pytest.approx(mean)
-    assert made.renewed == places
+    assert made.reset_states == places
     # What was felt before it stood is no part of what is felt after.
     harder = changed(pairs, force=pairs[0][1].force + 0.02j)
     gained = predicted(harder, begin, before, p, made)[0][places[0]] - before[places[0]]
@@ -377,20 +381,20 @@ def test_how_still_a_wheel_is_is_asked_with_its_biases_and_the_least_known_of_th
     for least in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z):
         asked = []
         for wheel in begin.wheels:
-            wheel.rest = SimpleNamespace(stillness=lambda *args, seen=asked: seen.append(args) or args[1])  # type: ignore[assignment]
+            wheel.standstill = SimpleNamespace(detect=lambda *args, seen=asked: seen.append(args) or args[1])  # type: ignore[assignment]
             for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z):
-                p[wheel.at[entry], wheel.at[entry]] = 0.04 if entry is least else 0.01
-        told = each_still(pairs, before.tolist(), p)
+                p[wheel.columns[entry], wheel.columns[entry]] = 0.04 if entry is least else 0.01
+        told = detect_wheel_motion(pairs, before.tolist(), p)
         for (wheel, window), args, said in zip(pairs, asked, told, strict=True):
-            bias = {entry: before[place] for entry, place in wheel.at.items()}
+            bias = {entry: before[place] for entry, place in wheel.columns.items()}
             across = complex(bias[GYRO_BIAS_X], bias[GYRO_BIAS_Y])
             assert args == (window, said, across, pytest.approx(0.2)) and said == bias[GYRO_BIAS_Z]
 
 
 def test_a_vehicle_is_as_still_as_its_wheel_that_is_least_and_not_lost() -> None:
-    moving, rocking, resting = Stillness.MOVING, Stillness.ROCKING, Stillness.RESTING
-    assert least_still([resting, rocking], [False, False]) is rocking
-    assert least_still([moving, resting], [True, False]) is resting
-    assert least_still([moving, resting], [False, True]) is moving
-    assert least_still([resting, resting], [True, True]) is moving
-    assert NOTHING.missing == 1.0
+    moving, rocking, resting = MotionState.MOVING, MotionState.ROCKING, MotionState.STANDSTILL
+    assert vehicle_motion([resting, rocking], [False, False]) is rocking
+    assert vehicle_motion([moving, resting], [True, False]) is resting
+    assert vehicle_motion([moving, resting], [False, True]) is moving
+    assert vehicle_motion([resting, resting], [True, True]) is moving
+    assert EMPTY_WINDOW.missing == 1.0

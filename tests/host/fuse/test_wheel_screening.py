@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.fuse.wheel.node_screening import own_gaps, screened, stretches
+from hubodo.fuse.wheel.node_screening import find_own_gaps, find_runs, screen_samples
 from hubodo.recording import Table
 
 STEP = 1.0 / 128.0
@@ -42,7 +42,7 @@ def left_out(kept, whole):
 @pytest.mark.parametrize(("repeats", "out"), [(64, 0), (65, 65), (120, 120)])
 def test_half_a_second_without_a_change_is_left_out_where_the_other_wheel_turns(repeats, out):
     table = frozen(repeats)
-    kept, said = screened({"left": table, "right": turning(1.0)})
+    kept, said = screen_samples({"left": table, "right": turning(1.0)})
     assert left_out(kept["left"], table) == table.t[51 : 51 + out].tolist()
     assert len(said) == (out > 0)
     span = f"left: from t = {table.t[51]:.1f} to {table.t[50 + repeats]:.1f} s not one bit"
@@ -53,9 +53,9 @@ def test_half_a_second_without_a_change_is_left_out_where_the_other_wheel_turns(
 @pytest.mark.parametrize(("size", "out"), [(0.09, 0), (0.11, 100)])
 def test_a_node_may_repeat_itself_while_the_other_wheel_stands(size, axis, out):
     table = frozen(100)
-    kept, _ = screened({"left": table, "right": turning(size, axis)})
+    kept, _ = screen_samples({"left": table, "right": turning(size, axis)})
     assert len(left_out(kept["left"], table)) == out
-    assert screened({"left": table})[0]["left"] is table
+    assert screen_samples({"left": table})[0]["left"] is table
 
 
 def test_another_wheel_that_is_hardly_heard_meanwhile_tells_nothing():
@@ -64,7 +64,7 @@ def test_another_wheel_that_is_hardly_heard_meanwhile_tells_nothing():
     for times, out in (([0.5, 1.0], 0), ([0.5, 0.8, 1.1], 100)):
         t = np.array([0.1, *times, 2.0])
         other = node(t, np.column_stack([np.zeros((len(t), 2)), 5.0 * (-1.0) ** np.arange(len(t))]))
-        kept, _ = screened({"left": table, "right": other})
+        kept, _ = screen_samples({"left": table, "right": other})
         assert len(left_out(kept["left"], table)) == out
 
 
@@ -74,7 +74,7 @@ def test_one_bit_of_one_channel_is_a_change(channel):
     rows = np.hstack([table.gyro, table.accel])
     rows[51:151:2, channel] = np.nextafter(rows[50, channel], np.inf)
     other = node(table.t, rows[:, :3], rows[:, 3:])
-    assert screened({"left": other, "right": turning(1.0)})[0]["left"] is other
+    assert screen_samples({"left": other, "right": turning(1.0)})[0]["left"] is other
 
 
 def crowded(times, share, before=100, after=100):
@@ -88,7 +88,7 @@ def crowded(times, share, before=100, after=100):
 )
 def test_twenty_samples_in_six_tenths_of_their_time_are_of_two_times(times, share, out):
     table = crowded(times, share)
-    kept, said = screened({"left": table, "right": turning(1.0)})
+    kept, said = screen_samples({"left": table, "right": turning(1.0)})
     assert len(left_out(kept["left"], table)) == pytest.approx(out, abs=0 if share > 0.1 else 20)
     if share > 0.1 and out:
         assert left_out(kept["left"], table) == table.t[99 : 99 + out].tolist()
@@ -100,14 +100,14 @@ def test_of_fewer_than_eighty_samples_nothing_is_usual():
     for before, out in ((59, 0), (60, 21)):
         table = crowded(20, 0.59, before, 0)
         assert len(table) == before + 20
-        assert len(left_out(screened({"left": table})[0]["left"], table)) == out
+        assert len(left_out(screen_samples({"left": table})[0]["left"], table)) == out
 
 
 def test_what_is_both_is_said_once():
     t = crowded(60, 0.5).t
     table = frozen(120, 95, len(t))
     both = node(t, table.gyro, table.accel)
-    kept, said = screened({"left": both, "right": turning(1.0)})
+    kept, said = screen_samples({"left": both, "right": turning(1.0)})
     assert [("clock" in line, "froze" in line) for line in said] == [(True, False), (False, True)]
     assert left_out(kept["left"], both) == t[96:216].tolist()
 
@@ -120,14 +120,14 @@ def test_a_gap_that_another_table_has_as_well_is_not_its_own():
         return node(t)
 
     left, right = with_gaps(3.0, 8.0, 12.0), with_gaps(3.05, 8.1, 15.0)
-    found = own_gaps([left, right])
+    found = find_own_gaps([left, right])
     # A gap begins with the last sample before it; 0.08 s apart they are one.
     assert found == [pytest.approx([8.0, 12.0]), pytest.approx([8.1, 15.0])]
-    assert own_gaps([left]) == [pytest.approx([3.0, 8.0, 12.0])]
+    assert find_own_gaps([left]) == [pytest.approx([3.0, 8.0, 12.0])]
     for step, count in ((0.079, 0), (0.081, 1)):
-        assert len(own_gaps([node(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
+        assert len(find_own_gaps([node(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
 
 
 def test_stretches_are_the_first_and_last_of_flags_in_a_row():
-    assert stretches(np.array([1, 1, 0, 1, 0, 0, 1], bool)) == [(0, 1), (3, 3), (6, 6)]
-    assert stretches(np.zeros(3, bool)) == []
+    assert find_runs(np.array([1, 1, 0, 1, 0, 0, 1], bool)) == [(0, 1), (3, 3), (6, 6)]
+    assert find_runs(np.zeros(3, bool)) == []

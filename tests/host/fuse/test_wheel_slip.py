@@ -11,9 +11,9 @@ from accuracy.slip import CASES, careless_outcome, made, outcome, real_alarms
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
-from hubodo.fuse.wheel.grip import Grip, Push
+from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
 from hubodo.fuse.wheel.state import initial_state
-from hubodo.fuse.wheel.track import collect, run
+from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.ingest.live.odometer import Block, Odometer
 from hubodo.vehicle import NodeMount, Vehicle
 from wheel_runs import config, end_error, nees, tables, truth
@@ -25,7 +25,7 @@ LIFT = CASES["one wheel, lifted 6 s, runs out in 1 s"]
 def lifted():
     """A drive of 120 m in which the left wheel is in the air for six seconds, seed 102; when; its run."""
     drive, names, start = made(LIFT, 102)
-    return drive, names, start, run(config(drive, names), tables(drive))
+    return drive, names, start, run_wheel_filter(config(drive, names), tables(drive))
 
 
 def test_a_lift_is_found_where_it_begins_and_ends_and_costs_little(lifted):
@@ -62,14 +62,16 @@ def test_samples_one_by_one_give_the_same_bits_where_the_filter_went_back(lifted
         poses += live.handle(WheelSample(name, t, tuple(gyro), tuple(accel))).poses
     poses += live.finish().poses
     for field in ("x", "heading", "speed", "covariance"):
-        assert getattr(collect(poses), field).tobytes() == getattr(found.track, field).tobytes(), field
+        assert getattr(track_from_poses(poses), field).tobytes() == getattr(found.track, field).tobytes(), (
+            field
+        )
 
 
 @pytest.mark.parametrize("lag", [8.0, np.inf])
 def test_smoothing_knows_the_speed_in_a_lift_from_both_its_ends(lifted, lag):
     """The speed before the lift and that after it: half as unsure in the middle, and as it says."""
     drive, names, start, found = lifted
-    smooth = run(config(drive, names), tables(drive), lag)
+    smooth = run_wheel_filter(config(drive, names), tables(drive), lag)
     track, inside = smooth.track, (found.track.t > start) & (found.track.t < start + 6.0)
     sigma, wide = (np.sqrt(one.covariance[inside, 3, 3]) for one in (track, found.track))
     assert sigma.max() < 0.3 * wide.max()
@@ -144,7 +146,7 @@ def test_exchanged_sides_cost_no_more_than_one_wheel():
     """Seed 100: the node that is told to be left sits on the right wheel, and is taken as that."""
     found = slip.exchanged_outcome(100)
     drive, _, _ = made(CASES["two wheels, nothing happens"], 100)
-    right = run(config(drive, ("right",)), tables(drive))
+    right = run_wheel_filter(config(drive, ("right",)), tables(drive))
     assert found.found == 1
     assert found.error == pytest.approx(100.0 * end_error(drive, right) / drive.length, abs=0.01)
 
@@ -154,7 +156,7 @@ def test_a_declared_steered_wheel_takes_no_part_and_alone_shows_its_own_way():
     both = wheel_config(Vehicle(0.15, 0.5, nodes), list(nodes))
     assert list(both.nodes) == ["left"]
     alone = wheel_config(Vehicle(0.15, 0.5, {"front": nodes["front"]}), ["front"])
-    assert initial_state(alone).wheels[0].geometry.contact == 0.0
+    assert initial_state(alone).wheels[0].geometry.contact_y == 0.0
 
 
 @pytest.mark.parametrize("seed", [5068, 5092, 5126, 5133])
@@ -162,41 +164,41 @@ def test_a_slow_wheel_whose_accelerometer_is_uneven_is_not_said_to_slip(seed):
     # The scales of the two axes and the bias turn with the wheel: below a turn in ten seconds like a slope.
     drawn = mixed_drives.drawn(seed)
     assert drawn.top_speed < 0.5 and not drawn.slips
-    found = run(config(drawn.drive, ("left",)), tables(drawn.drive))
-    assert found.filter.core.wheels[0].grip.slips == []
+    found = run_wheel_filter(config(drawn.drive, ("left",)), tables(drawn.drive))
+    assert found.filter.core.wheels[0].slip_detector.slips == []
     assert end_error(drawn.drive, found) < 0.1 * drawn.drive.length
 
 
 @pytest.mark.parametrize("seed", [5012, 5100])
 def test_a_wheel_that_slips_for_seconds_is_no_wheel_of_another_axle(seed):
     drawn = mixed_drives.drawn(seed)
-    found = run(config(drawn.drive), tables(drawn.drive))
+    found = run_wheel_filter(config(drawn.drive), tables(drawn.drive))
     assert len(found.filter.core.wheels) == 2
-    assert [len(wheel.grip.slips) for wheel in found.filter.core.wheels] == [0, 1]
+    assert [len(wheel.slip_detector.slips) for wheel in found.filter.core.wheels] == [0, 1]
     # Chi-square of three degrees of freedom, one in a thousand.
     assert nees(drawn.drive, found) < 16.3
 
 
 def test_a_speed_that_was_carried_beyond_all_the_vehicle_ever_did_is_given_up_for_the_wheel():
-    grip = Grip()
-    grip.begin(100)
-    calm = Push(0.0, 1e-4, 0.0, 1e-6, 0.0, 0.0)
-    assert not grip.follow(101, calm, slip=-1.0, variance=0.01, carried=2.0, fastest=2.0)
-    assert grip.lost
+    grip = SlipDetector()
+    grip.start_slip(100)
+    calm = ForwardResidual(0.0, 1e-4, 0.0, 1e-6, 0.0, 0.0)
+    assert not grip.detect_end(101, calm, slip=-1.0, variance=0.01, carried=2.0, fastest=2.0)
+    assert grip.is_slipping
     # The wheel turns as it always did, the carried speed is twice that of any time before.
-    assert grip.follow(102, calm, slip=-3.0, variance=0.01, carried=4.0, fastest=2.0)
-    assert not grip.lost and grip.slips[-1].last == 101
+    assert grip.detect_end(102, calm, slip=-3.0, variance=0.01, carried=4.0, fastest=2.0)
+    assert not grip.is_slipping and grip.slips[-1].last == 101
 
 
 def test_no_slip_lasts_for_ever():
-    grip = Grip()
-    grip.begin(0)
-    shaken = Push(1.0, 1e-4, 1.0, 1e-6, 0.0, 0.0)
-    ended = [n for n in range(1, 300) if grip.lost and grip.follow(n, shaken, 1.0, 0.01, 1.0, 2.0)]
+    grip = SlipDetector()
+    grip.start_slip(0)
+    shaken = ForwardResidual(1.0, 1e-4, 1.0, 1e-6, 0.0, 0.0)
+    ended = [n for n in range(1, 300) if grip.is_slipping and grip.detect_end(n, shaken, 1.0, 0.01, 1.0, 2.0)]
     assert ended == [200]
 
 
-CALM, OFF = Push(0.0, 1e-4, 0.0, 0.0, 0.0, 0.0), Push(0.5, 1e-4, 0.5, 0.0, 0.0, 0.0)
+CALM, OFF = ForwardResidual(0.0, 1e-4, 0.0, 0.0, 0.0, 0.0), ForwardResidual(0.5, 1e-4, 0.5, 0.0, 0.0, 0.0)
 
 
 RESTS = "rests"
@@ -204,13 +206,13 @@ RESTS = "rests"
 
 def slips(*phases, rate=2.0):
     """With which window a slip began, None where none is found, of phases of (windows, push or RESTS)."""
-    grip, number = Grip(), 0
+    grip, number = SlipDetector(), 0
     for windows, push in phases:
         for _ in range(windows):
             number += 1
             if push is RESTS:
-                grip.rest()
-            elif (found := grip.add(number, push, rate)) is not None:
+                grip.record_standstill()
+            elif (found := grip.detect_onset(number, push, rate)) is not None:
                 return found
     return None
 
@@ -267,7 +269,7 @@ def test_a_slip_is_what_stands_out_by_four_and_a_half_sigmas_of_all_that_may_be_
     )
     for beyond, found in ((0.98, None), (1.02, 21)):
         for sign in (1.0, -1.0):
-            push = Push(sign * beyond * 4.5 * unsure, 0.04**2, 0.0, 0.03**2, 0.0, -0.8)
+            push = ForwardResidual(sign * beyond * 4.5 * unsure, 0.04**2, 0.0, 0.03**2, 0.0, -0.8)
             assert slips((20, CALM), (1, push), rate=rate) == found
     for residual, found in ((0.19, None), (0.21, 21), (-0.19, None), (-0.21, 21)):
         assert slips((20, CALM), (1, CALM._replace(residual=residual))) == found

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hubodo.fuse.wheel.fixed_lag import FixedLag
-from hubodo.fuse.wheel.records import Kept, Pose
+from hubodo.fuse.wheel.fixed_lag import FixedLagSmoother
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.records import Pose, StepRecord
 from hubodo.fuse.wheel.smoother import _pose, _Record, _step_back
-from hubodo.fuse.wheel.stillness import Stillness
 
 SIZE, STEPS = 7, 6
 PLACES = [1, 0, 2, 4, 6]
@@ -59,7 +59,7 @@ class Chain:
             h = self.h[step]
             gain = p @ h / (h @ p @ h + 0.5)
             x, p = x + gain * (self.z[step] - h @ x), p - np.outer(gain, h @ p)
-            kept = Kept(
+            kept = StepRecord(
                 *before,
                 [3] if step == 2 else [],
                 x.tolist(),
@@ -68,7 +68,7 @@ class Chain:
                 self.passed if step == 4 else None,
                 self.shortened[step],
             )
-            pose = Pose(0.1 * step, *(self.f[step] @ x)[PLACES], np.zeros((5, 5)), Stillness.MOVING, 1.0, 2)
+            pose = Pose(0.1 * step, *(self.f[step] @ x)[PLACES], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2)
             made.append(_Record(pose, kept, self.f[step]))
         return made
 
@@ -109,7 +109,7 @@ def chain(request: pytest.FixtureRequest) -> Chain:
 def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_later(
     chain: Chain, lag: int
 ) -> None:
-    late, found, times = FixedLag(lag, PLACES), [], []
+    late, found, times = FixedLagSmoother(lag, PLACES), [], []
     for number, record in enumerate(chain.filtered()):
         pose = late.add(record.pose, record.kept, record.transition)
         times.append(pose is not None)
@@ -121,7 +121,7 @@ def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_l
     for step, pose in enumerate(found):
         mean, covariance = chain.pose(step, min(step + lag, STEPS - 1))
         np.testing.assert_allclose(pose[1:6], mean, atol=1e-7)
-        assert (pose.still, pose.nis, pose.degrees) == (Stillness.MOVING, 1.0, 2)
+        assert (pose.motion_state, pose.nis, pose.dof) == (MotionState.MOVING, 1.0, 2)
         if lag:
             np.testing.assert_allclose(pose.covariance, covariance, atol=1e-7)
             assert np.array_equal(pose.covariance, pose.covariance.T)

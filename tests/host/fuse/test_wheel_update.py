@@ -10,12 +10,12 @@ from scipy.stats import norm
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
+from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.mounting_check import inflate_outlier_variances, track_width_test
 from hubodo.fuse.wheel.state import InitialState, initial_state
-from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.two_wheels import careful_tape, robust_variances
-from hubodo.fuse.wheel.update import Updated, WheelUpdate
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 UPRIGHT = cmath.exp(-0.25j)
 """Gravity as a wheel feels it that stood upright when the window began and turns by half a radian in it."""
@@ -36,20 +36,20 @@ SOUND = Window(
 )
 
 
-def _begun(*names: str) -> tuple[WheelUpdate, InitialState]:
+def _begun(*names: str) -> tuple[MeasurementUpdate, InitialState]:
     """An update and states in which all wheels are believed, at the speed that SOUND rolls with."""
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     config = WheelConfig(0.15, 0.5, nodes)
     begin = initial_state(config)
     for wheel in begin.wheels:
-        wheel.joined = True
+        wheel.angle_initialised = True
     begin.x[begin.columns.vehicle[SPEED]] = 0.75
-    return WheelUpdate(config, begin.columns), begin
+    return MeasurementUpdate(config, begin.columns), begin
 
 
-def _work_in(update: WheelUpdate, begin: InitialState, *windows: Window) -> Updated:
+def _work_in(update: MeasurementUpdate, begin: InitialState, *windows: Window) -> UpdateResult:
     pairs = tuple(zip(begin.wheels, windows, strict=True))
-    return update.work_in(list(begin.x), begin.p.copy(), pairs, Stillness.MOVING)
+    return update.update(list(begin.x), begin.p.copy(), pairs, MotionState.MOVING)
 
 
 @pytest.mark.parametrize(
@@ -70,16 +70,16 @@ def test_a_clipped_channel_silences_what_is_made_of_it_and_nothing_else(
     found = {one.__name__.rpartition(".")[2] for one in MEASUREMENTS if not one.usable(window)}  # type: ignore[attr-defined]
     assert found == silent
     update, begin = _begun("left")
-    assert _work_in(update, begin, window).degrees == 5 - len(silent)
+    assert _work_in(update, begin, window).dof == 5 - len(silent)
     # The other wheel's rows stay.
     update, begin = _begun("left", "right")
-    assert _work_in(update, begin, window, SOUND).degrees == 10 - len(silent)
+    assert _work_in(update, begin, window, SOUND).dof == 10 - len(silent)
 
 
 @pytest.mark.parametrize(("missing", "count"), [(0.0, 5), (0.499, 5), (0.5, 0), (1.0, 0)])
 def test_a_window_that_is_half_a_gap_says_nothing(missing: float, count: int) -> None:
     update, begin = _begun("left")
-    assert _work_in(update, begin, SOUND._replace(missing=missing)).degrees == count
+    assert _work_in(update, begin, SOUND._replace(missing=missing)).dof == count
 
 
 def test_a_gap_in_a_window_makes_all_its_variances_grow_alike() -> None:
@@ -101,8 +101,8 @@ def test_a_wheel_whose_angle_is_not_known_tells_how_it_rolls_and_one_that_is_dis
     joined: bool, trusted: bool, count: int
 ) -> None:
     update, begin = _begun("left", "right")
-    begin.wheels[1].joined, begin.wheels[1].trusted = joined, trusted
-    assert _work_in(update, begin, SOUND, SOUND).degrees == count
+    begin.wheels[1].angle_initialised, begin.wheels[1].speed_trusted = joined, trusted
+    assert _work_in(update, begin, SOUND, SOUND).dof == count
 
 
 def test_nothing_heard_changes_nothing() -> None:
@@ -110,14 +110,14 @@ def test_nothing_heard_changes_nothing() -> None:
     gone = Window(missing=1.0)
     found = _work_in(update, begin, gone, gone)
     assert found.x == begin.x
-    assert found.degrees == 0
+    assert found.dof == 0
     assert np.array_equal(found.p, begin.p)
 
 
 def test_the_silent_rows_are_those_of_their_own_wheel() -> None:
     """A bias is learnt from the wheel whose gyro is sound, and not from the one whose gyro is clipped."""
     update, begin = _begun("left", "right")
-    left, right = (wheel.at[GYRO_BIAS_X] for wheel in begin.wheels)
+    left, right = (wheel.columns[GYRO_BIAS_X] for wheel in begin.wheels)
     found = _work_in(update, begin, SOUND._replace(across_clipped=1.0), SOUND)
     assert found.p[left, left] == pytest.approx(begin.p[left, left], rel=1e-9)
     assert found.p[right, right] < 0.9 * begin.p[right, right]
@@ -127,9 +127,9 @@ def test_the_yaw_rate_a_wheel_feels_does_not_depend_on_the_one_believed() -> Non
     """yaws: what the gyros across the axle feel over the window, W / T, upright, of a leaning wheel."""
     update, begin = _begun("left")
     wheel = begin.wheels[0]
-    begin.x[wheel.at[CAMBER]], begin.x[wheel.at[YAW_RATE]] = 0.4, 0.3
-    felt = _work_in(update, begin, SOUND).yaws[0]
-    assert felt == pytest.approx((wheel.view.turn * SOUND.across).real / WINDOW / math.cos(0.4))
+    begin.x[wheel.columns[CAMBER]], begin.x[wheel.columns[YAW_RATE]] = 0.4, 0.3
+    felt = _work_in(update, begin, SOUND).yaw_rates[0]
+    assert felt == pytest.approx((wheel.view.rotation * SOUND.across).real / WINDOW_S / math.cos(0.4))
 
 
 def test_a_row_that_stands_out_counts_as_three_sigma() -> None:
@@ -148,7 +148,7 @@ def test_a_slip_is_laid_to_the_wheel_that_left_the_speed() -> None:
     white, sigma = np.array([0.0, 0.0, 0.5, 6.0]), np.array([1.0, 1.0, 1.0, 0.1])
     compared = ((0, 2), (1, 3))
     for residuals, slipping in (([0.0, 0.0, 0.7, 0.1], 0), ([0.0, 0.0, 0.1, -0.7], 1)):
-        wider, found = robust_variances(white, sigma, np.array(residuals), np.ones(4), compared)
+        wider, found = inflate_outlier_variances(white, sigma, np.array(residuals), np.ones(4), compared)
         assert found == slipping
         expected = np.ones(4)
         expected[2 + slipping] += 0.7**2
@@ -159,10 +159,10 @@ def test_of_two_yaw_rates_that_disagree_both_lose_weight_alike() -> None:
     """The second is judged given the first, so that it alone stands out: by 6 sigma of 0.1 it takes variance
     until it is 3."""
     white, sigma = np.array([0.0, 6.0, 0.0, 0.0]), np.full(4, 0.1)
-    wider, slipping = robust_variances(white, sigma, np.zeros(4), np.ones(4), ((0, 2), (1, 3)))
+    wider, slipping = inflate_outlier_variances(white, sigma, np.zeros(4), np.ones(4), ((0, 2), (1, 3)))
     assert slipping is None
     assert wider == pytest.approx(1.0 + np.array([0.03, 0.03, 0.0, 0.0]))
-    alone, _ = robust_variances(white, sigma, np.zeros(4), np.ones(4), None)
+    alone, _ = inflate_outlier_variances(white, sigma, np.zeros(4), np.ones(4), None)
     assert alone == pytest.approx(1.0 + np.array([0.0, 0.03, 0.0, 0.0]))
 
 
@@ -178,7 +178,7 @@ def test_a_tape_is_believed_where_care_is_more_likely_by_a_third(prior: float) -
     said = []
     for likelier in (1.26, 1.31):
         seen = brentq(lambda x, by=likelier: care.pdf(x) / anyhow.pdf(x) - by, 0.0, 0.05)
-        said.append(careful_tape(seen * variance / shown, variance, prior))
+        said.append(track_width_test(seen * variance / shown, variance, prior))
     assert said == [math.inf, 0.005**2]
 
 
@@ -195,9 +195,9 @@ def test_an_angle_is_lost_where_gravity_has_turned_over_a_gap_by_more_than_brake
         return Window(spin=0.5, clock_angle=angle, force=0.98 * cmath.exp(-1j * (angle - 1.0 - off)))
 
     for number in range(20):
-        wheel.listen(heard(number, 0.0))
-    wheel.listen(Window(missing=0.8))
+        wheel.gather_gravity(heard(number, 0.0))
+    wheel.gather_gravity(Window(missing=0.8))
     for number in range(21, 24):
-        assert wheel.joined and wheel.lost == 0
-        wheel.listen(heard(number, turned))
-    assert (wheel.lost, wheel.joined) == (lost, not lost)
+        assert wheel.angle_initialised and wheel.angle_losses == 0
+        wheel.gather_gravity(heard(number, turned))
+    assert (wheel.angle_losses, wheel.angle_initialised) == (lost, not lost)

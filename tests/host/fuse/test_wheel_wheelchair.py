@@ -7,7 +7,7 @@ import wanted
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import TRACK_WIDTH
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import read_folder
 
 
@@ -20,8 +20,8 @@ def test_heading_of_the_wheels_is_that_of_the_frame(names: tuple[str, ...], lag:
     witness = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     # The track was not measured: 0.92 m within 5 %.
-    found = run(
-        WheelConfig(0.31, 0.92, nodes, known={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes, lag
+    found = run_wheel_filter(
+        WheelConfig(0.31, 0.92, nodes, priors={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes, lag
     )
     error = np.degrees(found.track.heading - np.interp(found.track.t, frame.t, witness))
     error -= error[0]

@@ -15,7 +15,7 @@ from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.effects.field import GyroSupply
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.config import wheel_config
-from hubodo.fuse.wheel.track import run
+from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.recording import Event, Table
 from hubodo.vehicle import NodeMount, Vehicle
 
@@ -213,9 +213,9 @@ def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter
     vehicle = Vehicle(RADIUS, TRACK, {n: NodeMount(n, "left") for n in ("left", "right")})
     applied = apply_calibration(tables, calibration)
     assert applied.summaries["left"]["applied"] == ["gyro_bias", "gyro_scale_factor"]
-    corrected = run(wheel_config(vehicle, list(tables), applied.remaining), applied.nodes).track
-    told = run(wheel_config(vehicle, list(tables), calibration), tables).track
-    twice = run(wheel_config(vehicle, list(tables), calibration), applied.nodes).track
+    corrected = run_wheel_filter(wheel_config(vehicle, list(tables), applied.remaining), applied.nodes).track
+    told = run_wheel_filter(wheel_config(vehicle, list(tables), calibration), tables).track
+    twice = run_wheel_filter(wheel_config(vehicle, list(tables), calibration), applied.nodes).track
     same = np.hypot(corrected.x - told.x, corrected.y - told.y).max()
     wrong = np.hypot(corrected.x - twice.x, corrected.y - twice.y).max()
     assert same < 0.01 < wrong, f"seed 11: {same} m, {wrong} m"

@@ -1,1 +1,1 @@
-"""The filter of one or two wheels."""
+"""Wheel odometry: an error-state Kalman filter for one or two wheel nodes."""

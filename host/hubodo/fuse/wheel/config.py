@@ -1,4 +1,4 @@
-"""What the wheel filter is told beforehand: geometry, noise, and what is known better than usual."""
+"""Settings of the wheel filter: geometry, noise densities and priors."""
 
 from __future__ import annotations
 
@@ -10,53 +10,67 @@ from hubodo.earth import vertical_earth_rate
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.ranges import NodeRanges
-from hubodo.fuse.wheel.entries import OF_VEHICLE, OF_WHEEL, Entry
-from hubodo.fuse.wheel.stillness import RestLimits
+from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
+from hubodo.fuse.wheel.motion_state import StandstillLimits
 from hubodo.vehicle import Facing, Side, Vehicle
 
 _OF_ANOTHER_DAY = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
-"""1 sigma that what was calibrated has at least in another drive.
+"""Smallest 1 sigma of a calibrated parameter on another drive.
 
-gyro_bias: rad/s, other temperatures and switchings on: 0.3 deg/s, what the LSM6DS33 drifts in six degrees
-(0.05 deg/s/K, data sheet). wheel_radius: a fraction; pressure, load and wear, 0.3 mm on a car's wheel.
+gyro_bias: rad/s; 0.3 deg/s is the drift of an LSM6DS33 over six degrees Celsius (0.05 deg/s/K, data sheet).
+wheel_radius: fraction; tyre pressure, load and wear change a car wheel by 0.3 mm.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class WheelNoise:
-    """1 sigma of what is random from window to window.
+    """Standard deviations (1 sigma) of the noise of one window.
 
-    gyro: rad/s/sqrt(Hz), accel: m/s²/sqrt(Hz); data sheet of the LSM6DS33 (7 mdeg/s and 90 ug) with a margin
-    for the quantization. The others are estimated, for an ordinary road at the speed of a wheelchair or a
-    small robot. roll: rad/s of the vehicle about its forward axis. flex: (rad/s)/(m/s²), what vibration along
-    the axle adds to the rates across it. push: m/s² of forward force that the wheel's own acceleration does
-    not explain. vibration: the share of the axial accelerometer's spread that is added to it. sway: the same
-    sideways, m/s². road, lateral: m per square root of a metre rolled, along the way and across it.
+    The two white-noise densities are those of the LSM6DS33 data sheet (7 mdeg/s/√Hz and 90 µg/√Hz) with a
+    margin for quantisation. The others are estimated for an ordinary road at the speed of a wheelchair or a
+    small robot.
+
+    Attributes
+    ----------
+    gyro : rad/s/√Hz, white noise of the gyros.
+    accel : m/s²/√Hz, white noise of the accelerometers.
+    roll_rate : rad/s, roll rate of the vehicle about its forward axis.
+    axle_flex : (rad/s)/(m/s²), rate across the axle per unit of axial vibration.
+    forward_force : m/s², forward specific force that the wheel's own acceleration does not explain.
+    vibration_share : share of the spread of the axial accelerometer that is added to the force variances.
+    lateral_force : m/s², unmodelled specific force along the axle.
+    road_roughness : m/√m, along the path.
+    lateral_slip : m/√m, across the path.
     """
 
     gyro: float = 1.3e-4
     accel: float = 2e-3
-    roll: float = 0.02
-    flex: float = 0.003
-    push: float = 0.15
-    vibration: float = 0.3
-    sway: float = 0.3
-    road: float = 0.002
-    lateral: float = 0.001
+    roll_rate: float = 0.02
+    axle_flex: float = 0.003
+    forward_force: float = 0.15
+    vibration_share: float = 0.3
+    lateral_force: float = 0.3
+    road_roughness: float = 0.002
+    lateral_slip: float = 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class WheelNode:
-    """A node on a wheel. known: what replaces the priors of its entries and the wheel's, facing left.
+    """Settings of one node on a wheel.
 
-    gyro_limit: rad/s, accel_limit: m/s², where its channels clip: just below 2000 deg/s and 16 g, the ranges
-    of the firmware, unless it is known better (`fuse/ranges.py`). steered: it goes its
-    own way, and the track is that of its contact, with its heading.
+    Attributes
+    ----------
+    side, facing : side of the vehicle, and direction of the node's z axis.
+    priors : calibrated values that replace the default priors of the node and its wheel, as for a node
+    facing left.
+    gyro_limit, accel_limit : rad/s and m/s² at which channels saturate; the defaults are just below 2000
+    deg/s and 16 g, the ranges of the firmware. `fuse/ranges.py` finds other ones.
+    steered : True if the wheel steers; the track is then that of its contact point, and the heading its own.
     """
 
     side: Side
     facing: Facing
-    known: Mapping[Entry, Quantity] = field(default_factory=dict)
+    priors: Mapping[Entry, Quantity] = field(default_factory=dict)
     gyro_limit: float = 34.8
     accel_limit: float = 156.0
     steered: bool = False
@@ -64,25 +78,30 @@ class WheelNode:
 
 @dataclass(frozen=True, slots=True)
 class WheelConfig:
-    """One or two wheels of a vehicle.
+    """Settings of the filter for one or two wheels of a vehicle.
 
-    radius, track_width: m. nodes: by name, one of each side at most. known: what replaces the priors of the
-    vehicle's entries. start_heading: rad, heading_sigma: 1 sigma of it. told: whether it is told positions by
-    somebody else; encoder: whether another odometer tells the wheels' surface speeds.
-    ground_rate: rad/s by which the ground turns about up with the Earth.
+    Attributes
+    ----------
+    radius, track_width : m.
+    nodes : settings by node name; one node on each side at most.
+    priors : calibrated values that replace the default priors of the vehicle's entries.
+    start_heading, heading_sigma : rad, initial heading and its 1 sigma.
+    position_aided : True if positions are processed as measurements; adds the states of `POSITION_ENTRIES`.
+    ground_rate : rad/s, rotation of the ground about the vertical with the Earth.
+    encoder_aided : True if another odometer reports surface speeds; adds the states of `ENCODER_ENTRIES`.
     """
 
     radius: float
     track_width: float
     nodes: Mapping[str, WheelNode]
     noise: WheelNoise = field(default_factory=WheelNoise)
-    rest: RestLimits = field(default_factory=RestLimits)
-    known: Mapping[Entry, Quantity] = field(default_factory=dict)
+    standstill_limits: StandstillLimits = field(default_factory=StandstillLimits)
+    priors: Mapping[Entry, Quantity] = field(default_factory=dict)
     start_heading: float = 0.0
     heading_sigma: float = 0.0
-    told: bool = False
+    position_aided: bool = False
     ground_rate: float = 0.0
-    encoder: bool = False
+    encoder_aided: bool = False
 
     def __post_init__(self) -> None:
         sides = [node.side for node in self.nodes.values()]
@@ -96,36 +115,42 @@ def wheel_config(
     calibration: Calibration | None = None,
     ranges: Mapping[str, NodeRanges] | None = None,
 ) -> WheelConfig:
-    """The filter's settings for those of a vehicle's nodes that sit on wheels and are among `names`.
+    """Return the filter settings for the wheel nodes of a vehicle that are among `names`.
 
-    Steered wheels are left out where there are others; of steered ones alone the first is taken.
-
-    calibration: replaces the priors of what it holds. ranges: by name, where known. Raises ValueError when no
-    wheel node is left, or two sit on one wheel.
+    Steered wheels are left out if there are others; of steered wheels alone the first one is used.
+    `calibration` replaces the priors of the parameters it holds. `ranges` holds saturation limits by node
+    name. Raise ValueError if no wheel node is left or two of them sit on one wheel.
     """
     nodes: dict[str, WheelNode] = {}
     mounted = {name: mount for name, mount in vehicle.nodes.items() if name in names and mount.side}
-    # A steered wheel shows its own way, not the vehicle's: it is used where there is no other, and alone.
+    # A steered wheel follows its own path, not the vehicle's, so it is used only if there is no other one.
     fixed = {name: mount for name, mount in mounted.items() if not mount.steered}
     for name, mount in (fixed or dict(list(mounted.items())[:1])).items():
         if mount.side is not None and mount.facing is not None:
             found = calibration.nodes.get(name) if calibration else None
-            known = known_of(OF_WHEEL, found.effects if found else {}, mount.facing)
+            known = priors_from_calibration(WHEEL_ENTRIES, found.effects if found else {}, mount.facing)
             limits = ranges[name].limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
-    known = known_of(OF_VEHICLE, calibration.vehicle if calibration else {}, "left")
+    known = priors_from_calibration(VEHICLE_ENTRIES, calibration.vehicle if calibration else {}, "left")
     ground_rate = 0.0 if vehicle.latitude_deg is None else vertical_earth_rate(vehicle.latitude_deg)
-    return WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes, known=known, ground_rate=ground_rate)
+    return WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes, priors=known, ground_rate=ground_rate)
 
 
-def known_of(
+def priors_from_calibration(
     entries: tuple[Entry, ...], effects: Mapping[str, CalibratedEffect], facing: Facing
 ) -> dict[Entry, Quantity]:
-    """What a calibration says of entries, as of a node that faces left, on another day."""
+    """Return priors for `entries` from calibrated effects, with the sign of a node facing left.
+
+    Sigmas are raised to what a parameter may change by until another drive.
+    """
     known = {}
     for entry in entries:
         found = effects[entry.effect].parameters if entry.effect in effects else {}
-        if entry.of is None or not entry.alone or not set(entry.parameters) <= set(found):
+        if (
+            entry.effect_class is None
+            or not entry.is_single_effect
+            or not set(entry.parameters) <= set(found)
+        ):
             continue
         share = entry.factor / len(entry.parameters)
         value = sum(found[name].value for name in entry.parameters) * share

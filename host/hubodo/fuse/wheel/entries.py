@@ -1,7 +1,7 @@
-"""The state of the wheel filter: a list of entries, each a parameter of an effect or a process of the drive.
+"""Entries of the state vector: parameters of effects and processes of the drive.
 
-What is believed of a parameter beforehand, how it wanders and what sign it has on a node facing right stands
-in its effect, with its origin. The filter turns every node to face left.
+Prior, random walk and sign on a node facing right are declared by the effect, with their sources. The filter
+transforms every node to face left.
 """
 
 from __future__ import annotations
@@ -28,25 +28,33 @@ Scope = Literal["vehicle", "wheel"]
 class Entry:
     """One number of the state, of the vehicle or of each wheel with its node.
 
-    effect, parameter: as in the model file; of a process, names that no effect has. prior: 1 sigma before
-    the first sample; walk: how far it wanders per square root of a second. of: the effect, None of a
-    process; parameters: those of the effect whose mean it is, most often one; factor: by which that mean is
-    multiplied in the state. alone: whether nothing but that effect is in it, so that a calibration of the
-    effect says what it is. forgets: s after which it is another one, with the prior for its size.
+    Instances compare by identity, which makes dictionary lookups cheap.
 
-    There is one object of each entry and two are never equal: looking one up costs next to nothing.
+    Attributes
+    ----------
+    scope : "vehicle" or "wheel".
+    effect, parameter : names as in the model file; a process has names of its own.
+    prior : 1 sigma before the first sample.
+    random_walk : 1 sigma of the random walk, per √s.
+    effect_class : class of the effect; None for a process.
+    parameters : parameters of the effect whose mean this entry is, usually one.
+    factor : factor from that mean to the state.
+    is_single_effect : True if no other effect enters this entry, so that a calibration of the effect
+    determines it.
+    correlation_time : s of a first-order Gauss-Markov process whose stationary 1 sigma is the prior;
+    infinite for a constant.
     """
 
     scope: Scope
     effect: str
     parameter: str
     prior: float
-    walk: float
-    of: type[Effect] | None = None
+    random_walk: float
+    effect_class: type[Effect] | None = None
     parameters: tuple[str, ...] = ()
     factor: float = 1.0
-    alone: bool = True
-    forgets: float = math.inf
+    is_single_effect: bool = True
+    correlation_time: float = math.inf
 
     def __str__(self) -> str:
         return f"{self.effect}.{self.parameter}"
@@ -55,25 +63,25 @@ class Entry:
         return self
 
     def sign(self, facing: Facing) -> float:
-        """-1 where a node facing right has the negated parameter of one facing left, else +1."""
-        return 1.0 if self.of is None else self.of.sign(self.parameters[0], facing)
+        """Return -1.0 if a node facing right has the negated parameter of one facing left, else 1.0."""
+        return 1.0 if self.effect_class is None else self.effect_class.sign(self.parameters[0], facing)
 
     @property
-    def remedy(self) -> str:
-        """What to do so that a drive shows it; empty where nothing is known to."""
-        estimate = None if self.of is None else self.of.estimate(self.parameters[0])
+    def excitation(self) -> str:
+        """Return the manoeuvre that makes this entry observable; empty if none is known."""
+        estimate = None if self.effect_class is None else self.effect_class.estimate(self.parameters[0])
         return "" if estimate is None else estimate.shown_by
 
     @property
-    def lasts(self) -> bool:
-        """Whether it is a parameter that a drive can teach: no process, and not of the road underneath."""
-        return self.of is not None and self.forgets == math.inf
+    def is_learnable(self) -> bool:
+        """Return True for a constant parameter of an effect, which a drive can estimate."""
+        return self.effect_class is not None and self.correlation_time == math.inf
 
 
-def _of(
+def _effect_entry(
     scope: Scope, effect: type[Effect], *parameters: str, factor: float = 1.0, alone: bool = True
 ) -> Entry:
-    """An entry with what its effect declares."""
+    """Build an entry with the prior, random walk and correlation time declared by its effect."""
     estimate = effect.estimate(parameters[0])
     assert estimate is not None, f"{effect.name}.{parameters[0]} is not estimated"
     prior, walk = estimate.prior * factor, estimate.walk * factor
@@ -82,132 +90,150 @@ def _of(
 
 
 X = Entry("vehicle", "motion", "x", 0.0, 0.0)
-"""m. The track begins at the origin."""
+"""m; the track starts at the origin."""
 
 Y = Entry("vehicle", "motion", "y", 0.0, 0.0)
 """m."""
 
 HEADING = Entry("vehicle", "motion", "heading", 0.0, 0.0)
-"""rad, unwrapped. The track begins at a given heading."""
+"""rad, unwrapped; the track starts at a given heading."""
 
 SPEED = Entry("vehicle", "motion", "speed", 1.0, 0.0)
-"""m/s; walking pace before anything is seen. It steps from window to window: see step.py."""
+"""m/s; prior: walking pace. Its process noise per window is in `motion_prediction.py`."""
 
 YAW_RATE = Entry("vehicle", "motion", "yaw_rate", 0.5, 0.0)
-"""rad/s; a brisk turn before anything is seen. It steps from window to window: see step.py."""
+"""rad/s; prior: a brisk turn. Its process noise per window is in `motion_prediction.py`."""
 
-TRACK_WIDTH = _of("vehicle", TrackWidth, "error")
-TIME_OFFSET = _of("vehicle", TimeOffset, "delay")
-"""s by which the second node's time stamps are later than the first one's."""
+TRACK_WIDTH = _effect_entry("vehicle", TrackWidth, "error")
+TIME_OFFSET = _effect_entry("vehicle", TimeOffset, "delay")
+"""s by which the time stamps of the second node are later than those of the first one."""
 
-SLOPE = _of("vehicle", RoadGrade, "angle", factor=STANDARD_GRAVITY)
-"""m/s² of forward force that the road's slope makes."""
+SLOPE = _effect_entry("vehicle", RoadGrade, "angle", factor=STANDARD_GRAVITY)
+"""m/s², forward specific force caused by the slope of the road."""
 
 WHEEL_ANGLE = Entry("wheel", "rolling", "angle", 0.3, 0.0)
-"""rad, of the node's x axis from upright, as gravity tells it.
+"""rad, angle of the node's x axis from upright, initialised from gravity.
 
-The vehicle may accelerate by a third of gravity meanwhile. The angle wanders by the noise of the gyro that
-carries it.
+Prior: the vehicle may accelerate by a third of gravity meanwhile. The process noise is that of the gyro that
+propagates the angle.
 """
 
-GYRO_SCALE_Z = _of("wheel", GyroScaleFactor, "z")
-GYRO_BIAS_Z = _of("wheel", GyroBias, "z")
-GYRO_BIAS_X = _of("wheel", GyroBias, "x")
-GYRO_BIAS_Y = _of("wheel", GyroBias, "y")
-MISALIGNMENT_Y = _of("wheel", NodeMisalignment, "y")
-MISALIGNMENT_X = _of("wheel", NodeMisalignment, "x")
-LEVER_ARM_X = _of("wheel", LeverArm, "x")
-LEVER_ARM_Y = _of("wheel", LeverArm, "y")
-ACCEL_BIAS_X = _of("wheel", AccelBias, "x")
-ACCEL_BIAS_Y = _of("wheel", AccelBias, "y")
-ACCEL_BIAS_Z = _of("wheel", AccelBias, "z")
-CAMBER = _of("wheel", WheelCamber, "angle")
-GYRO_SCALE_ACROSS = _of("wheel", GyroScaleFactor, "x", "y")
+GYRO_SCALE_Z = _effect_entry("wheel", GyroScaleFactor, "z")
+GYRO_BIAS_Z = _effect_entry("wheel", GyroBias, "z")
+GYRO_BIAS_X = _effect_entry("wheel", GyroBias, "x")
+GYRO_BIAS_Y = _effect_entry("wheel", GyroBias, "y")
+MISALIGNMENT_Y = _effect_entry("wheel", NodeMisalignment, "y")
+MISALIGNMENT_X = _effect_entry("wheel", NodeMisalignment, "x")
+LEVER_ARM_X = _effect_entry("wheel", LeverArm, "x")
+LEVER_ARM_Y = _effect_entry("wheel", LeverArm, "y")
+ACCEL_BIAS_X = _effect_entry("wheel", AccelBias, "x")
+ACCEL_BIAS_Y = _effect_entry("wheel", AccelBias, "y")
+ACCEL_BIAS_Z = _effect_entry("wheel", AccelBias, "z")
+CAMBER = _effect_entry("wheel", WheelCamber, "angle")
+GYRO_SCALE_ACROSS = _effect_entry("wheel", GyroScaleFactor, "x", "y")
 GYRO_SCALE_DIFFERENCE = Entry("wheel", "gyro_across", "scale_difference", 0.0075, 2e-6)
-"""Half of what the scale of gx is beyond that of gy; of both 1 % each, so that it is as large as their mean.
+"""Half of the scale error of gx minus that of gy; the prior belongs to scale errors of 1 % each.
 
-While a wheel turns slowly each curve is measured by another mixture of the two: turns have errors of their
-own, which no common scale explains. No calibration tells it, as a wheel that turns fast shows the mean alone.
-Walk: temperature, 0.012 % in an hour.
+On a slowly turning wheel each curve is measured by another mixture of the two gyros, so turns have errors
+that no common scale explains. No calibration provides it, because a fast wheel shows only the mean of both.
+Random walk: temperature, 0.012 % in an hour.
 """
 
-YAW_RATE_FROM_GRAVITY = _of("wheel", GyroGSensitivity, "xx", "yy", factor=STANDARD_GRAVITY)
-"""rad/s. Gravity turns with the wheel: what it makes in x and y adds up to one yaw rate."""
+YAW_RATE_FROM_GRAVITY = _effect_entry("wheel", GyroGSensitivity, "xx", "yy", factor=STANDARD_GRAVITY)
+"""rad/s. Gravity rotates in the node, so the g-sensitivities of gx and gy add up to one constant yaw rate."""
 
-WHEEL_RADIUS = _of("wheel", WheelRadius, "error")
-AXIAL_LEAK_X = _of("wheel", AccelNonorthogonality, "zy", alone=False)
-"""How much of the force along x the axial accelerometer feels; a tilt of the node does the same."""
+WHEEL_RADIUS = _effect_entry("wheel", WheelRadius, "error")
+AXIAL_LEAK_X = _effect_entry("wheel", AccelNonorthogonality, "zy", alone=False)
+"""Share of the force along x in the reading of the axial accelerometer; a tilted node has the same effect."""
 
-AXIAL_LEAK_Y = _of("wheel", AccelNonorthogonality, "zx", alone=False)
-"""The same of the force along y, negated."""
+AXIAL_LEAK_Y = _effect_entry("wheel", AccelNonorthogonality, "zx", alone=False)
+"""The same share of the force along y, negated."""
 
-EXCESS = Entry("wheel", "clipping", "excess", 0.0, 0.0)
-"""rad/s about the axle that a clipped gyro does not show; zero while it shows all."""
+RATE_BEYOND_RANGE = Entry("wheel", "clipping", "excess", 0.0, 0.0)
+"""rad/s, rate about the axle beyond the range of a saturated gyro; zero while the gyro is in range."""
 
 ANTENNA_X = Entry("vehicle", "antenna", "x", 1.5, 0.0)
-"""m forward of the body origin, of what is told where it is; anywhere on a car."""
+"""m forward of the body origin, of the point whose position is measured; prior: anywhere on a car."""
 
 ANTENNA_Y = Entry("vehicle", "antenna", "y", 0.5, 0.0)
-"""m to the left; most stand in the middle."""
+"""m to the left; most antennas are near the middle."""
 
 POSITION_DELAY = Entry("vehicle", "positions", "delay", 0.05, 0.0)
-"""s by which the time stamps of the positions are later than the nodes'. Two clocks that somebody set."""
+"""s by which time stamps of positions are later than those of the nodes; prior: two clocks set by hand."""
 
-POSITION_ERROR_X = Entry("vehicle", "positions", "error_x", 0.1, 0.0, forgets=600.0)
-"""m east, what changes slowly in a position's error: satellites that rise, reflections, a filter's memory.
+POSITION_ERROR_X = Entry("vehicle", "positions", "error_x", 0.1, 0.0, correlation_time=600.0)
+"""m east, the slowly varying error of positions: satellite geometry, multipath, filtering in the receiver.
 
-Ten minutes: satellites move on; a jump lasts as well. How large it is the positions tell.
+Correlation time: ten minutes, in which the satellites move on; errors after a jump last as long. The prior
+is replaced by a size estimated from the positions.
 """
 
-POSITION_ERROR_Y = Entry("vehicle", "positions", "error_y", 0.1, 0.0, forgets=600.0)
+POSITION_ERROR_Y = Entry("vehicle", "positions", "error_y", 0.1, 0.0, correlation_time=600.0)
 """m north."""
 
 ENCODER_LEFT = Entry("vehicle", "encoder", "left", 0.01, 0.0)
-"""By which share the surface speed that another odometer tells of the left wheel is too large: its radius."""
+"""Relative scale error of the surface speed that another odometer reports of the left wheel: its radius."""
 
 ENCODER_RIGHT = Entry("vehicle", "encoder", "right", 0.01, 0.0)
 
-OF_VEHICLE = (X, Y, HEADING, SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET, SLOPE)
-OF_WHEEL = (
+VEHICLE_ENTRIES = (X, Y, HEADING, SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET, SLOPE)
+WHEEL_ENTRIES = (
     WHEEL_ANGLE,
     *(GYRO_SCALE_Z, GYRO_BIAS_Z, GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_Y, MISALIGNMENT_X),
     *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, ACCEL_BIAS_Z, CAMBER, GYRO_SCALE_ACROSS),
-    *(GYRO_SCALE_DIFFERENCE, YAW_RATE_FROM_GRAVITY, WHEEL_RADIUS, AXIAL_LEAK_X, AXIAL_LEAK_Y, EXCESS),
+    *(
+        GYRO_SCALE_DIFFERENCE,
+        YAW_RATE_FROM_GRAVITY,
+        WHEEL_RADIUS,
+        AXIAL_LEAK_X,
+        AXIAL_LEAK_Y,
+        RATE_BEYOND_RANGE,
+    ),
 )
-OF_POSITIONS = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
-"""What there is besides where positions are told."""
+POSITION_ENTRIES = (ANTENNA_X, ANTENNA_Y, POSITION_DELAY, POSITION_ERROR_X, POSITION_ERROR_Y)
+"""Additional entries of a filter aided by positions."""
 
-OF_ENCODER = (ENCODER_LEFT, ENCODER_RIGHT)
-"""What there is besides where another odometer tells surface speeds."""
+ENCODER_ENTRIES = (ENCODER_LEFT, ENCODER_RIGHT)
+"""Additional entries of a filter aided by surface speeds of another odometer."""
 
-SEEN_ROLLING = (
+OBSERVABLE_WHEN_ROLLING = (
     *(GYRO_SCALE_Z, MISALIGNMENT_X, MISALIGNMENT_Y),
     *(LEVER_ARM_X, LEVER_ARM_Y, WHEEL_RADIUS, TIME_OFFSET),
 )
-"""What only a wheel that turns can show: these multiply its rate, which at rest is the noise of the gyro."""
+"""Entries that multiply the rate of a wheel. At standstill that rate is gyro noise, so they are not
+observable.
+"""
 
-SEEN_TURNING = (GYRO_SCALE_ACROSS, GYRO_SCALE_DIFFERENCE, TRACK_WIDTH)
-"""What only a vehicle that turns can show: the same of the yaw rate."""
+OBSERVABLE_WHEN_TURNING = (GYRO_SCALE_ACROSS, GYRO_SCALE_DIFFERENCE, TRACK_WIDTH)
+"""Entries that multiply the yaw rate of the vehicle."""
 
-SEEN_BY_TWO = (TRACK_WIDTH, TIME_OFFSET)
-"""What one wheel cannot show."""
+OBSERVABLE_WITH_TWO_WHEELS = (TRACK_WIDTH, TIME_OFFSET)
+"""Entries that a single wheel cannot observe."""
 
 
-class Columns:
-    """Where each entry stands in the state, the vehicle's first, then those of each wheel.
+class StateLayout:
+    """Column of each entry in the state: those of the vehicle first, then those of each wheel.
 
-    Worked out once, when a filter is built. told: whether it is told positions; encoder: surface speeds.
+    Attributes
+    ----------
+    vehicle : columns of the vehicle's entries.
+    wheels : for each wheel, columns of its own entries and of the vehicle's.
+    size : length of the state vector.
     """
 
-    def __init__(self, wheels: int, told: bool = False, encoder: bool = False) -> None:
-        of_vehicle = OF_VEHICLE + (OF_POSITIONS if told else ()) + (OF_ENCODER if encoder else ())
+    def __init__(self, wheels: int, position_aided: bool = False, encoder_aided: bool = False) -> None:
+        of_vehicle = (
+            VEHICLE_ENTRIES
+            + (POSITION_ENTRIES if position_aided else ())
+            + (ENCODER_ENTRIES if encoder_aided else ())
+        )
         self.vehicle = {entry: place for place, entry in enumerate(of_vehicle)}
-        self.size = len(of_vehicle) + wheels * len(OF_WHEEL)
+        self.size = len(of_vehicle) + wheels * len(WHEEL_ENTRIES)
         self.wheels: list[dict[Entry, int]] = []
-        for first in range(len(of_vehicle), self.size, len(OF_WHEEL)):
-            own = {entry: first + place for place, entry in enumerate(OF_WHEEL)}
+        for first in range(len(of_vehicle), self.size, len(WHEEL_ENTRIES)):
+            own = {entry: first + place for place, entry in enumerate(WHEEL_ENTRIES)}
             self.wheels.append(self.vehicle | own)
 
-    def of(self, wheel: int, entries: Sequence[Entry]) -> list[int]:
-        """Columns of entries as a wheel sees them: the vehicle's and its own."""
+    def columns_of(self, wheel: int, entries: Sequence[Entry]) -> list[int]:
+        """Return the columns of `entries` for a wheel, its own and the vehicle's."""
         return [self.wheels[wheel][entry] for entry in entries]

@@ -17,7 +17,6 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -25,34 +24,35 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_Z,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     TRACK_WIDTH,
     WHEEL_ANGLE,
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
+from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
-from hubodo.fuse.wheel.records import Pose, Step
+from hubodo.fuse.wheel.records import Pose, StepInput
 from hubodo.fuse.wheel.state import Wheel
-from hubodo.fuse.wheel.step import WheelStep
-from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
-from hubodo.fuse.wheel.window import NOTHING, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, Window
 from hubodo.vehicle import facing_sign
 
-LISTENED = 10
+ALIGNMENT_WINDOWS = 10
 """Windows that are looked at together for the wheel angles before the first pose.
 
 A second of gravity, through which a vehicle does not brake or turn one way.
 """
 
-_PATIENCE = 10
+_MAX_NODE_DELAY_WINDOWS = 10
 """Windows by which a node may fall behind the other before it is taken as not heard.
 
 A second, what a radio link may hold samples back.
 """
 
 
-_AT_ONCE = 3
+_MAX_STEPS_PER_SAMPLE = 3
 """Steps that a sample which completes a window leads to at most: the rest waits for the next windows.
 
 When a node is heard again that was late, and at the first pose, ten are due; they are caught up with in half
@@ -97,7 +97,7 @@ class WheelState:
     speed: float
     yaw_rate: float
     covariance: Array
-    still: Stillness
+    motion_state: MotionState
 
 
 class WheelFilter:
@@ -112,16 +112,16 @@ class WheelFilter:
         """speeds: what another odometer tells, where the config says that there is one."""
         self.config = config
         self._speeds = speeds or {}
-        self.core = WheelStep(config)
-        self.steps: list[Step] | None = None
+        self.core = FilterCore(config)
+        self.recorded_steps: list[StepInput] | None = None
         self._builders = {
             name: WindowBuilder(node.facing, 0.0, node.gyro_limit, node.accel_limit)
             for name, node in config.nodes.items()
         }
         self._queues: dict[str, deque[Window]] = {name: deque() for name in config.nodes}
         self._number: int | None = None
-        self._pending: list[Step] = []
-        self._due: deque[Step] = deque()
+        self._pending: list[StepInput] = []
+        self._due: deque[StepInput] = deque()
         self._begun = False
         self._last: dict[str, WheelSample] = {}
         self._shown: dict[str, tuple[float, float, float]] = {}
@@ -140,8 +140,8 @@ class WheelFilter:
             self._shown.pop(sample.node, None)
         if windows:
             self._queues[sample.node].extend(windows)
-            self._advance(_PATIENCE)
-        return FilterOutput(self._run(_AT_ONCE) if windows else (), refused)
+            self._advance(_MAX_NODE_DELAY_WINDOWS)
+        return FilterOutput(self._run(_MAX_STEPS_PER_SAMPLE) if windows else (), refused)
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
         """A block of each node, over the same time.
@@ -157,7 +157,7 @@ class WheelFilter:
             before = builder.refused
             self._queues[name].extend(builder.add_many(t, gyro, accel))
             refused += builder.refused - before
-        self._advance(_PATIENCE)
+        self._advance(_MAX_NODE_DELAY_WINDOWS)
         return FilterOutput(self._run(), refused)
 
     def finish(self) -> FilterOutput:
@@ -172,12 +172,12 @@ class WheelFilter:
         if pose is None:
             return None
         for wheel in self.core.wheels:
-            if wheel.joined and wheel.name in self._last and wheel.name not in self._shown:
+            if wheel.angle_initialised and wheel.name in self._last and wheel.name not in self._shown:
                 self._shown[wheel.name] = self._now(wheel)
         rates = [item for item in self._shown.values() if item[0] >= pose.t]
-        if not rates or pose.still is not Stillness.MOVING:
+        if not rates or pose.motion_state is not MotionState.MOVING:
             t = max([pose.t, *(item[0] for item in rates)])
-            return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.still)
+            return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.motion_state)
         t = max(item[0] for item in rates)
         speed = sum(item[1] for item in rates) / len(rates)
         yaw_rate = sum(item[2] for item in rates) / len(rates)
@@ -186,7 +186,7 @@ class WheelFilter:
         way = 0.5 * (speed + pose.speed) * dt
         course = pose.heading + 0.5 * turn
         x, y = pose.x + way * math.cos(course), pose.y + way * math.sin(course)
-        return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.still)
+        return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
 
     @property
     def refused(self) -> dict[str, int]:
@@ -198,12 +198,12 @@ class WheelFilter:
 
         By the equations of yaw.py and rolling.py.
         """
-        sample, x, at = self._last[wheel.name], self.core.x, wheel.at
+        sample, x, at = self._last[wheel.name], self.core.x, wheel.columns
         assert self._pose is not None
         sign = facing_sign(wheel.node.facing)
         spin = sign * sample.gyro[2]
         if abs(spin) >= wheel.node.gyro_limit:
-            spin += x[at[EXCESS]]
+            spin += x[at[RATE_BEYOND_RANGE]]
         else:
             spin = (spin - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
         lean = x[at[CAMBER]]
@@ -215,7 +215,7 @@ class WheelFilter:
         yaw_rate = felt / ((1.0 + x[at[GYRO_SCALE_ACROSS]]) * math.cos(lean)) - wheel.geometry.ground_rate
         rate = spin - wheel.geometry.side * yaw_rate * math.sin(lean)
         speed = wheel.geometry.radius * (1.0 + x[at[WHEEL_RADIUS]]) * rate
-        contact = wheel.geometry.contact * (1.0 + x[at[TRACK_WIDTH]])
+        contact = wheel.geometry.contact_y * (1.0 + x[at[TRACK_WIDTH]])
         return sample.t, speed + yaw_rate * contact, yaw_rate
 
     def _advance(self, patience: int) -> None:
@@ -233,9 +233,9 @@ class WheelFilter:
                 self._begin()
                 self._pass_over(self._number, number)
             row = tuple([_window(queue, number) for queue in queues])
-            step = Step(row, number, self._begun, speeds=self._speeds.get(number))
+            step = StepInput(row, number, self._begun, surface_speeds=self._speeds.get(number))
             (self._due if self._begun else self._pending).append(step)
-            if len(self._pending) >= LISTENED:
+            if len(self._pending) >= ALIGNMENT_WINDOWS:
                 self._begin()
             self._number = number + 1
 
@@ -244,17 +244,17 @@ class WheelFilter:
         told = [number for number in range(first, end) if number in self._speeds] if self._speeds else []
         for number in told:
             if number > first:
-                self._due.append(Step((), number - 1, True, number - first))
-            nothing = (NOTHING,) * len(self._queues)
-            self._due.append(Step(nothing, number, True, speeds=self._speeds[number]))
+                self._due.append(StepInput((), number - 1, True, number - first))
+            nothing = (EMPTY_WINDOW,) * len(self._queues)
+            self._due.append(StepInput(nothing, number, True, surface_speeds=self._speeds[number]))
             first = number + 1
         if end > first:
-            self._due.append(Step((), end - 1, True, end - first))
+            self._due.append(StepInput((), end - 1, True, end - first))
 
     def _begin(self) -> None:
         if self._pending:
             self._begun = True
-            self.core.begin([step.windows for step in self._pending])
+            self.core.align([step.windows for step in self._pending])
             self._due.extend(self._pending)
             self._pending = []
 
@@ -263,9 +263,9 @@ class WheelFilter:
         poses = []
         for _ in range(len(self._due) if most is None else min(most, len(self._due))):
             step = self._due.popleft()
-            if self.steps is not None:
-                self.steps.append(step)
-            poses.append(self.core.step(step, LISTENED))
+            if self.recorded_steps is not None:
+                self.recorded_steps.append(step)
+            poses.append(self.core.step(step, ALIGNMENT_WINDOWS))
         if poses:
             self._pose = poses[-1]
             self._shown.clear()
@@ -279,4 +279,4 @@ def _drop_before(queue: deque[Window], number: int) -> None:
 
 def _window(queue: deque[Window], number: int) -> Window:
     """Window `number` of a node, taken from the queue."""
-    return queue.popleft() if queue and queue[0].number == number else NOTHING
+    return queue.popleft() if queue and queue[0].number == number else EMPTY_WINDOW

@@ -15,15 +15,15 @@ from scipy.linalg import cho_factor, cho_solve
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.lost_wheels import LostWheels
-from hubodo.fuse.wheel.records import POSE, Kept, Pose, Step
-from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, StepInput, StepRecord
+from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
 _ROUNDING = 1e-10
 """Added to correlations of 1: far above the rounding of a covariance, 1e-16 of up to a hundred steps."""
 
 
-class FixedLag:
+class FixedLagSmoother:
     """The filter's poses, `lag` steps late.
 
     Hand each step to `add`: the pose of `lag` steps before comes back, or None; `finish` gives those that had
@@ -33,12 +33,12 @@ class FixedLag:
     def __init__(self, lag: int, pose: list[int]) -> None:
         self._lag, self._pose = lag, pose
         self._poses: deque[Pose] = deque()
-        self._before: tuple[Kept, Array] | None = None
+        self._before: tuple[StepRecord, Array] | None = None
         self._rows = np.empty((0, 0, 0))
-        self._mean = np.empty((0, len(POSE)))
-        self._covariance = np.empty((0, len(POSE), len(POSE)))
+        self._mean = np.empty((0, len(POSE_ENTRIES)))
+        self._covariance = np.empty((0, len(POSE_ENTRIES), len(POSE_ENTRIES)))
 
-    def add(self, pose: Pose, kept: Kept, transition: Array) -> Pose | None:
+    def add(self, pose: Pose, kept: StepRecord, transition: Array) -> Pose | None:
         """The newest step: its pose, and both sides of its measurements.
 
         Besides, the transition (n, n) from there to its end.
@@ -46,13 +46,13 @@ class FixedLag:
         if self._lag == 0:
             return pose
         if self._before is not None:
-            self._learn(kept, gain(*self._before, kept))
+            self._learn(kept, smoother_gain(*self._before, kept))
         rows = transition[self._pose]
         self._poses.append(pose)
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
         self._mean = np.concatenate([self._mean, np.array(pose[1:6])[None]])
         covariance = rows @ kept.p @ rows.T
-        covariance[:2, :2] += kept.shortened
+        covariance[:2, :2] += kept.heading_inflation
         self._covariance = np.concatenate([self._covariance, covariance[None]])
         self._before = kept, transition
         return self._oldest() if len(self._poses) > self._lag else None
@@ -61,7 +61,7 @@ class FixedLag:
         """No more steps come."""
         return [self._oldest() for _ in range(len(self._poses))]
 
-    def _learn(self, kept: Kept, step_back: Array) -> None:
+    def _learn(self, kept: StepRecord, step_back: Array) -> None:
         """What the measurements of a step say about the poses that wait."""
         count, size, states = self._rows.shape
         flat = self._rows.reshape(-1, states) @ step_back
@@ -80,17 +80,17 @@ class FixedLag:
         )
 
 
-def gain(before: Kept, transition: Array, after: Kept) -> Array:
+def smoother_gain(before: StepRecord, transition: Array, after: StepRecord) -> Array:
     """G (n, n) of the step back: P F' over the covariance that the later step began with.
 
     States without spread there, and those begun anew, tell nothing about the past.
     """
     forward = transition.copy()
-    if after.passed is not None:
-        forward = after.passed @ forward
-    forward[after.renewed] = 0.0
-    if after.carried is not None:
-        place, by = after.carried
+    if after.outage_transition is not None:
+        forward = after.outage_transition @ forward
+    forward[after.reset_states] = 0.0
+    if after.speed_row is not None:
+        place, by = after.speed_row
         forward[place] = by @ forward
     known = np.flatnonzero(np.diag(after.prior_p) > 0.0)
     scale = np.sqrt(np.diag(after.prior_p)[known])
@@ -103,18 +103,18 @@ def gain(before: Kept, transition: Array, after: Kept) -> Array:
 
 
 def smooth_with_lag(
-    config: WheelConfig, steps: Sequence[Step], needed: int, lag: int, slips: LostWheels
+    config: WheelConfig, steps: Sequence[StepInput], alignment_windows: int, lag: int, slips: SlipSchedule
 ) -> list[Pose]:
     """Poses of all steps, each from the log up to `lag` steps after it.
 
     needed: windows the filter began with; slips: as it found them, up to two seconds late.
     """
-    core = WheelStep(config, slips)
-    behind = FixedLag(lag, core.pose)
-    core.keep = True
-    core.begin([step.windows for step in steps if not step.listen])
+    core = FilterCore(config, slips)
+    behind = FixedLagSmoother(lag, core.pose_columns)
+    core.records_steps = True
+    core.align([step.windows for step in steps if not step.realign])
     poses = []
     for step in steps:
-        pose = behind.add(core.step(step, needed), core.kept, core.transition())
+        pose = behind.add(core.step(step, alignment_windows), core.record, core.transition())
         poses += [] if pose is None else [pose]
     return poses + behind.finish()

@@ -1,4 +1,4 @@
-"""What is integrated over the samples of a node, and a window as the difference of two integrals."""
+"""Integrands over the samples of a node, and windows as differences of their integrals."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.sine import cosine_and_sine
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-# The integrands, one row each: gz; real and imaginary parts of what turns with the carrier (gyros across,
-# one, force, gz, gz²); what does not turn; squares; and what stood at its limit.
+# Rows of the integrands: gz; real and imaginary parts of the terms rotated by the carrier (gyros across the
+# axle W, one E, force F, gz S, gz² Q); terms that are not rotated; squares; and saturation flags.
 GZ, WR, WI, ER, EI, FR, FI, AZ, GX, GY, AX, AY = range(12)
 GG, ZZ, SR, SI, QR, QI, CS, CA, CF, CZ = range(12, 22)
 MISSING = CZ + 1
-"""The time without samples. Behind it stand gz and the two parts of gx + i gy, as they are at an edge."""
-KEPT = (GZ, GX, GY, AX, AY, CF)
-"""What `WindowSamples` are made of."""
+"""Row of the time without samples. Behind it are gz and both parts of gx + i gy at the edges."""
+SAMPLE_ROWS = (GZ, GX, GY, AX, AY, CF)
+"""Rows that `WindowSamples` are built from."""
 _TURNING, _TURNING_TOO = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
-"""Real and imaginary parts of what turns with the wheel."""
+"""Real and imaginary parts of the rotated terms."""
 
 
 def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tuple[float, float]) -> Array:
-    """What is integrated over samples, (CZ + 1, N).
+    """Return the integrands of samples, (CZ + 1, N).
 
-    gyro: (N, 3) rad/s, accel: (N, 3) m/s², as a node gives them; sign: -1 where it faces right. angle: rad,
-    the carrier's. limits: rad/s and m/s², from which on a sample counts as clipped.
+    gyro: (N, 3) rad/s and accel: (N, 3) m/s², node axes; sign: -1.0 for a node facing right. angle: (N,)
+    rad, carrier. limits: rad/s and m/s² from which on a sample counts as clipped.
     """
     gx, gy, gz = gyro[:, 0], sign * gyro[:, 1], sign * gyro[:, 2]
     ax, ay, az = accel[:, 0], sign * accel[:, 1], sign * accel[:, 2]
@@ -48,9 +48,9 @@ def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tup
 
 
 def differences(first: int, at: Array) -> list[Window]:
-    """Windows from number `first` on.
+    """Return the windows from number `first` on between consecutive edges.
 
-    They lie between edges at which the integrals, the time without samples, gz and gx + i gy are `at`.
+    edge_rows: (CZ + 5, N) integrals, time without samples, gz and gx + i gy at the edges.
     """
     d = at[:, 1:] - at[:, :-1]
     count = d.shape[1]
@@ -61,8 +61,8 @@ def differences(first: int, at: Array) -> list[Window]:
     at_edge = at[-2] + 1j * at[-1]
     back = np.exp(-1j * middle)
     turned = _turned(d, *cosine_and_sine(middle))
-    change = ((rate_end - rate_start) / WINDOW).tolist()
-    mean = d / WINDOW
+    change = ((rate_end - rate_start) / WINDOW_S).tolist()
+    mean = d / WINDOW_S
     gyro_variance = mean[GG] - (mean[GX] ** 2 + mean[GY] ** 2 + mean[GZ] ** 2)
     axial_variance = mean[ZZ] - mean[AZ] * mean[AZ]
     columns: dict[str, Iterable[Any]] = {
@@ -94,7 +94,9 @@ def differences(first: int, at: Array) -> list[Window]:
 
 
 def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
-    """Of each pair of rows that turn, by its first: times e^(-i middle), so that it counts from there."""
+    """Return each rotated pair of rows times e^(-i middle), by its first row, so that angles count from the
+    middle.
+    """
     real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
     pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
     return dict(zip(_TURNING, pairs, strict=True))

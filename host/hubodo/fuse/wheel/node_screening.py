@@ -1,4 +1,4 @@
-"""Samples of wheel nodes that no filter should see: a sensor that froze, a clock that went back."""
+"""Reject samples of wheel nodes before filtering: frozen sensors and clocks that went back."""
 
 from __future__ import annotations
 
@@ -13,23 +13,24 @@ from hubodo.fuse.wheel.preintegration import LONGEST_STEP
 from hubodo.recording import Table
 
 _FROZEN = 0.5
-"""s without a change of one bit: noise alone changes some bit of six within a few samples."""
+"""s without a change of any bit; sensor noise changes a bit of six axes within a few samples."""
 
 _OTHER_TURNS = 0.1
-"""rad/s of spread in the rates of the other wheel, by which a vehicle is known to move.
+"""rad/s, standard deviation of the other wheel's rates above which the vehicle moves.
 
-A thousand times the noise of the LSM6DS33 in a sample.
+A thousand times the noise of an LSM6DS33 sample.
 """
 
 _RUN, _CROWDED = 20, 0.6
-"""So many samples in less than this share of their usual time are of two times.
+"""Number of samples, and the share of their usual duration below which they come from two interleaved
+records.
 
-Those of one clock would take half of it when mixed one to one. Estimated.
+Two records mixed one to one take half of the usual duration. Estimated.
 """
 
 
-def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:
-    """The tables of all wheel nodes without such samples, and one line for each stretch left out."""
+def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:
+    """Return the tables of all wheel nodes without rejected samples, and one line for each rejected run."""
     kept, said = {}, []
     for name, table in nodes.items():
         others = [other for other_name, other in nodes.items() if other_name != name]
@@ -38,7 +39,7 @@ def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, .
             (mixed, "samples of two times stand between one another: its clock went back"),
             (frozen & ~mixed, "not one bit of its samples changed while the other wheel turned: it froze"),
         ):
-            for first, last in stretches(bad):
+            for first, last in find_runs(bad):
                 span = f"from t = {table.t[first]:.1f} to {table.t[last]:.1f} s"
                 said.append(f"{name}: {span} {why}; left out, sigmas grow there")
         good = ~(mixed | frozen)
@@ -46,8 +47,8 @@ def screened(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, .
     return kept, tuple(said)
 
 
-def own_gaps(tables: Sequence[Table]) -> list[list[float]]:
-    """Times, s, at which gaps begin that no other table has at that time, for each table."""
+def find_own_gaps(tables: Sequence[Table]) -> list[list[float]]:
+    """Return, for each table, the start times (s) of gaps that no other table has at the same time."""
     starts = [table.t[:-1][np.diff(table.t) > LONGEST_STEP] for table in tables]
     found = []
     for own in starts:
@@ -58,14 +59,14 @@ def own_gaps(tables: Sequence[Table]) -> list[list[float]]:
 
 
 def _frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
-    """(N,) samples that repeat the one before for `_FROZEN` s and more while another node's rates vary.
+    """Return a mask (N,) of samples repeated for `_FROZEN` s or longer while another node rotates.
 
-    At rest the samples of a simulation without noise are alike as well; there the other wheel rests, too.
+    A noise-free simulation at standstill repeats samples too; there the other wheel stands still as well.
     """
     found = np.zeros(len(table), np.bool_)
     rows = np.hstack([table.gyro, table.accel])
     alike = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
-    for first, last in stretches(alike):
+    for first, last in find_runs(alike):
         begin, end = table.t[first], table.t[last]
         if end - begin < _FROZEN:
             continue
@@ -77,9 +78,9 @@ def _frozen(table: Table, others: list[Table]) -> NDArray[np.bool_]:
 
 
 def _mixed(t: Array) -> NDArray[np.bool_]:
-    """(N,) samples that stand much closer together than most do, for `_RUN` of them and more.
+    """Return a mask (N,) of runs of `_RUN` or more samples that follow each other much faster than most do.
 
-    After a clock went back, a log in order of time has those of before and after between one another.
+    After a clock went back, a log sorted by time interleaves the samples from before and after.
     """
     found = np.zeros(len(t), np.bool_)
     if len(t) < 4 * _RUN:
@@ -90,7 +91,7 @@ def _mixed(t: Array) -> NDArray[np.bool_]:
     return found
 
 
-def stretches(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and last number of each stretch of flags that are set."""
+def find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first and last index of each run of True values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return [(first, end - 1) for first, end in list(pairwise(edges.tolist()))[::2]]

@@ -1,4 +1,4 @@
-"""Are the times of a log's nodes those of one drive, in seconds? Refused with what they look like instead."""
+"""Check that the time stamps of a log's nodes are in seconds and overlap."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hubodo.fuse.wheel.preintegration import LONGEST_STEP
 from hubodo.recording import Table
 
 _SHORTEST_STEP = 1.0 / 7000.0
-"""s between samples; no IMU of a wheel is faster than the 6,660 Hz of an LSM6DS33."""
+"""s between samples at 7 kHz; the fastest rate of an LSM6DS33 is 6.66 kHz."""
 
 _UNITS = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 
 def check_times(nodes: Mapping[str, Table], log: str) -> None:
-    """Raises InputError for samples too slow or in another unit, and for nodes without common time."""
+    """Raise InputError if samples are too slow, in another unit, or if nodes have no common time."""
     for name, table in nodes.items():
         if len(table) < 3:
             continue

@@ -1,4 +1,4 @@
-"""The samples of one node cut into windows."""
+"""Cut the samples of one node into windows."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.integrals import CZ, GZ, KEPT, MISSING, WI, WR, differences, integrands
-from hubodo.fuse.wheel.window import WINDOW, Window
-from hubodo.fuse.wheel.window_samples import samples_between
+from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, differences, integrands
+from hubodo.fuse.wheel.window import WINDOW_S, Window
+from hubodo.fuse.wheel.window_samples import slice_samples
 from hubodo.vehicle import Facing, facing_sign
 
 LONGEST_BRIDGE = 0.8
-"""s between samples over which the straight line between them stands for what is missing; longer is a pause.
+"""s between samples up to which a gap is interpolated linearly; a longer gap is a pause.
 
-Shorter than what the filter waits for a node that is late, so that a log and a live run see the same pause.
-At walking pace a wheel's rate bends by less than can be told from gravity meanwhile. Estimated.
+Shorter than the time for which the filter waits for a late node, so that log and live run see the same
+pauses. At walking pace the curvature of the wheel's rate is not visible in gravity meanwhile. Estimated.
 """
 
 LONGEST_STEP = 0.08
-"""s between samples; what is longer is a gap: at its slowest, 13 Hz, an LSM6DS33 takes 0.077."""
+"""s between samples; longer is a gap. The slowest rate of an LSM6DS33 is 13 Hz, 0.077 s."""
 
 _PORTION = 4096
-"""Samples worked at a time: what is made of them stays in the processor's cache."""
+"""Samples per block, so that its intermediate arrays fit into the processor's cache."""
 
 
 _Row = tuple[float, ...]
@@ -31,15 +31,19 @@ _Row = tuple[float, ...]
 
 @dataclass
 class WindowBuilder:
-    """Cuts the samples of one node into windows; the result does not depend on the portions they come in.
+    """Cut the samples of one node into windows, independently of how samples are split into blocks.
 
-    Integrals run over the straight lines between samples from the first one after a pause; a window is the
-    difference of two of them. Sums are made one after the other, as a live run makes them. A pause is longer
-    than LONGEST_BRIDGE: no windows are made of it, and its first sample counts when a second one follows, as
-    one false time stamp is no pause.
+    Integrals run over the linear interpolation from the first sample after a pause; a window is the
+    difference of two of them. Sums are made sequentially, as in a live run. No windows cover a pause (a gap
+    longer than LONGEST_BRIDGE). The first sample after a pause counts once a second one follows, because a
+    single wrong time stamp is no pause.
 
-    facing: where the node's z axis points. gyro_limit: rad/s, accel_limit: m/s², beyond which a sample counts
-    as clipped. start: s, time of the first edge.
+    Attributes
+    ----------
+    facing : direction of the node's z axis.
+    start : s, time of the first edge.
+    gyro_limit, accel_limit : rad/s and m/s², beyond which a sample counts as clipped.
+    refused : number of samples left out.
     """
 
     facing: Facing
@@ -58,17 +62,18 @@ class WindowBuilder:
 
     @property
     def newest(self) -> float | None:
-        """s, time of the newest sample that counts."""
+        """Return the time of the newest accepted sample, s."""
         return self._newest
 
     def add(self, t: float, gyro: tuple[float, ...], accel: tuple[float, ...]) -> list[Window]:
-        """One sample; the windows it completes.
+        """Add one sample and return the windows it completes.
 
-        One whose time does not increase, or jumps ahead and is not followed, is counted and left out.
+        A sample whose time does not increase, or that jumps ahead without a successor, is counted and left
+        out.
         """
         row = (*gyro, *accel)
         if self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE:
-            # The one that jumped ahead before is not followed.
+            # The pending sample that jumped ahead has no successor.
             self.refused += self._ahead is not None
             self._ahead = None
             return self._take(t, row)
@@ -84,7 +89,10 @@ class WindowBuilder:
         return []
 
     def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
-        """Many samples, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s², finite; the windows they complete."""
+        """Add many samples and return the windows they complete.
+
+        t: (N,) s, gyro: (N, 3) rad/s, accel: (N, 3) m/s², all finite.
+        """
         windows: list[Window] = []
         done, count = 0, len(t)
         while done < count:
@@ -93,19 +101,19 @@ class WindowBuilder:
                 part = slice(done, done + run)
                 windows += self._take_many(t[part], gyro[part], accel[part])
                 done += run
-            # What does not follow at once is looked at as if it came alone.
+            # Samples after a gap take the path of single samples.
             while done < count and not self._follows(float(t[done])):
                 windows += self.add(float(t[done]), tuple(gyro[done].tolist()), tuple(accel[done].tolist()))
                 done += 1
         return windows
 
     def _follows(self, t: float) -> bool:
-        """Whether a sample at t goes on where the last one was, and no other time is in question."""
+        """Return True if a sample at `t` continues the record and no other sample is pending."""
         going_on = self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE
         return going_on and self._ahead is None
 
     def _unbroken(self, t: Array) -> int:
-        """How many of the first samples follow one another at once."""
+        """Return the number of leading samples without a gap."""
         if not self._follows(float(t[0])):
             return 0
         steps = np.diff(t)
@@ -113,7 +121,7 @@ class WindowBuilder:
         return int(broken[0]) + 1 if len(broken) else len(t)
 
     def _pause(self) -> None:
-        """Begins anew; what had not yet filled a window is dropped."""
+        """Restart the integrals; samples that do not fill a window are dropped."""
         self._time, self._rows = [], []
         self._last = self._at_edge = None
 
@@ -121,7 +129,7 @@ class WindowBuilder:
         self._newest = t
         self._time.append(t)
         self._rows.append(row)
-        waits = self._last is not None and t < self.start + self._edge * WINDOW
+        waits = self._last is not None and t < self.start + self._edge * WINDOW_S
         if waits or (self._last is None and len(self._time) < 2):
             return []
         rows = np.array(self._rows)
@@ -148,10 +156,10 @@ class WindowBuilder:
     def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
         sign, limits = facing_sign(self.facing), (self.gyro_limit, self.accel_limit)
         if self._last is None:
-            self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW - 1e-9)))
+            self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW_S - 1e-9)))
             rows = integrands(gyro[:1], accel[:1], np.zeros(1), sign, limits)
             self._last = (t[:1], rows, np.zeros((CZ + 2, 1)))
-            self._kept_rows = (t[:1], rows[list(KEPT)])
+            self._kept_rows = (t[:1], rows[list(SAMPLE_ROWS)])
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
         t_before, rows_before, totals_before = self._last
         t = np.concatenate([t_before, t])
@@ -170,23 +178,26 @@ class WindowBuilder:
         return windows
 
     def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
-        """The windows, those with a clipped spin with their samples; t, rows: from the last one before on."""
+        """Attach samples to windows with a clipped spin.
+
+        t, rows: from the last sample of the previous block on.
+        """
         assert self._kept_rows is not None
         time = np.concatenate([self._kept_rows[0], t[1:]])
-        kept = np.concatenate([self._kept_rows[1], rows[KEPT, 1:]], axis=1)
+        kept = np.concatenate([self._kept_rows[1], rows[SAMPLE_ROWS, 1:]], axis=1)
         for place, window in enumerate(windows):
             if window.spin_clipped > 0.0:
-                begin = self.start + window.number * WINDOW
-                windows[place] = window._replace(samples=samples_between(time, kept, begin, begin + WINDOW))
-        edge = self.start + (self._edge - 1) * WINDOW
+                begin = self.start + window.number * WINDOW_S
+                windows[place] = window._replace(samples=slice_samples(time, kept, begin, begin + WINDOW_S))
+        edge = self.start + (self._edge - 1) * WINDOW_S
         first = max(0, int(np.searchsorted(time, edge, side="right")) - 1) if windows else 0
         self._kept_rows = (time[first:].copy(), kept[:, first:].copy())
         return windows
 
     def _cut(self, t: Array, rows: Array, totals: Array) -> list[Window]:
-        last = int(np.floor((t[-1] - self.start) / WINDOW + 1e-9))
+        last = int(np.floor((t[-1] - self.start) / WINDOW_S + 1e-9))
         numbers = np.arange(self._edge, max(last, self._edge - 1) + 1)
-        edges = self.start + numbers * WINDOW
+        edges = self.start + numbers * WINDOW_S
         inside = (edges <= t[-1]) & (edges >= t[0])
         numbers, edges = numbers[inside], edges[inside]
         if not len(numbers):
@@ -199,7 +210,7 @@ class WindowBuilder:
         at = np.empty((CZ + 5, len(edges)))
         at[: CZ + 1] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
         at[MISSING] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
-        # As they are at the edge.
+        # Values at the edge, interpolated.
         there = [GZ, WR, WI]
         at[MISSING + 1 :] = y0[there] + share * (y1[there] - y0[there])
         first = self._edge - (self._at_edge is not None)

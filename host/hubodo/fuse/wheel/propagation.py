@@ -17,21 +17,21 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_Z,
     GYRO_SCALE_Z,
     HEADING,
+    RATE_BEYOND_RANGE,
     SPEED,
     WHEEL_ANGLE,
     YAW_RATE,
-    Columns,
     Entry,
+    StateLayout,
     X,
     Y,
 )
+from hubodo.fuse.wheel.measurement_update import WheelWindows
 from hubodo.fuse.wheel.state import InitialState, Wheel
-from hubodo.fuse.wheel.update import Pairs
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _VEHICLE = (
     (X, (HEADING, SPEED, YAW_RATE)),
@@ -40,16 +40,16 @@ _VEHICLE = (
 )
 """The entries of the vehicle that move within a window, and by which they do, beside themselves."""
 
-_WHEEL = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, CAMBER, YAW_RATE))
+_WHEEL = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER, YAW_RATE))
 """The same of each wheel."""
 
 
-class WheelMotion:
+class MotionModel:
     """Carries states and covariance on; remembers the transition of the last window."""
 
     def __init__(self, config: WheelConfig, begin: InitialState) -> None:
         columns = begin.columns
-        fading = [entry for entry in columns.vehicle if math.isfinite(entry.forgets)]
+        fading = [entry for entry in columns.vehicle if math.isfinite(entry.correlation_time)]
         moving = (*_VEHICLE, *((entry, (entry,)) for entry in fading))
         # Only these states move within a window; their rows of the transition are all that is kept of it.
         self._moved = np.array(
@@ -62,18 +62,18 @@ class WheelMotion:
         self._packing, self._values = f"{len(self._entries)}d", np.empty(len(self._entries))
         self._at = columns.vehicle
         # Of these, what x and y gain depends on the way: it is put in for each window.
-        self._walk = begin.walk * WINDOW
-        self._lateral = config.noise.lateral**2
-        self._fades = [math.exp(-WINDOW / entry.forgets) for entry in fading]
+        self._walk = begin.walk * WINDOW_S
+        self._lateral = config.noise.lateral_slip**2
+        self._fades = [math.exp(-WINDOW_S / entry.correlation_time) for entry in fading]
         self._fading = list(zip((columns.vehicle[entry] for entry in fading), self._fades, strict=True))
         for place, fade in self._fading:
             self._walk[place] = begin.p[place, place] * (1.0 - fade * fade)
 
-    def advance(self, x: list[float], p: Array, pairs: Pairs) -> None:
+    def advance(self, x: list[float], p: Array, pairs: WheelWindows) -> None:
         """x and p, at the mean rates of the window, to its end; both in place."""
         at = self._at
         at_x, at_y, at_heading = at[X], at[Y], at[HEADING]
-        t, speed, yaw_rate = WINDOW, x[at[SPEED]], x[at[YAW_RATE]]
+        t, speed, yaw_rate = WINDOW_S, x[at[SPEED]], x[at[YAW_RATE]]
         turn = yaw_rate * t
         course = x[at_heading] + 0.5 * turn
         # The chord of an arc, to the second order of its angle.
@@ -105,8 +105,8 @@ class WheelMotion:
         diagonal = p.ravel()[:: len(x) + 1]
         diagonal += self._walk
         for wheel, window in pairs:
-            angle = wheel.at[WHEEL_ANGLE]
-            p[angle, angle] += max(0.0, wheel.rest.noise * t * t - self._walk[angle])
+            angle = wheel.columns[WHEEL_ANGLE]
+            p[angle, angle] += max(0.0, wheel.standstill.noise * t * t - self._walk[angle])
             if window.missing > 0.0:
                 p[angle, angle] += (window.missing * t) ** 2
 
@@ -119,7 +119,7 @@ class WheelMotion:
 
 def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:
     """The wheel angle to the end of the window; its derivatives in the order of `_WHEEL`."""
-    t, at, side = WINDOW, wheel.at, wheel.geometry.side
+    t, at, side = WINDOW_S, wheel.columns, wheel.geometry.side
     if window.all_clipped:
         seen, by_scale, by_bias = window.spin / t, 0.0, 0.0
     else:
@@ -128,12 +128,12 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
         by_scale, by_bias = -seen / scale * t, -t / scale
     lean, angle = x[at[CAMBER]], at[WHEEL_ANGLE]
     sin = math.sin(lean)
-    rate = seen + x[at[EXCESS]] - side * yaw_rate * sin
+    rate = seen + x[at[RATE_BEYOND_RANGE]] - side * yaw_rate * sin
     x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)
     return by_scale, by_bias, t, -side * yaw_rate * math.cos(lean) * t, -side * sin * t
 
 
-def _transition_places(columns: Columns, moving: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
+def _transition_places(columns: StateLayout, moving: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
     """Places in the kept rows of the transition of all numbers that change from window to window."""
     rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(columns.vehicle, by) for _, by in moving]
     rows += [(at, _WHEEL[1]) for at in columns.wheels]

@@ -8,13 +8,13 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, YAW_RATE, X, Y
-from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.window import Window
 
-POSE = (X, Y, HEADING, SPEED, YAW_RATE)
+POSE_ENTRIES = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
-class Step(NamedTuple):
+class StepInput(NamedTuple):
     """What happened at once: the windows of all wheels of one number, in the order of the nodes.
 
     Or no windows: nothing was heard of any wheel in `spans` windows up to this number. listen: look for the
@@ -24,9 +24,9 @@ class Step(NamedTuple):
 
     windows: tuple[Window, ...]
     number: int
-    listen: bool
+    realign: bool
     spans: int = 1
-    speeds: tuple[float, float] | None = None
+    surface_speeds: tuple[float, float] | None = None
 
 
 class Pose(NamedTuple):
@@ -45,13 +45,13 @@ class Pose(NamedTuple):
     speed: float
     yaw_rate: float
     covariance: Array
-    still: Stillness
+    motion_state: MotionState
     nis: float
-    degrees: int
-    carrying: bool = False
+    dof: int
+    inertial_speed: bool = False
 
 
-class Kept(NamedTuple):
+class StepRecord(NamedTuple):
     """Both sides of a step's measurements: states and covariance before and after.
 
     renewed: the states that the step began anew, without memory. carried: the place of the one that it made
@@ -62,12 +62,12 @@ class Kept(NamedTuple):
 
     prior_x: list[float]
     prior_p: Array
-    renewed: list[int]
+    reset_states: list[int]
     x: list[float]
     p: Array
-    carried: tuple[int, Array] | None = None
-    passed: Array | None = None
-    shortened: Array = np.zeros((2, 2))
+    speed_row: tuple[int, Array] | None = None
+    outage_transition: Array | None = None
+    heading_inflation: Array = np.zeros((2, 2))
 
 
 class Innovation(NamedTuple):

@@ -16,10 +16,10 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import WHEEL_ANGLE
-from hubodo.fuse.wheel.fixed_lag import gain
-from hubodo.fuse.wheel.lost_wheels import LostWheels
-from hubodo.fuse.wheel.records import Kept, Pose, Step
-from hubodo.fuse.wheel.step import WheelStep
+from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.fixed_lag import smoother_gain
+from hubodo.fuse.wheel.records import Pose, StepInput, StepRecord
+from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
 _STRETCH = 200
 """Steps that are in memory at once, 10 MB of matrices.
@@ -32,23 +32,25 @@ class _Record(NamedTuple):
     """A step: its pose, both sides of its measurements, and the transition from there to its end, (n, n)."""
 
     pose: Pose
-    kept: Kept
+    kept: StepRecord
     transition: Array
 
 
-def smooth(config: WheelConfig, steps: Sequence[Step], needed: int, slips: LostWheels) -> list[Pose]:
+def smooth_whole_log(
+    config: WheelConfig, steps: Sequence[StepInput], needed: int, slips: SlipSchedule
+) -> list[Pose]:
     """Poses of all steps, each from the whole log.
 
     needed: windows the filter began with; slips: as it found them.
     """
-    core = WheelStep(config, slips)
-    core.begin([step.windows for step in steps if not step.listen])
+    core = FilterCore(config, slips)
+    core.align([step.windows for step in steps if not step.realign])
     copies = []
     for index, step in enumerate(steps):
         if index % _STRETCH == 0:
             copies.append(copy.deepcopy(core))
         core.step(step, needed)
-    angles = [wheel.at[WHEEL_ANGLE] for wheel in core.wheels]
+    angles = [wheel.columns[WHEEL_ANGLE] for wheel in core.wheels]
     poses: list[Pose] = []
     later: _Record | None = None
     x, p = np.array(core.x), core.p
@@ -59,17 +61,17 @@ def smooth(config: WheelConfig, steps: Sequence[Step], needed: int, slips: LostW
                 x, p = np.array(record.kept.x), record.kept.p
             else:
                 x, p = _step_back(record, later, x, p, angles)
-            poses.append(_pose(record, x, p, core.pose))
+            poses.append(_pose(record, x, p, core.pose_columns))
             later = record
     return poses[::-1]
 
 
-def _again(core: WheelStep, steps: Sequence[Step], needed: int) -> list[_Record]:
-    core.keep = True
+def _again(core: FilterCore, steps: Sequence[StepInput], needed: int) -> list[_Record]:
+    core.records_steps = True
     records = []
     for step in steps:
         pose = core.step(step, needed)
-        records.append(_Record(pose, core.kept, core.transition()))
+        records.append(_Record(pose, core.record, core.transition()))
     return records
 
 
@@ -81,7 +83,7 @@ def _step_back(
     From those (x, p) after the measurements of the `later` one. angles: places of the wheel angles, which are
     the same a turn further.
     """
-    back = gain(record.kept, record.transition, later.kept)
+    back = smoother_gain(record.kept, record.transition, later.kept)
     ahead = x - np.array(later.kept.prior_x)
     for angle in angles:
         ahead[angle] = math.remainder(ahead[angle], 2.0 * math.pi)
@@ -95,5 +97,5 @@ def _pose(record: _Record, x: Array, p: Array, places: list[int]) -> Pose:
     pose = record.pose
     px, py, heading, speed, yaw_rate = (float(a + b) for a, b in zip(pose[1:6], change, strict=True))
     covariance = rows @ p @ rows.T
-    covariance[:2, :2] += record.kept.shortened
+    covariance[:2, :2] += record.kept.heading_inflation
     return pose._replace(x=px, y=py, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=covariance)

@@ -11,23 +11,23 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.clipping import SpinFollower, find_spin
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     HEADING,
-    OF_WHEEL,
+    RATE_BEYOND_RANGE,
     TIME_OFFSET,
     WHEEL_ANGLE,
-    Columns,
+    WHEEL_ENTRIES,
     Entry,
+    StateLayout,
 )
-from hubodo.fuse.wheel.grip import Grip
-from hubodo.fuse.wheel.measurements import WheelGeometry, WheelWindow
-from hubodo.fuse.wheel.measurements.steady import Steady
-from hubodo.fuse.wheel.stillness import RestDetector
-from hubodo.fuse.wheel.window import NOTHING, WINDOW, Window
+from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
+from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
+from hubodo.fuse.wheel.motion_state import StandstillDetector
+from hubodo.fuse.wheel.slip_detector import SlipDetector
+from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 from hubodo.vehicle import side_sign
 
 _LOST_ANGLE = 0.7
@@ -54,7 +54,7 @@ _ENOUGH, _TURNING = 300, 1.0
 Half a minute. Estimated.
 """
 
-UNHEARD = 0.5
+MAX_MISSING_SHARE = 0.5
 """Share of a window without samples from which on it says nothing at all."""
 
 
@@ -74,81 +74,91 @@ class Wheel:
     name: str
     node: WheelNode
     geometry: WheelGeometry
-    rest: RestDetector
-    at: dict[Entry, int]
-    view: WheelWindow
-    follower: SpinFollower
-    grip: Grip = field(default_factory=Grip)
-    joined: bool = False
-    away: bool = False
-    trusted: bool = True
-    astray: int = 0
-    steady: Steady | None = None
-    arm_known: tuple[float, float] | None = None
-    part: bool = True
-    heard: int = 0
-    level: complex = 0j
-    axial: float = 0.0
-    begin: float = 0.0
-    spin: float = 0.0
-    turned: float = 0.0
-    forwards: float = 0.0
-    upright: float = 0.0
-    moving: int = 0
-    slips: int = 0
-    clipped: int = 0
-    unheard_in_all: int = 0
-    lost: int = 0
+    standstill: StandstillDetector
+    columns: dict[Entry, int]
+    view: LinearisedWindow
+    spin_tracker: SpinTracker
+    slip_detector: SlipDetector = field(default_factory=SlipDetector)
+    angle_initialised: bool = False
+    is_slipping: bool = False
+    speed_trusted: bool = True
+    misaligned_windows: int = 0
+    steady_terms: NodeFixedTerms | None = None
+    arm_variances: tuple[float, float] | None = None
+    is_used: bool = True
+    alignment_count: int = 0
+    gravity_sum: complex = 0j
+    axial_sum: float = 0.0
+    alignment_start_angle: float = 0.0
+    alignment_end_angle: float = 0.0
+    turned_angle: float = 0.0
+    net_angle: float = 0.0
+    upright_sum: float = 0.0
+    upright_count: int = 0
+    outlier_windows: int = 0
+    clipped_windows: int = 0
+    missing_windows: int = 0
+    angle_losses: int = 0
     _heard: list[Window] = field(default_factory=list)
     _before: complex = 0j
     _after: complex = 0j
     _looked: int | None = None
 
-    def move_over(self) -> None:
+    def swap_side(self) -> None:
         """To the other side of the vehicle."""
         seen = self.geometry
-        self.geometry = replace(seen, contact=-seen.contact)
-        self.view = WheelWindow(self.geometry, self.at)
+        self.geometry = replace(seen, contact_y=-seen.contact_y)
+        self.view = LinearisedWindow(self.geometry, self.columns)
 
-    def rolls(self, window: Window) -> bool:
+    def measures_speed(self, window: Window) -> bool:
         """Whether the window tells the speed of the vehicle."""
-        return self.joined and self.trusted and not self.away and window.missing < UNHEARD
+        return (
+            self.angle_initialised
+            and self.speed_trusted
+            and not self.is_slipping
+            and window.missing < MAX_MISSING_SHARE
+        )
 
-    def watch(self, window: Window, rate: float, angle: float) -> None:
+    def count_window(self, window: Window, rate: float, angle: float) -> None:
         """Counts for the report; rate: rad/s at which it turns, angle: at the beginning of the window."""
-        self.turned += abs(rate) * WINDOW
-        self.forwards += rate * WINDOW
-        self.clipped += window.spin_clipped > 0.0
-        if self.moving < _ENOUGH and abs(rate) > _TURNING and self.joined and window.force_clipped == 0.0:
-            middle = cmath.exp(1j * (angle + 0.5 * rate * WINDOW))
-            self.upright += (window.force * middle).real / (STANDARD_GRAVITY * WINDOW)
-            self.moving += 1
+        self.turned_angle += abs(rate) * WINDOW_S
+        self.net_angle += rate * WINDOW_S
+        self.clipped_windows += window.spin_clipped > 0.0
+        if (
+            self.upright_count < _ENOUGH
+            and abs(rate) > _TURNING
+            and self.angle_initialised
+            and window.force_clipped == 0.0
+        ):
+            middle = cmath.exp(1j * (angle + 0.5 * rate * WINDOW_S))
+            self.upright_sum += (window.force * middle).real / (STANDARD_GRAVITY * WINDOW_S)
+            self.upright_count += 1
 
-    def listen(self, window: Window) -> None:
+    def gather_gravity(self, window: Window) -> None:
         """Gathers gravity, carried along with the spin, until the wheel angle can be read from it."""
-        if window is NOTHING:
-            self.unhear(1)
+        if window is EMPTY_WINDOW:
+            self.mark_missing(1)
             return
         if window.missing > 0.5:
-            self.unheard_in_all += 1
+            self.missing_windows += 1
             self._after, self._looked = 0j, 0
             return
-        if self.joined:
+        if self.angle_initialised:
             self._compare(window)
             return
-        if self.heard == 0:
-            self.begin = window.clock_angle - 0.5 * window.spin
-        self.heard += 1
+        if self.alignment_count == 0:
+            self.alignment_start_angle = window.clock_angle - 0.5 * window.spin
+        self.alignment_count += 1
         self._heard.append(window)
-        self.level += window.force * cmath.exp(1j * window.clock_angle)
-        self.axial += window.axial
-        self.spin = window.clock_angle + 0.5 * window.spin
+        self.gravity_sum += window.force * cmath.exp(1j * window.clock_angle)
+        self.axial_sum += window.axial
+        self.alignment_end_angle = window.clock_angle + 0.5 * window.spin
 
-    def unhear(self, windows: int) -> None:
+    def mark_missing(self, windows: int) -> None:
         """Nothing was heard, and nothing bridges it: what the wheel turned by meanwhile is not known."""
-        self.unheard_in_all += windows
-        self.follower.rest()
-        self.forget()
+        self.missing_windows += windows
+        self.spin_tracker.pause()
+        self.drop_angle()
 
     def _compare(self, window: Window) -> None:
         """Forgets the angle when gravity lies elsewhere after a gap.
@@ -170,48 +180,52 @@ class Wheel:
         turned = abs(cmath.phase(self._after * self._before.conjugate()))
         self._before, self._looked = self._after / _LOOK, None
         if turned > _LOST_ANGLE:
-            self.lost += 1
-            self.forget()
+            self.angle_losses += 1
+            self.drop_angle()
 
-    def forget(self) -> None:
+    def drop_angle(self) -> None:
         """The wheel angle is not known any more."""
-        self.joined, self.heard, self.level, self.axial = False, 0, 0j, 0.0
+        self.angle_initialised, self.alignment_count, self.gravity_sum, self.axial_sum = False, 0, 0j, 0.0
         self._before, self._looked = 0j, None
         self._heard = []
 
-    def join(self, x: list[float], p: Array, at_begin: bool) -> list[int]:
+    def initialise_angle(self, x: list[float], p: Array, at_start: bool) -> list[int]:
         """Wheel angle from gravity: a force e^(-i theta) carried by e^(ic) points along e^(-i(theta - c)).
 
         at_begin: the angle where listening began, else where it ended. Returns the states that were begun
         anew; none where gravity was not found, and listening begins anew.
         """
-        at, heard = self.at, self._heard
+        at, heard = self.columns, self._heard
         self._heard = []
         if any(window.spin_clipped > 0.0 for window in heard):
             spin = find_spin(heard, self.geometry.radius)
             if spin is None:
-                self.forget()
+                self.drop_angle()
                 return []
-            angle = spin.begin if at_begin else spin.end
-            level = self.heard * STANDARD_GRAVITY * WINDOW
-            x[at[EXCESS]] = spin.excess if at_begin else spin.excess_end
-            self.follower.begin(x[at[EXCESS]], 0.0)
-            self.steady = spin.steady
-            renew(p, at[EXCESS], _FOUND_EXCESS**2)
-            renewed = [at[WHEEL_ANGLE], at[EXCESS]]
+            angle = spin.start_angle if at_start else spin.end_angle
+            level = self.alignment_count * STANDARD_GRAVITY * WINDOW_S
+            x[at[RATE_BEYOND_RANGE]] = spin.excess if at_start else spin.excess_end
+            self.spin_tracker.initialise(x[at[RATE_BEYOND_RANGE]], 0.0)
+            self.steady_terms = spin.steady
+            reset_state(p, at[RATE_BEYOND_RANGE], _FOUND_EXCESS**2)
+            renewed = [at[WHEEL_ANGLE], at[RATE_BEYOND_RANGE]]
         else:
-            angle, level = -cmath.phase(self.level) + (self.begin if at_begin else self.spin), abs(self.level)
+            angle, level = (
+                -cmath.phase(self.gravity_sum)
+                + (self.alignment_start_angle if at_start else self.alignment_end_angle),
+                abs(self.gravity_sum),
+            )
             renewed = [at[WHEEL_ANGLE]]
         x[at[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
         # On a fast wheel a tilt lets far more into the axial accelerometer than a camber does.
-        if x[at[CAMBER]] == 0.0 and self.steady is None:
-            x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial, level)
-        renew(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
-        self.joined = True
+        if x[at[CAMBER]] == 0.0 and self.steady_terms is None:
+            x[at[CAMBER]] = self.geometry.side * math.atan2(self.axial_sum, level)
+        reset_state(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+        self.angle_initialised = True
         return renewed
 
 
-def renew(p: Array, place: int, variance: float) -> None:
+def reset_state(p: Array, place: int, variance: float) -> None:
     """Begins a state anew, in place, without memory."""
     p[place, :] = 0.0
     p[:, place] = 0.0
@@ -228,13 +242,13 @@ class InitialState:
     x: list[float]
     p: Array
     walk: Array
-    columns: Columns
+    columns: StateLayout
     wheels: list[Wheel] = field(default_factory=list)
 
 
 def initial_state(config: WheelConfig) -> InitialState:
     """At rest at the origin, with the priors of all entries and what `config` knows better."""
-    columns = Columns(len(config.nodes), config.told, config.encoder)
+    columns = StateLayout(len(config.nodes), config.position_aided, config.encoder_aided)
     made = InitialState(
         [0.0] * columns.size, np.zeros((columns.size, columns.size)), np.zeros(columns.size), columns
     )
@@ -243,17 +257,17 @@ def initial_state(config: WheelConfig) -> InitialState:
     for entry in columns.vehicle:
         if alone and entry is TIME_OFFSET:
             continue
-        _begin(made, columns.vehicle[entry], entry, {**config.known, **start}.get(entry))
+        _begin(made, columns.vehicle[entry], entry, {**config.priors, **start}.get(entry))
     for index, (name, node) in enumerate(config.nodes.items()):
         at = columns.wheels[index]
         side = side_sign(node.side)
         contact = 0.0 if node.steered else 0.5 * side * config.track_width
         geometry = WheelGeometry(side, config.radius, contact, float(index), config.ground_rate)
-        view, follower = WheelWindow(geometry, at), SpinFollower(config.radius)
-        wheel = Wheel(name, node, geometry, RestDetector(config.rest), at, view, follower)
+        view, follower = LinearisedWindow(geometry, at), SpinTracker(config.radius)
+        wheel = Wheel(name, node, geometry, StandstillDetector(config.standstill_limits), at, view, follower)
         made.wheels.append(wheel)
-        for entry in OF_WHEEL:
-            _begin(made, at[entry], entry, node.known.get(entry))
+        for entry in WHEEL_ENTRIES:
+            _begin(made, at[entry], entry, node.priors.get(entry))
         made.walk[at[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
     return made
 
@@ -263,4 +277,4 @@ def _begin(made: InitialState, place: int, entry: Entry, known: Quantity | None)
     made.x[place] = begin.value
     made.p[place, place] = begin.sigma * begin.sigma
     # What forgets does not wander off: its noise is worked out with its memory.
-    made.walk[place] = entry.walk * entry.walk if math.isinf(entry.forgets) else 0.0
+    made.walk[place] = entry.random_walk * entry.random_walk if math.isinf(entry.correlation_time) else 0.0

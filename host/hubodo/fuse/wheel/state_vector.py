@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
-from hubodo.fuse.wheel import two_wheels
+from hubodo.fuse.wheel import mounting_check
 from hubodo.fuse.wheel.entries import Entry
 from hubodo.fuse.wheel.measurements import Row, position
 from hubodo.fuse.wheel.measurements.position import Position
@@ -29,11 +29,11 @@ class StateVector:
 
         Of the vehicle (node None) or of a node and its wheel, facing left.
         """
-        at = self._at if node is None else next(wheel.at for wheel in self.wheels if wheel.name == node)
+        at = self._at if node is None else next(wheel.columns for wheel in self.wheels if wheel.name == node)
         place = at[entry]
         return Quantity(self.x[place], math.sqrt(max(0.0, self.p[place, place])))
 
-    def innovation(self, told: Position) -> Innovation:
+    def position_innovation(self, told: Position) -> Innovation:
         """What a position at the end of the last window would say that is new."""
         rows = position.measure(self.x, self._at, told)
         z = np.array([row[0] for row in rows])
@@ -49,15 +49,15 @@ class StateVector:
             h[at[entry]] = value
         return h
 
-    def work_in_row(self, row: Row, at: Mapping[Entry, int]) -> None:
+    def update_with_row(self, row: Row, at: Mapping[Entry, int]) -> None:
         """One row alone; one that stands out has the weight of one that just does not."""
         residual, variance, _ = row
         h = self.derivatives(row, at)
         ph = self.p @ h
-        s = max(float(h @ ph) + variance, residual**2 / two_wheels.GATE**2)
-        self.correct(ph * (residual / s), np.outer(ph, ph / s))
+        s = max(float(h @ ph) + variance, residual**2 / mounting_check.GATE_SIGMA**2)
+        self.apply_correction(ph * (residual / s), np.outer(ph, ph / s))
 
-    def correct(self, change: Array, drop: Array) -> None:
+    def apply_correction(self, change: Array, drop: Array) -> None:
         """The states by a change, the covariance less what that took of it."""
         self.x = [a + b for a, b in zip(self.x, change.tolist(), strict=True)]
         self.p -= drop

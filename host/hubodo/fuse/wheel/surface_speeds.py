@@ -1,41 +1,44 @@
-"""The surface speeds of another odometer, as means over the windows of the wheel filter."""
+"""Surface speeds of another odometer, averaged over the windows of the wheel filter."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
 from hubodo.time_gaps import check_time_gaps
 
 _LONGEST = 0.5
-"""s between rows; over what is longer an encoder says nothing. Estimated."""
+"""s between rows; the record counts as interrupted over longer gaps. Estimated."""
 
 SurfaceSpeeds = dict[int, tuple[float, float]]
-"""m/s of the left and the right wheel, by the number of the window."""
+"""Surface speeds of the left and the right wheel, m/s, by window number."""
 
 
-def surface_speeds(table: Table) -> SurfaceSpeeds:
-    """Of a table t, left, right; windows that it does not fill are left out. InputError for a wild time."""
+def average_surface_speeds(table: Table) -> SurfaceSpeeds:
+    """Return the mean speeds of a table with columns t, left, right; windows with a gap are left out.
+
+    Raise InputError if time stamps cannot belong to one record.
+    """
     t = table.t
     if len(t) < 2:
         return {}
     check_time_gaps(t, "wheels")
-    numbers = np.arange(int(np.ceil(t[0] / WINDOW)), int(np.floor(t[-1] / WINDOW)))
+    numbers = np.arange(int(np.ceil(t[0] / WINDOW_S)), int(np.floor(t[-1] / WINDOW_S)))
     if not len(numbers):
         return {}
-    edges = np.append(numbers, numbers[-1] + 1) * WINDOW
+    edges = np.append(numbers, numbers[-1] + 1) * WINDOW_S
     step = np.diff(t)
     hole = np.concatenate([[0.0], np.cumsum(np.where(step > _LONGEST, step, 0.0))])
     sound = np.diff(np.interp(edges, t, hole)) == 0.0
     means = []
     for side in ("left", "right"):
-        # The integral of the straight lines between rows.
+        # Integral of the linear interpolation between rows.
         way = np.concatenate([[0.0], np.cumsum(0.5 * (table[side][1:] + table[side][:-1]) * step)])
         place = np.clip(np.searchsorted(t, edges) - 1, 0, len(step) - 1)
         into = edges - t[place]
         slope = np.diff(table[side]) / step
         at = way[place] + into * (table[side][place] + 0.5 * into * slope[place])
-        means.append(np.diff(at) / WINDOW)
+        means.append(np.diff(at) / WINDOW_S)
     rows = zip(numbers[sound].tolist(), means[0][sound].tolist(), means[1][sound].tolist(), strict=True)
     return {number: (left, right) for number, left, right in rows}

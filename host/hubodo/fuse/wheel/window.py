@@ -1,4 +1,4 @@
-"""A window: what one node measured in a tenth of a second, as integrals that no estimate enters."""
+"""One window of a node: integrals over 0.1 s that are independent of all estimates."""
 
 from __future__ import annotations
 
@@ -6,28 +6,42 @@ from typing import NamedTuple
 
 from hubodo.fuse.wheel.window_samples import WindowSamples
 
-WINDOW = 0.1
+WINDOW_S = 0.1
 """Length of a window, s.
 
-At 2000 deg/s half a turn, and an error of 1 % in spin turns its ends by 2 mrad/(rad/s).
+At 2000 deg/s half a turn; an error of 1 % in spin rotates the ends of a window by 2 mrad/(rad/s).
 """
 
 _ALL = 1.0 - 1e-9
-"""Share of a window that is all of it, but for rounding."""
+"""Share of a window from which on all of it is clipped, but for rounding."""
 
 
 class Window(NamedTuple):
-    """Integrals over one window, of a node turned so that it faces left.
+    """Integrals of one node over one window, transformed to face left.
 
-    number: of the window; it lies between start + number * WINDOW and one WINDOW later. The carrier c(t) is
-    the integral of the measured gz since the middle of the window (in angle); complex numbers are x + iy of
-    the node. spin: int gz. rate_start, rate_end: gz at the edges. across: int (gx + i gy) e^(ic). carrier:
-    int e^(ic). force: int (ax + i ay) e^(ic). axial: int az. raw_force: int (ax + i ay). raw_across: int
-    (gx + i gy). gyro_variance, axial_variance: within the window, (rad/s)² of all three axes and (m/s²)² of
-    az. spin_clipped, across_clipped, force_clipped, axial_clipped: share of the time in which gz, gx or gy,
-    ax or ay, az stood at its limit. missing: share of the time without samples. clock_angle: the carrier's
-    angle at the middle since the first sample. swing: int gz e^(ic), which is real; lever: i gz e^(ic) at the
-    end less that at the start; across_change: the same of (gx + i gy) e^(ic). samples: where gz was clipped.
+    The carrier angle c(t) is the integral of the measured gz from the middle of the window in angle. Complex
+    numbers are x + iy in node axes; T is the length of the window.
+
+    Attributes
+    ----------
+    number : the window lies between start + number T and start + (number + 1) T.
+    spin : rad, ∫ gz.
+    rate_start, rate_end : rad/s, gz at the edges.
+    across : rad, ∫ (gx + i gy) e^(ic).
+    carrier : s, ∫ e^(ic).
+    force : m/s, ∫ (ax + i ay) e^(ic).
+    axial : m/s, ∫ az.
+    raw_across, raw_force : ∫ (gx + i gy) and ∫ (ax + i ay), not derotated.
+    gyro_variance : (rad/s)², variance within the window, sum of the three axes.
+    axial_variance : (m/s²)², variance of az within the window.
+    spin_clipped, across_clipped, force_clipped, axial_clipped : share of the time in which gz, gx or gy, ax
+    or ay, az were saturated.
+    missing : share of the time without samples.
+    clock_angle : rad, carrier angle at the middle since the first sample.
+    swing : rad, ∫ gz e^(ic).
+    lever : rad/s, difference of i gz e^(ic) between the edges.
+    across_change : rad/s, difference of (gx + i gy) e^(ic) between the edges.
+    samples : the samples themselves if gz was clipped, else None.
     """
 
     number: int = 0
@@ -55,9 +69,9 @@ class Window(NamedTuple):
 
     @property
     def all_clipped(self) -> bool:
-        """Whether gz stood at its limit all the time: then its scale and bias do not show either."""
+        """Return True if gz was saturated all the time, so that its scale and bias are not observable."""
         return self.spin_clipped > _ALL
 
 
-NOTHING = Window(missing=1.0)
-"""A window in which the node was not heard, and that no straight line bridges."""
+EMPTY_WINDOW = Window(missing=1.0)
+"""A window without any sample, too long a gap for interpolation."""

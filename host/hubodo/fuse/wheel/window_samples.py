@@ -1,4 +1,4 @@
-"""The samples of one window, as they are kept where its integrals may have to be made again."""
+"""Samples of a window with a clipped gyro, kept so that its integrals can be recomputed."""
 
 from __future__ import annotations
 
@@ -10,11 +10,17 @@ from hubodo.arrays import Array
 
 
 class WindowSamples(NamedTuple):
-    """What a window is made of, kept where the gyro about the axle was clipped.
+    """The samples of one window and their neighbours outside it.
 
-    Each of the window's samples and its neighbours: weight, s, such that the sum of weight times value is the
-    integral over the window; time, s from the middle; rate, rad/s, and its angle, rad from the middle of the
-    window in angle; across, rad/s, and force, m/s², complex, x + iy; whether the force was within its limit.
+    Attributes
+    ----------
+    weight : s; the sum of weight times value is the integral over the window (trapezoidal rule).
+    time : s from the middle of the window.
+    rate : rad/s about the axle.
+    angle : rad, integral of the rate from the middle of the window in angle.
+    across : rad/s, gx + i gy.
+    force : m/s², ax + i ay.
+    force_in_range : False where ax or ay is saturated.
     """
 
     weight: tuple[float, ...]
@@ -23,11 +29,11 @@ class WindowSamples(NamedTuple):
     angle: tuple[float, ...]
     across: tuple[complex, ...]
     force: tuple[complex, ...]
-    felt: tuple[bool, ...]
+    force_in_range: tuple[bool, ...]
 
 
-def samples_between(t: Array, rows: Array, begin: float, end: float) -> WindowSamples:
-    """Those between two times; rows (6, N): gz, gx, gy, ax, ay, and whether the force was clipped."""
+def slice_samples(t: Array, rows: Array, begin: float, end: float) -> WindowSamples:
+    """Return the samples between two times, s; rows (6, N): gz, gx, gy, ax, ay, force clipped (0 or 1)."""
     first = max(0, int(np.searchsorted(t, begin, side="right")) - 1)
     last = min(len(t), int(np.searchsorted(t, end, side="left")) + 1)
     t, rows = t[first:last], rows[:, first:last]

@@ -10,7 +10,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.errors import InputError
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.fuse.wheels import wheel_odometry
 from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
@@ -48,7 +48,7 @@ def read_inputs(recording: Recording, model: Model, origin: float, where: str) -
     speed, first, last, measured_by = _speed(recording, model, origin, where)
     yaw_rate, yaw_first, yaw_last = _yaw_rate(recording, model, origin, where)
     period = _period(recording, model.inputs.speed)
-    yaw_period = WINDOW if model.inputs.yaw_rate == "nodes" else _period(recording, model.inputs.yaw_rate)
+    yaw_period = WINDOW_S if model.inputs.yaw_rate == "nodes" else _period(recording, model.inputs.yaw_rate)
     first, last = max(first, yaw_first), min(last, yaw_last)
     return LogInputs(speed, yaw_rate, first, last, measured_by, period, yaw_period)
 
@@ -149,7 +149,7 @@ def _across(
     if not odometry.nodes or len(odometry.track.t) < 11:
         raise InputError(f'{where}: yaw_rate = "nodes" needs a node on a wheel that has driven for a while')
     # Each is the mean of the window that ends there; the first pose, the start, ends none.
-    t = odometry.track.t[1:] - 0.5 * WINDOW - origin
+    t = odometry.track.t[1:] - 0.5 * WINDOW_S - origin
     return _behind(t, odometry.track.yaw_rate[1:]), float(t[0]), float(t[-1])
 
 

@@ -18,9 +18,9 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
-from hubodo.fuse.wheel.loose_way import loose_way
+from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.track import collect
+from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.ingest.sink import Sink
 from hubodo.log import topics
 from hubodo.log.timebase import to_seconds
@@ -114,7 +114,9 @@ class Localizer:
 
     def odometry(self, pose: Pose) -> Located | None:
         """A pose of the wheel filter, at the end of a window; None while the heading is not known."""
-        loose = 0.0 if self._pose is None else float(loose_way(collect([self._pose, pose]))[0])
+        loose = (
+            0.0 if self._pose is None else float(odometry_inflation(track_from_poses([self._pose, pose]))[0])
+        )
         self._pose = pose
         self._graph.odometry(pose.t, pose.x, pose.y, pose.heading, loose)
         state = self._graph.state()

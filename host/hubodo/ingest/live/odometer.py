@@ -20,13 +20,13 @@ from hubodo.calibration.apply import SampleCorrection, zero_applied_effects
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, node_ranges
-from hubodo.fuse.wheel.advice import BEGINNING, warnings_of
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
+from hubodo.fuse.wheel.drive_warnings import START_WINDOWS, list_warnings
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
+from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.stillness import Stillness
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.ingest.sink import Sink
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
@@ -164,7 +164,7 @@ class Odometer:
         core = self._filter.core
         for wheel in core.wheels:
             sign = facing_sign(wheel.node.facing)
-            x, y, z = (wheel.at[entry] for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z))
+            x, y, z = (wheel.columns[entry] for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z))
             sigmas = [math.sqrt(core.p[place, place]) for place in (x, y, z)]
             bias = (core.x[x], sign * core.x[y], sign * core.x[z])
             found[wheel.name] = (bias, (sigmas[0], sigmas[1], sigmas[2]))
@@ -213,10 +213,10 @@ class Odometer:
     def _slips(self, wheels: WheelFilter, end: bool) -> list[str]:
         new = []
         for wheel in wheels.core.wheels:
-            for slip in wheel.grip.slips[self._slips_said.get(wheel.name, 0) :]:
+            for slip in wheel.slip_detector.slips[self._slips_said.get(wheel.name, 0) :]:
                 if end or slip.last is not None:
                     self._slips_said[wheel.name] = self._slips_said.get(wheel.name, 0) + 1
-                    new.append(f"{wheel.name}: {slip.words}")
+                    new.append(f"{wheel.name}: {slip.description}")
         return new
 
     def _advice(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
@@ -229,8 +229,8 @@ class Odometer:
             for name in sorted(self._late)
         ]
         new = []
-        still = np.array([*self._still, *([Stillness.RESTING] if self._rested else [])], np.float64)
-        for line in [*lines, *warnings_of(wheels, still)]:
+        still = np.array([*self._still, *([MotionState.STANDSTILL] if self._rested else [])], np.float64)
+        for line in [*lines, *list_warnings(wheels, still)]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
             if kind not in self._said:
                 self._said.add(kind)
@@ -297,14 +297,14 @@ class Odometer:
         self._fresh += poses
         for pose in poses:
             self._windows += 1
-            if len(self._still) < BEGINNING:
-                self._still.append(int(pose.still))
-            self._rested |= pose.still == Stillness.RESTING
+            if len(self._still) < START_WINDOWS:
+                self._still.append(int(pose.motion_state))
+            self._rested |= pose.motion_state == MotionState.STANDSTILL
             before, self._pose = self._pose, pose
-            if before is not None and pose.t - before.t > 1.5 * WINDOW:
+            if before is not None and pose.t - before.t > 1.5 * WINDOW_S:
                 self.distance += math.hypot(pose.x - before.x, pose.y - before.y)
             else:
-                self.distance += abs(pose.speed) * WINDOW
+                self.distance += abs(pose.speed) * WINDOW_S
 
     def _motion(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
         states = [state for _, state in rows]

@@ -22,7 +22,7 @@ So far a filter that knows nothing drifts by less than a centimetre. Estimated.
 """
 
 
-def start_heading(track: WheelTrack, told: Positions) -> float:
+def align_heading(track: WheelTrack, told: Positions) -> float:
     """Heading at the start under which the track lies on the positions, rad.
 
     The angle is taken over the first part that is long against the positions' noise: later the track has
@@ -42,7 +42,7 @@ def start_heading(track: WheelTrack, told: Positions) -> float:
 def check_axes(track: WheelTrack, told: Positions) -> None:
     """Raises CalibrationError where the track lies far better on the mirror image of the positions."""
     as_told, mirrored = (
-        float(np.mean(off(track, positions, (0.0, 0.0)) ** 2))
+        float(np.mean(position_errors(track, positions, (0.0, 0.0)) ** 2))
         for positions in (told, replace(told, y=-told.y))
     )
     if mirrored < _MIRRORED * as_told:
@@ -53,12 +53,12 @@ def check_axes(track: WheelTrack, told: Positions) -> None:
         )
 
 
-def on(track: WheelTrack, told: Positions, heading: float) -> Array:
+def rotated_track_at(track: WheelTrack, told: Positions, heading: float) -> Array:
     """(M,) complex, x + iy in m: the track at the times of the positions, turned by a heading, rad."""
     return np.asarray(_places(track, told.t) * np.exp(1j * heading))
 
 
-def off(track: WheelTrack, told: Positions, antenna: tuple[float, float]) -> Array:
+def position_errors(track: WheelTrack, told: Positions, antenna: tuple[float, float]) -> Array:
     """(M,) m between positions and the antenna of a track that is laid on them as well as it can be.
 
     A plane rigid alignment in the sense of least squares (Umeyama 1991, without scale).

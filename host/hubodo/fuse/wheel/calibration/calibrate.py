@@ -10,27 +10,27 @@ import numpy as np
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.errors import CalibrationError
-from hubodo.fuse.wheel.calibration.alignment import check_axes, on, start_heading
-from hubodo.fuse.wheel.calibration.findings import Findings, findings
-from hubodo.fuse.wheel.calibration.held_out import Antenna, LeftOut, held_out
-from hubodo.fuse.wheel.calibration.positions import Positions, random_part
-from hubodo.fuse.wheel.calibration.told import Told, tell
-from hubodo.fuse.wheel.config import WheelConfig, WheelNode, known_of
+from hubodo.fuse.wheel.calibration.aided_filter import AidedRun, run_aided_filter
+from hubodo.fuse.wheel.calibration.alignment import align_heading, check_axes, rotated_track_at
+from hubodo.fuse.wheel.calibration.held_out import Antenna, HeldOutErrors, measure_held_out_errors
+from hubodo.fuse.wheel.calibration.learnt_parameters import LearntParameters, extract_parameters
+from hubodo.fuse.wheel.calibration.positions import Positions, estimate_white_sigma
+from hubodo.fuse.wheel.config import WheelConfig, WheelNode, priors_from_calibration
 from hubodo.fuse.wheel.entries import (
     ANTENNA_X,
     ANTENNA_Y,
     GYRO_SCALE_ACROSS,
     GYRO_SCALE_Z,
-    OF_VEHICLE,
-    OF_WHEEL,
     TRACK_WIDTH,
+    VEHICLE_ENTRIES,
+    WHEEL_ENTRIES,
     WHEEL_RADIUS,
     Entry,
 )
-from hubodo.fuse.wheel.filter import LISTENED, WheelFilter
-from hubodo.fuse.wheel.records import Pose, Step
-from hubodo.fuse.wheel.step import WheelStep
-from hubodo.fuse.wheel.track import WheelTrack, collect, report
+from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
+from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.records import Pose, StepInput
+from hubodo.fuse.wheel.track import WheelTrack, build_report, track_from_poses
 from hubodo.recording import Table
 
 _SLOW, _SIZES, _FIRST_GUESS = 0.03, 11, 3
@@ -72,14 +72,14 @@ class WheelCalibration:
 
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
     vehicle: Mapping[str, Mapping[str, Quantity]]
-    unseen: tuple[str, ...]
+    not_observable: tuple[str, ...]
     antenna: tuple[Quantity, Quantity]
     rms: float
-    held_out: LeftOut
-    random: float
-    slow: float
-    fixes: int
-    jumps: int
+    held_out: HeldOutErrors
+    white_sigma: float
+    slow_sigma: float
+    n_positions: int
+    n_jumps: int
     warnings: tuple[str, ...]
 
     def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
@@ -108,25 +108,25 @@ def calibrate_wheels(
     antenna = (done.core.estimate(None, ANTENNA_X), done.core.estimate(None, ANTENNA_Y))
     track = drive.track
     found = drive.findings(done.core)
-    judged = held_out(
+    judged = measure_held_out_errors(
         drive.told, track, lambda told, until: drive.fitted(told, until, slow), _values(antenna)
     )
-    if not judged.improved:
+    if not judged.is_improved:
         raise CalibrationError(
-            f"calibrated on the rest, stretches that were left out are no better ({judged.words}); "
+            f"calibrated on the rest, stretches that were left out are no better ({judged.description}); "
             "drive farther, with turns to both sides; nothing is written"
         )
     return WheelCalibration(
         found.nodes,
         found.vehicle,
-        tuple(found.unseen),
+        tuple(found.not_observable),
         antenna,
         drive.rms,
         judged,
         float(np.median(drive.random)),
         slow,
-        done.used,
-        done.jumps,
+        done.n_used,
+        done.n_jumps,
         drive.warnings,
     )
 
@@ -145,37 +145,37 @@ class _Drive:
         config = replace(config, nodes=mine)
         blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in mine}
         first = WheelFilter(config)
-        first.steps = []
+        first.recorded_steps = []
         poses = [*first.handle_many(blocks).poses, *first.finish().poses]
-        told = positions.where((positions.t >= poses[0].t) & (positions.t <= poses[-1].t)) if poses else None
+        told = positions.select((positions.t >= poses[0].t) & (positions.t <= poses[-1].t)) if poses else None
         if told is None or len(told) < 10:
             count = 0 if told is None else len(told)
             raise CalibrationError(f"{count} positions in the time of the nodes; at least ten are needed")
-        self.steps: Sequence[Step] = first.steps
+        self.steps: Sequence[StepInput] = first.recorded_steps
         # Told where it is, a filter cannot go back to where a slip began: they are those of the drive itself.
-        self.slips = first.core.slips
-        self.track = collect(poses)
-        self.warnings = report(first, self.track).warnings
+        self.slips = first.core.slip_schedule
+        self.track = track_from_poses(poses)
+        self.warnings = build_report(first, self.track).warnings
         check_axes(self.track, told)
-        heading = start_heading(self.track, told)
-        ours = on(self.track, told, heading)
+        heading = align_heading(self.track, told)
+        ours = rotated_track_at(self.track, told, heading)
         error = told.x + 1j * told.y - ours
         self._origin = complex(error[0])
         self.rms = float(np.sqrt(np.mean(np.abs(error - error.mean()) ** 2)))
-        random = random_part(told, ours.real, ours.imag)
+        random = estimate_white_sigma(told, ours.real, ours.imag)
         # Positions that come often are thinned out; all of them show what is random.
-        self.told = told.each(_SECONDS)
+        self.told = told.thin_out(_SECONDS)
         self.random = np.interp(self.told.t, told.t, random)
         self._plain = config
         self._wide = replace(
             _known(config, *_of_priors(mine, priors)), start_heading=heading, heading_sigma=_HEADING_SIGMA
         )
-        self.before = WheelStep(self._wide)
+        self.before = FilterCore(self._wide)
 
-    def tell(self, told: Positions, slow: float) -> Told:
+    def tell(self, told: Positions, slow: float) -> AidedRun:
         """The filter with wide priors, told positions."""
         random = np.interp(told.t, self.told.t, self.random)
-        return tell(self._wide, self.steps, told, random, slow, self._origin, self.slips)
+        return run_aided_filter(self._wide, self.steps, told, random, slow, self._origin, self.slips)
 
     def largest_slow_error(self) -> float:
         """The largest size of the slow error, m, under which the positions are not unlikely.
@@ -201,10 +201,10 @@ class _Drive:
         lowest = 0.5 * (cost(best - 1) - cost(best + 1)) / bend
         return float(_SLOW * 2.0 ** (best + lowest + math.sqrt(2.0 * _UNLIKELY / bend)))
 
-    def findings(self, core: WheelStep) -> Findings:
+    def findings(self, core: FilterCore) -> LearntParameters:
         """What a filter that was told positions knows better than before."""
         way = np.abs(np.diff(self.track.x + 1j * self.track.y))
-        return findings(core, self.before, float(np.ptp(self.track.heading)), float(np.sum(way)))
+        return extract_parameters(core, self.before, float(np.ptp(self.track.heading)), float(np.sum(way)))
 
     def fitted(self, told: Positions, until: float, slow: float) -> tuple[WheelTrack, Antenna]:
         """The track of a filter that was calibrated on these positions, and is not told any; its antenna.
@@ -214,19 +214,19 @@ class _Drive:
         core = self.tell(told, slow).core
         found = self.findings(core)
         nodes = {
-            name: known_of(OF_WHEEL, _effects(found.nodes[name], {}), node.facing)
+            name: priors_from_calibration(WHEEL_ENTRIES, _effects(found.nodes[name], {}), node.facing)
             for name, node in self._plain.nodes.items()
         }
-        vehicle = known_of(OF_VEHICLE, _effects(found.vehicle, {}), "left")
-        learnt = WheelStep(_known(self._plain, nodes, vehicle), self.slips)
-        learnt.begin([step.windows for step in self.steps if not step.listen])
+        vehicle = priors_from_calibration(VEHICLE_ENTRIES, _effects(found.vehicle, {}), "left")
+        learnt = FilterCore(_known(self._plain, nodes, vehicle), self.slips)
+        learnt.align([step.windows for step in self.steps if not step.realign])
         poses: list[Pose] = []
         for step in self.steps:
-            poses.append(learnt.step(step, LISTENED))
+            poses.append(learnt.step(step, ALIGNMENT_WINDOWS))
             if poses[-1].t >= until:
                 break
         antenna = (core.estimate(None, ANTENNA_X), core.estimate(None, ANTENNA_Y))
-        return collect(poses), _values(antenna)
+        return track_from_poses(poses), _values(antenna)
 
 
 def _of_priors(
@@ -244,8 +244,10 @@ def _known(
     config: WheelConfig, nodes: Mapping[str, Mapping[Entry, Quantity]], vehicle: Mapping[Entry, Quantity]
 ) -> WheelConfig:
     """The config with other priors."""
-    wheels = {name: replace(node, known={**node.known, **nodes[name]}) for name, node in config.nodes.items()}
-    return replace(config, nodes=wheels, known={**config.known, **vehicle})
+    wheels = {
+        name: replace(node, priors={**node.priors, **nodes[name]}) for name, node in config.nodes.items()
+    }
+    return replace(config, nodes=wheels, priors={**config.priors, **vehicle})
 
 
 def _values(antenna: tuple[Quantity, Quantity]) -> Antenna:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.calibration.alignment import off
+from hubodo.fuse.wheel.calibration.alignment import position_errors
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.track import WheelTrack
 
@@ -22,7 +22,7 @@ Antenna = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Distances:
+class ErrorSummary:
     """Of a track from positions, m: the median, in which one bad stretch does not count, and the rms."""
 
     median: float
@@ -30,25 +30,25 @@ class Distances:
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class HeldOutErrors:
     """How far stretches are from their positions before, and after calibration from the others.
 
     Each stretch is laid on its positions. stretches: how many there were; 0 where the drive is too short to
     be divided.
     """
 
-    before: Distances
-    after: Distances
+    before: ErrorSummary
+    after: ErrorSummary
     stretches: int
 
     @property
-    def improved(self) -> bool:
+    def is_improved(self) -> bool:
         """Whether calibration made them better by either measure, or nothing can be said."""
         better = self.after.median < self.before.median or self.after.rms < self.before.rms
         return self.stretches == 0 or better
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """In figures."""
         before, after = self.before, self.after
         return (
@@ -57,12 +57,12 @@ class LeftOut:
         )
 
 
-def held_out(
+def measure_held_out_errors(
     told: Positions,
     plain: WheelTrack,
     fitted: Callable[[Positions, float], tuple[WheelTrack, Antenna]],
     antenna: Antenna,
-) -> LeftOut:
+) -> HeldOutErrors:
     """Judged on each of four stretches in turn.
 
     plain: the track without a calibration; fitted: the track, until a time, s, at least, of a filter
@@ -70,18 +70,18 @@ def held_out(
     """
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(told.x), np.diff(told.y)))])
     if way[-1] < _STRETCHES * _LEAST or len(told) < 10 * _STRETCHES:
-        return LeftOut(Distances(0.0, 0.0), Distances(0.0, 0.0), 0)
+        return HeldOutErrors(ErrorSummary(0.0, 0.0), ErrorSummary(0.0, 0.0), 0)
     part = np.minimum((way / way[-1] * _STRETCHES).astype(int), _STRETCHES - 1)
     before: list[Array] = []
     after: list[Array] = []
     for number in range(_STRETCHES):
-        left_out = told.where(part == number)
-        track, its_antenna = fitted(told.where(part != number), float(left_out.t[-1]))
-        before.append(off(plain, left_out, antenna))
-        after.append(off(track, left_out, its_antenna))
-    return LeftOut(_distances(before), _distances(after), _STRETCHES)
+        left_out = told.select(part == number)
+        track, its_antenna = fitted(told.select(part != number), float(left_out.t[-1]))
+        before.append(position_errors(plain, left_out, antenna))
+        after.append(position_errors(track, left_out, its_antenna))
+    return HeldOutErrors(_distances(before), _distances(after), _STRETCHES)
 
 
-def _distances(errors: list[Array]) -> Distances:
+def _distances(errors: list[Array]) -> ErrorSummary:
     every = np.concatenate(errors)
-    return Distances(float(np.median(every)), float(np.sqrt(np.mean(every**2))))
+    return ErrorSummary(float(np.median(every)), float(np.sqrt(np.mean(every**2))))

@@ -34,16 +34,16 @@ class Positions:
     def __len__(self) -> int:
         return len(self.t)
 
-    def where(self, chosen: NDArray[Any]) -> Positions:
+    def select(self, chosen: NDArray[Any]) -> Positions:
         """Those of a mask or of indices, (M,)."""
         return Positions(self.t[chosen], self.x[chosen], self.y[chosen], self.sigma[chosen], self.antenna)
 
-    def each(self, seconds: float) -> Positions:
+    def thin_out(self, seconds: float) -> Positions:
         """One of every so many seconds: what is neighbouring says little that is new."""
-        return self.where(np.unique(np.floor(self.t / seconds), return_index=True)[1])
+        return self.select(np.unique(np.floor(self.t / seconds), return_index=True)[1])
 
 
-def random_part(told: Positions, x: Array, y: Array) -> Array:
+def estimate_white_sigma(told: Positions, x: Array, y: Array) -> Array:
     """1 sigma of what is random in positions, (M,) m, no more than what is declared and no less than 1 cm.
 
     x, y: (M,) m, a track at the same times, that is off by what changes slowly. Second differences of the

@@ -4,7 +4,7 @@ from typing import Protocol
 
 from hubodo.fuse.wheel.entries import Entry
 from hubodo.fuse.wheel.measurements import forward, roll, rolling, sideways, yaw
-from hubodo.fuse.wheel.measurements.shared import Row, WheelGeometry, WheelWindow, WindowNoise
+from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row, WheelGeometry, WindowNoise
 from hubodo.fuse.wheel.window import Window
 
 
@@ -18,29 +18,29 @@ class Measurement(Protocol):
     def usable(self, window: Window) -> bool:
         """Whether a window that clipped says anything of it."""
 
-    def measure(self, w: WheelWindow, noise: WindowNoise) -> Row:
+    def measure(self, w: LinearisedWindow, noise: WindowNoise) -> Row:
         """Residual, variance and derivatives by entry."""
 
 
-OF_EACH_WHEEL: tuple[Measurement, ...] = (yaw, roll, forward, sideways)
+PER_WHEEL: tuple[Measurement, ...] = (yaw, roll, forward, sideways)
 """Taken from each wheel by itself."""
 
 BETWEEN_WHEELS: tuple[Measurement, ...] = (rolling,)
 """By these wheels are compared: their rows stand behind all others, so that they are judged given those."""
 
-ON_THE_ROAD: tuple[Measurement, ...] = (forward, sideways, rolling)
+VALID_WHEN_ROLLING: tuple[Measurement, ...] = (forward, sideways, rolling)
 """Those that take the wheel to roll as the vehicle moves."""
 
-MEASUREMENTS = OF_EACH_WHEEL + BETWEEN_WHEELS
+MEASUREMENTS = PER_WHEEL + BETWEEN_WHEELS
 
 __all__ = [
     "BETWEEN_WHEELS",
     "MEASUREMENTS",
-    "OF_EACH_WHEEL",
-    "ON_THE_ROAD",
+    "PER_WHEEL",
+    "VALID_WHEN_ROLLING",
+    "LinearisedWindow",
     "Measurement",
     "Row",
     "WheelGeometry",
-    "WheelWindow",
     "WindowNoise",
 ]

@@ -14,24 +14,29 @@ from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
     ACCEL_BIAS_Y,
     CAMBER,
-    EXCESS,
     GYRO_BIAS_Z,
     GYRO_SCALE_Z,
     LEVER_ARM_X,
     LEVER_ARM_Y,
+    RATE_BEYOND_RANGE,
     SLOPE,
     WHEEL_ANGLE,
     YAW_RATE,
 )
-from hubodo.fuse.wheel.measurements.shared import STILL, Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.measurements.shared import (
+    STANDSTILL_FORCE_VARIANCE,
+    LinearisedWindow,
+    Row,
+    WindowNoise,
+)
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 STATES = (
-    *(YAW_RATE, SLOPE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS),
+    *(YAW_RATE, SLOPE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE),
     *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, CAMBER),
 )
 
-_CLIPPED_PUSH = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW) ** 2
+_CLIPPED_PUSH = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW_S) ** 2
 """(m/s)²; where gz is clipped the change of the wheel's rate is not known: 2 m/s² hard driving, estimated."""
 
 
@@ -40,30 +45,30 @@ def usable(window: Window) -> bool:
     return window.force_clipped == 0.0
 
 
-def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """Residual in m/s.
 
     Variance: white noise of the accelerometers; at rest, how still a wheel stands; while driving, vibration
     and the forward force that the wheel's own acceleration does not show.
     """
     window = w.window
-    variance = noise.accel + STILL
-    if not w.resting:
-        push = noise.push if window.spin_clipped == 0.0 else _CLIPPED_PUSH
+    variance = noise.accel + STANDSTILL_FORCE_VARIANCE
+    if not w.is_stationary:
+        push = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_PUSH
         variance = noise.accel + noise.vibration * window.axial_variance + push
     force, lever, carrier = w.force, w.lever, w.carrier
     # A faster wheel is further by half a window in its middle.
-    by_rate = force.real * (0.5 * WINDOW)
+    by_rate = force.real * (0.5 * WINDOW_S)
     return (
-        force.imag - w.geometry.radius * w.change - w.x[w.at[SLOPE]] * WINDOW,
+        force.imag - w.geometry.radius * w.axle_rate_change - w.x[w.columns[SLOPE]] * WINDOW_S,
         variance,
         {
             YAW_RATE: -by_rate * w.rate_by_yaw_rate,
-            SLOPE: WINDOW,
+            SLOPE: WINDOW_S,
             WHEEL_ANGLE: -force.real,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
-            EXCESS: -by_rate,
+            RATE_BEYOND_RANGE: -by_rate,
             LEVER_ARM_X: lever.imag,
             LEVER_ARM_Y: lever.real,
             ACCEL_BIAS_X: carrier.imag,

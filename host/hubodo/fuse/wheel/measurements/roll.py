@@ -9,7 +9,6 @@ gyros of unequal scale make of the yaw turns up in it.
 
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -17,14 +16,15 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_Z,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     WHEEL_ANGLE,
     YAW_RATE,
 )
-from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row, WindowNoise
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 STATES = (
-    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, GYRO_BIAS_X, GYRO_BIAS_Y),
+    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, GYRO_BIAS_X, GYRO_BIAS_Y),
     *(MISALIGNMENT_Y, MISALIGNMENT_X, CAMBER, GYRO_SCALE_DIFFERENCE),
 )
 
@@ -34,34 +34,37 @@ def usable(window: Window) -> bool:
     return window.across_clipped == 0.0
 
 
-def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """Residual in rad.
 
     Variance: white noise of the gyros; while driving, what vibration adds to them and the vehicle's own
     rolling about its forward axis.
     """
     variance = max(noise.gyro, w.gyro_noise)
-    if not w.resting:
-        variance += noise.flex * w.window.axial_variance + noise.roll
-    level, uneven = w.cos * (w.yaw_rate + w.geometry.ground_rate), w.x[w.at[GYRO_SCALE_DIFFERENCE]]
-    by_angle = 2.0 * uneven * level * w.twice.real - w.across.real
+    if not w.is_stationary:
+        variance += noise.axle_flex * w.window.axial_variance + noise.roll_rate
+    level, uneven = (
+        w.camber_cos * (w.yaw_rate + w.geometry.ground_rate),
+        w.x[w.columns[GYRO_SCALE_DIFFERENCE]],
+    )
+    by_angle = 2.0 * uneven * level * w.double_carrier.real - w.across.real
     # A faster wheel is further by half a window in its middle.
-    by_rate = -by_angle * (0.5 * WINDOW)
+    by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
-        w.across.imag - uneven * level * w.twice.imag,
+        w.across.imag - uneven * level * w.double_carrier.imag,
         variance,
         {
-            YAW_RATE: uneven * w.cos * w.twice.imag - by_rate * w.rate_by_yaw_rate,
+            YAW_RATE: uneven * w.camber_cos * w.double_carrier.imag - by_rate * w.rate_by_yaw_rate,
             WHEEL_ANGLE: by_angle,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
-            EXCESS: -by_rate,
+            RATE_BEYOND_RANGE: -by_rate,
             GYRO_BIAS_X: w.carrier.imag,
             GYRO_BIAS_Y: w.carrier.real,
             MISALIGNMENT_Y: -w.swing.imag,
             MISALIGNMENT_X: w.swing.real,
             CAMBER: -by_rate * w.rate_by_camber
-            - uneven * w.sin * (w.yaw_rate + w.geometry.ground_rate) * w.twice.imag,
-            GYRO_SCALE_DIFFERENCE: level * w.twice.imag,
+            - uneven * w.camber_sin * (w.yaw_rate + w.geometry.ground_rate) * w.double_carrier.imag,
+            GYRO_SCALE_DIFFERENCE: level * w.double_carrier.imag,
         },
     )

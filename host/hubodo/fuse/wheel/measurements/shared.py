@@ -27,7 +27,6 @@ from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
     ACCEL_BIAS_Y,
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -36,11 +35,12 @@ from hubodo.fuse.wheel.entries import (
     LEVER_ARM_Y,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     WHEEL_ANGLE,
     YAW_RATE,
     Entry,
 )
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 Row = tuple[float, float, dict[Entry, float]]
 """Residual, its variance, and the derivatives of what is expected."""
@@ -57,8 +57,8 @@ class WheelGeometry:
 
     side: float
     radius: float
-    contact: float
-    clocked: float = 0.0
+    contact_y: float
+    delay_factor: float = 0.0
     ground_rate: float = 0.0
 
 
@@ -71,17 +71,32 @@ class WindowNoise:
     s/rad, unevenness per rate of the wheel.
     """
 
-    __slots__ = ("accel", "flex", "gyro", "push", "road", "roll", "sway", "vibration")
+    __slots__ = (
+        "accel",
+        "axle_flex",
+        "forward_force",
+        "gyro",
+        "lateral_force",
+        "road_roughness",
+        "roll_rate",
+        "vibration",
+    )
 
     def __init__(self, noise: WheelNoise, radius: float) -> None:
-        t = WINDOW
+        t = WINDOW_S
         self.gyro, self.accel = noise.gyro**2 * t, noise.accel**2 * t
-        self.roll, self.flex = (noise.roll * t) ** 2, (noise.flex * t) ** 2
-        self.push, self.sway = (noise.push * t) ** 2, (noise.sway * t) ** 2
-        self.vibration, self.road = (noise.vibration * t) ** 2, noise.road**2 * radius * t
+        self.roll_rate, self.axle_flex = (noise.roll_rate * t) ** 2, (noise.axle_flex * t) ** 2
+        self.forward_force, self.lateral_force = (
+            (noise.forward_force * t) ** 2,
+            (noise.lateral_force * t) ** 2,
+        )
+        self.vibration, self.road_roughness = (
+            (noise.vibration_share * t) ** 2,
+            noise.road_roughness**2 * radius * t,
+        )
 
 
-STILL = (0.02 * WINDOW) ** 2
+STANDSTILL_FORCE_VARIANCE = (0.02 * WINDOW_S) ** 2
 """(m/s)²; force that a wheel at rest still feels, 0.02 m/s² 1 sigma: somebody sits, the ground gives.
 Estimated."""
 
@@ -89,13 +104,13 @@ _HARDLY = 1e-6
 """rad; a wheel that turns by less turns nothing within a window."""
 
 _SEEN = (
-    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, CAMBER),
+    *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER),
     *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
     *(ACCEL_BIAS_X, ACCEL_BIAS_Y, LEVER_ARM_X, LEVER_ARM_Y),
 )
 
 
-class WheelWindow:
+class LinearisedWindow:
     """One window of one wheel under the present states; `look` fills it anew for each window.
 
     window: the integrals; resting: whether the vehicle stands still; gyro_noise: (rad)², what the
@@ -110,44 +125,55 @@ class WheelWindow:
     """
 
     __slots__ = (
-        *("_pick", "about_axle", "across", "at", "carrier", "change", "cos", "force", "geometry", "lever"),
         *(
-            "rate",
-            "rate_by_bias",
+            "_pick",
+            "across",
+            "axle_rate",
+            "axle_rate_change",
+            "camber_cos",
+            "camber_sin",
+            "carrier",
+            "columns",
+        ),
+        *("double_carrier", "force", "geometry", "gyro_noise", "is_stationary", "lever", "rate_by_bias"),
+        *(
             "rate_by_camber",
             "rate_by_scale",
             "rate_by_yaw_rate",
-            "gyro_noise",
-            "resting",
-            "sin",
+            "rolling_rate",
+            "rotation",
+            "swing",
+            "window",
         ),
-        *("swing", "turn", "twice", "window", "x", "yaw_bend", "yaw_change", "yaw_rate"),
+        *("x", "yaw_change", "yaw_change_step", "yaw_rate"),
     )
 
     def __init__(self, geometry: WheelGeometry, at: Mapping[Entry, int]) -> None:
-        self.geometry, self.at = geometry, at
-        self.yaw_change = self.yaw_bend = 0.0
+        self.geometry, self.columns = geometry, at
+        self.yaw_change = self.yaw_change_step = 0.0
         self._pick = itemgetter(*(at[entry] for entry in _SEEN))
 
-    def look(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
+    def linearise(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
         """Everything above for the states x and a window. gyro_noise: (rad/s)², see RestDetector."""
-        self.gyro_noise = gyro_noise * (WINDOW * WINDOW)
+        self.gyro_noise = gyro_noise * (WINDOW_S * WINDOW_S)
         r, angle, k, b, excess, camber, *errors = self._pick(x)
         bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
-        self.x, self.window, self.resting, self.yaw_rate = x, window, resting, r
-        self.sin, self.cos = sin, cos = math.sin(camber), math.cos(camber)
+        self.x, self.window, self.is_stationary, self.yaw_rate = x, window, resting, r
+        self.camber_sin, self.camber_cos = sin, cos = math.sin(camber), math.cos(camber)
         side, stretch = self.geometry.side, 1.0 + k
         if window.all_clipped:
-            seen, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW, 0.0, 0.0
+            seen, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW_S, 0.0, 0.0
         else:
-            seen = (window.spin / WINDOW - b) / stretch
+            seen = (window.spin / WINDOW_S - b) / stretch
             self.rate_by_scale, self.rate_by_bias = -seen / stretch, -1.0 / stretch
-        self.about_axle = seen + excess
-        self.rate = self.about_axle - side * r * sin
+        self.axle_rate = seen + excess
+        self.rolling_rate = self.axle_rate - side * r * sin
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
-        self.turn = turn = cmath.exp(1j * (angle + self.rate * (0.5 * WINDOW)))
+        self.rotation = turn = cmath.exp(1j * (angle + self.rolling_rate * (0.5 * WINDOW_S)))
         spin = window.spin
-        self.twice = turn * turn * (WINDOW if abs(spin) < _HARDLY else WINDOW * math.sin(spin) / spin)
+        self.double_carrier = (
+            turn * turn * (WINDOW_S if abs(spin) < _HARDLY else WINDOW_S * math.sin(spin) / spin)
+        )
         self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn
         self.lever = lever = window.lever * turn
         # A node turned by the small vector m reads Omega - m x Omega: gx gains -m_y, gy gains m_x of the
@@ -156,14 +182,14 @@ class WheelWindow:
             window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * swing
         )
         self.force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
-        self.change = window.rate_end - window.rate_start
+        self.axle_rate_change = window.rate_end - window.rate_start
 
-    def see_change(self) -> None:
+    def update_yaw_change(self) -> None:
         """How the yaw rate changes over the window: what the gyros across the axle show at its edges."""
-        x, at, window = self.x, self.at, self.window
+        x, at, window = self.x, self.columns, self.window
         half = cmath.exp(0.5j * window.spin)
         tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
         bias = complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])
         own = (bias + tilt * window.rate_end) * half - (bias + tilt * window.rate_start) * half.conjugate()
-        before, self.yaw_change = self.yaw_change, ((window.across_change - own) * self.turn).real
-        self.yaw_bend = self.yaw_change - before
+        before, self.yaw_change = self.yaw_change, ((window.across_change - own) * self.rotation).real
+        self.yaw_change_step = self.yaw_change - before

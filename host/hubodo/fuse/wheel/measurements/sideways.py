@@ -15,7 +15,6 @@ from hubodo.fuse.wheel.entries import (
     AXIAL_LEAK_X,
     AXIAL_LEAK_Y,
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -24,13 +23,19 @@ from hubodo.fuse.wheel.entries import (
     LEVER_ARM_Y,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     YAW_RATE,
 )
-from hubodo.fuse.wheel.measurements.shared import STILL, Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.measurements.shared import (
+    STANDSTILL_FORCE_VARIANCE,
+    LinearisedWindow,
+    Row,
+    WindowNoise,
+)
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 STATES = (
-    *(YAW_RATE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, ACCEL_BIAS_Z, CAMBER),
+    *(YAW_RATE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, ACCEL_BIAS_Z, CAMBER),
     *(AXIAL_LEAK_X, AXIAL_LEAK_Y, LEVER_ARM_X, LEVER_ARM_Y),
     *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
 )
@@ -41,38 +46,41 @@ def usable(window: Window) -> bool:
     return window.force_clipped == 0.0 and window.axial_clipped == 0.0
 
 
-def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """Residual in m/s.
 
     Variance: white noise of the accelerometer; at rest, how still a wheel stands; while driving, vibration
     and the swaying of the vehicle.
     """
-    x, at, window = w.x, w.at, w.window
-    variance = noise.accel + STILL
-    if not w.resting:
-        variance = noise.accel + noise.vibration * window.axial_variance + noise.sway
-    r, radius, about_axle = w.yaw_rate, w.geometry.radius, w.about_axle
+    x, at, window = w.x, w.columns, w.window
+    variance = noise.accel + STANDSTILL_FORCE_VARIANCE
+    if not w.is_stationary:
+        variance = noise.accel + noise.vibration * window.axial_variance + noise.lateral_force
+    r, radius, about_axle = w.yaw_rate, w.geometry.radius, w.axle_rate
     leak = window.raw_force
     # What the vehicle's turning alone makes in the gyros across the axle: less their bias and the spin.
-    spin, tilt = window.spin / WINDOW + x[at[EXCESS]], complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
-    yawing = window.raw_across - (complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) + tilt * spin) * WINDOW
+    spin, tilt = (
+        window.spin / WINDOW_S + x[at[RATE_BEYOND_RANGE]],
+        complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]),
+    )
+    yawing = window.raw_across - (complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) + tilt * spin) * WINDOW_S
     arm_x, arm_y = x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]]
-    sway, by_bias, by_tilt = 2.0 * spin * yawing, -2.0 * spin * WINDOW, 2.0 * spin * spin * WINDOW
-    by_spin = 2.0 * yawing - 2.0 * spin * WINDOW * tilt
-    lateral, level = w.cos * r * radius, w.geometry.side * STANDARD_GRAVITY
+    sway, by_bias, by_tilt = 2.0 * spin * yawing, -2.0 * spin * WINDOW_S, 2.0 * spin * spin * WINDOW_S
+    by_spin = 2.0 * yawing - 2.0 * spin * WINDOW_S * tilt
+    lateral, level = w.camber_cos * r * radius, w.geometry.side * STANDARD_GRAVITY
     residual = window.axial - x[at[AXIAL_LEAK_X]] * leak.real + x[at[AXIAL_LEAK_Y]] * leak.imag
     residual = residual - arm_x * sway.real - arm_y * sway.imag
-    residual -= (level * w.sin + lateral * about_axle + x[at[ACCEL_BIAS_Z]]) * WINDOW
+    residual -= (level * w.camber_sin + lateral * about_axle + x[at[ACCEL_BIAS_Z]]) * WINDOW_S
     return (
         residual,
         variance,
         {
-            YAW_RATE: w.cos * radius * about_axle * WINDOW,
-            GYRO_SCALE_Z: lateral * w.rate_by_scale * WINDOW,
-            GYRO_BIAS_Z: lateral * w.rate_by_bias * WINDOW,
-            EXCESS: lateral * WINDOW + arm_x * by_spin.real + arm_y * by_spin.imag,
-            ACCEL_BIAS_Z: WINDOW,
-            CAMBER: (level * w.cos - w.sin * r * radius * about_axle) * WINDOW,
+            YAW_RATE: w.camber_cos * radius * about_axle * WINDOW_S,
+            GYRO_SCALE_Z: lateral * w.rate_by_scale * WINDOW_S,
+            GYRO_BIAS_Z: lateral * w.rate_by_bias * WINDOW_S,
+            RATE_BEYOND_RANGE: lateral * WINDOW_S + arm_x * by_spin.real + arm_y * by_spin.imag,
+            ACCEL_BIAS_Z: WINDOW_S,
+            CAMBER: (level * w.camber_cos - w.camber_sin * r * radius * about_axle) * WINDOW_S,
             AXIAL_LEAK_X: leak.real,
             AXIAL_LEAK_Y: -leak.imag,
             LEVER_ARM_X: sway.real,

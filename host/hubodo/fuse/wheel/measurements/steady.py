@@ -31,7 +31,7 @@ STATES = (
     *(GYRO_BIAS_X, MISALIGNMENT_Y, GYRO_BIAS_Y, MISALIGNMENT_X),
 )
 
-ROWS = 4
+N_ROWS = 4
 """Force and rate, x and y of each: each is worked in about what the one before has left."""
 
 _SPIN = 0.15
@@ -41,7 +41,7 @@ _FORCE, _RATE = 0.3, 0.02
 """m/s² and rad/s, 1 sigma of what else does not turn for a second: bumps; turns that begin. Estimated."""
 
 
-class Steady(NamedTuple):
+class NodeFixedTerms(NamedTuple):
     """What does not go round, means of samples: force, m/s²; rate, rad/s; x + iy of node axes.
 
     force_variance, rate_variance: of each part, of what shakes. spin: rad/s, w; square: (rad/s)²,
@@ -53,20 +53,20 @@ class Steady(NamedTuple):
     force_variance: float
     rate_variance: float
     spin: float
-    square: complex
+    lever_factor: complex
     radius: float
 
 
-def measure(x: list[float], at: Mapping[Entry, int], seen: Steady) -> tuple[Row, Row, Row, Row]:
+def measure(x: list[float], at: Mapping[Entry, int], seen: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
     """Residuals in m/s² and rad/s. Variance: of what a spin that is off makes of them, and what is left."""
     arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
     tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
-    force = seen.force - complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) - arm * seen.square
+    force = seen.force - complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) - arm * seen.lever_factor
     rate = seen.rate - complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) - tilt * seen.spin
     share = (_SPIN / (seen.radius * seen.spin)) ** 2
     of_force = _FORCE**2 + seen.force_variance + 4.0 * share * abs(seen.force) ** 2
     of_rate = _RATE**2 + seen.rate_variance + share * abs(seen.rate) ** 2
-    by_arm = seen.square
+    by_arm = seen.lever_factor
     return (
         (force.real, of_force, {ACCEL_BIAS_X: 1.0, LEVER_ARM_X: by_arm.real, LEVER_ARM_Y: -by_arm.imag}),
         (force.imag, of_force, {ACCEL_BIAS_Y: 1.0, LEVER_ARM_X: by_arm.imag, LEVER_ARM_Y: by_arm.real}),

@@ -12,7 +12,6 @@ yaw rate that gravity makes in a gyro that feels it, g the rate at which the gro
 
 from hubodo.fuse.wheel.entries import (
     CAMBER,
-    EXCESS,
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
     GYRO_BIAS_Z,
@@ -21,16 +20,26 @@ from hubodo.fuse.wheel.entries import (
     GYRO_SCALE_Z,
     MISALIGNMENT_X,
     MISALIGNMENT_Y,
+    RATE_BEYOND_RANGE,
     TIME_OFFSET,
     WHEEL_ANGLE,
     YAW_RATE,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.measurements.shared import Row, WheelWindow, WindowNoise
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row, WindowNoise
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 STATES = (
-    *(YAW_RATE, TIME_OFFSET, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, EXCESS, GYRO_BIAS_X, GYRO_BIAS_Y),
+    *(
+        YAW_RATE,
+        TIME_OFFSET,
+        WHEEL_ANGLE,
+        GYRO_SCALE_Z,
+        GYRO_BIAS_Z,
+        RATE_BEYOND_RANGE,
+        GYRO_BIAS_X,
+        GYRO_BIAS_Y,
+    ),
     *(MISALIGNMENT_Y, MISALIGNMENT_X, CAMBER),
     *(GYRO_SCALE_ACROSS, GYRO_SCALE_DIFFERENCE, YAW_RATE_FROM_GRAVITY),
 )
@@ -41,44 +50,46 @@ def usable(window: Window) -> bool:
     return window.across_clipped == 0.0
 
 
-def measure(w: WheelWindow, noise: WindowNoise) -> Row:
+def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """Residual in rad.
 
     Variance: white noise of the gyros; while driving, what vibration adds to them, and the second order of
     the lateness, half of its square times the change of r'.
     """
-    x, at, r = w.x, w.at, w.yaw_rate + w.geometry.ground_rate
-    level, uneven = w.cos * r, x[at[GYRO_SCALE_DIFFERENCE]]
+    x, at, r = w.x, w.columns, w.yaw_rate + w.geometry.ground_rate
+    level, uneven = w.camber_cos * r, x[at[GYRO_SCALE_DIFFERENCE]]
     # By each rad/s of yaw, s.
-    scale = (1.0 + x[at[GYRO_SCALE_ACROSS]]) * WINDOW + uneven * w.twice.real
+    scale = (1.0 + x[at[GYRO_SCALE_ACROSS]]) * WINDOW_S + uneven * w.double_carrier.real
     # Where the spin is searched for, an angle that is off changes the yaw rate as well.
-    late = w.geometry.clocked * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
-    residual = w.across.real - scale * level - x[at[YAW_RATE_FROM_GRAVITY]] * WINDOW
+    late = w.geometry.delay_factor * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
+    residual = w.across.real - scale * level - x[at[YAW_RATE_FROM_GRAVITY]] * WINDOW_S
     residual += x[at[TIME_OFFSET]] * late
     variance = max(noise.gyro, w.gyro_noise)
-    if not w.resting:
-        variance += noise.flex * w.window.axial_variance
-        variance += (0.5 * x[at[TIME_OFFSET]] ** 2 * w.geometry.clocked * w.yaw_bend / WINDOW) ** 2
+    if not w.is_stationary:
+        variance += noise.axle_flex * w.window.axial_variance
+        variance += (
+            0.5 * x[at[TIME_OFFSET]] ** 2 * w.geometry.delay_factor * w.yaw_change_step / WINDOW_S
+        ) ** 2
     # A faster wheel is further by half a window in its middle.
-    by_angle = w.across.imag - 2.0 * uneven * level * w.twice.imag
-    by_rate = -by_angle * (0.5 * WINDOW)
+    by_angle = w.across.imag - 2.0 * uneven * level * w.double_carrier.imag
+    by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
         residual,
         variance,
         {
-            YAW_RATE: scale * w.cos - by_rate * w.rate_by_yaw_rate,
+            YAW_RATE: scale * w.camber_cos - by_rate * w.rate_by_yaw_rate,
             TIME_OFFSET: -late,
             WHEEL_ANGLE: by_angle,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
-            EXCESS: -by_rate,
+            RATE_BEYOND_RANGE: -by_rate,
             GYRO_BIAS_X: w.carrier.real,
             GYRO_BIAS_Y: -w.carrier.imag,
             MISALIGNMENT_Y: -w.swing.real,
             MISALIGNMENT_X: -w.swing.imag,
-            CAMBER: -by_rate * w.rate_by_camber - scale * w.sin * r,
-            GYRO_SCALE_ACROSS: level * WINDOW,
-            GYRO_SCALE_DIFFERENCE: level * w.twice.real,
-            YAW_RATE_FROM_GRAVITY: WINDOW,
+            CAMBER: -by_rate * w.rate_by_camber - scale * w.camber_sin * r,
+            GYRO_SCALE_ACROSS: level * WINDOW_S,
+            GYRO_SCALE_DIFFERENCE: level * w.double_carrier.real,
+            YAW_RATE_FROM_GRAVITY: WINDOW_S,
         },
     )

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 
 from hubodo.fuse.wheel.entries import SPEED, YAW_RATE, Entry
 from hubodo.fuse.wheel.measurements.shared import Row
-from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.motion_state import MotionState
 
 STATES = (SPEED, YAW_RATE)
 
-_SIGMAS = {Stillness.RESTING: (1e-3, 1e-4), Stillness.ROCKING: (0.03, 0.03)}
+_SIGMAS = {MotionState.STANDSTILL: (1e-3, 1e-4), MotionState.ROCKING: (0.03, 0.03)}
 """1 sigma of speed, m/s, and yaw rate, rad/s.
 
 At rest: 0.1 mm and 0.6 mrad in a window, below what a gyro shows; rocked by hand: 3 cm back and forth within
@@ -21,7 +21,7 @@ a second. Estimated.
 """
 
 
-def measure(x: list[float], at: Mapping[Entry, int], stillness: Stillness) -> tuple[Row, Row]:
+def measure(x: list[float], at: Mapping[Entry, int], stillness: MotionState) -> tuple[Row, Row]:
     """Residuals in m/s and rad/s. Variance: how far a vehicle moves that is still or rocked about a place."""
     speed, yaw_rate = _SIGMAS[stillness]
     return (

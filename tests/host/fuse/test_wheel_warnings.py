@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hubodo.fuse.wheel.advice import warnings_of
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.drive_warnings import list_warnings
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.outage_log import OutageLog
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.silences import Silences
-from hubodo.fuse.wheel.stillness import Stillness
 from hubodo.fuse.wheel.track import (
     WheelReport,
     WheelRun,
@@ -21,28 +21,34 @@ from hubodo.fuse.wheel.track import (
     _path,
     _without_what_contradicts,
     _without_what_jumped,
-    collect,
+    track_from_poses,
 )
 from hubodo.recording import Table
 
 TURN = 2.0 * math.pi
-MOVING, ROCKING, RESTING = (float(still) for still in Stillness)
+MOVING, ROCKING, RESTING = (float(still) for still in MotionState)
 
 
 def said(
     still: Any = (RESTING,) * 50, refused: int = 0, verdict: str = "", windows: int = 1000, **wheel: Any
 ) -> list[str]:
     """Of a drive of so many windows, with one wheel that did nothing unusual but for what is told."""
-    usual = {"unheard_in_all": 0, "lost": 0, "turned": 50.0, "forwards": 50.0, "moving": 100}
-    usual |= {"upright": 100.0, "clipped": 0, "slips": 0, "name": "left"}
+    usual = {
+        "missing_windows": 0,
+        "angle_losses": 0,
+        "turned_angle": 50.0,
+        "net_angle": 50.0,
+        "upright_count": 100,
+    }
+    usual |= {"upright_sum": 100.0, "clipped_windows": 0, "outlier_windows": 0, "name": "left"}
     core = SimpleNamespace(
         wheels=[SimpleNamespace(**{**usual, **wheel})],
-        agreement=SimpleNamespace(verdict=verdict),
-        silences=Silences(seconds=0.1 * wheel.pop("silent", 0)),
+        mounting_check=SimpleNamespace(verdict=verdict),
+        outages=OutageLog(seconds=0.1 * wheel.pop("silent", 0)),
         windows=windows,
     )
     made = SimpleNamespace(core=core, refused={"left": refused})
-    return warnings_of(made, np.array(still))  # type: ignore[arg-type]
+    return list_warnings(made, np.array(still))  # type: ignore[arg-type]
 
 
 def test_of_a_drive_without_fault_nothing_is_said() -> None:
@@ -65,17 +71,21 @@ def test_a_rest_is_expected_in_the_first_three_seconds(still: list[float], words
 @pytest.mark.parametrize(
     ("told", "not_told", "words"),
     [
-        ({"unheard_in_all": 6}, {"unheard_in_all": 5}, "not heard for 0.6 s of 100.0 s"),
-        ({"unheard_in_all": 26, "silent": 20}, {"unheard_in_all": 25, "silent": 20}, "not heard for 2.6 s"),
-        ({"unheard_in_all": 1000}, {"unheard_in_all": 0}, "the track comes from the other wheel alone"),
-        ({"lost": 2}, {"lost": 0}, "found anew (2 times)"),
+        ({"missing_windows": 6}, {"missing_windows": 5}, "not heard for 0.6 s of 100.0 s"),
+        ({"missing_windows": 26, "silent": 20}, {"missing_windows": 25, "silent": 20}, "not heard for 2.6 s"),
+        ({"missing_windows": 1000}, {"missing_windows": 0}, "the track comes from the other wheel alone"),
+        ({"angle_losses": 2}, {"angle_losses": 0}, "found anew (2 times)"),
         ({"refused": 3}, {"refused": 0}, "3 samples left out"),
-        ({"turned": 0.99 * TURN}, {"turned": 1.01 * TURN}, "turned only 0.99 times"),
-        ({"forwards": -40.1}, {"forwards": -39.9}, "rolled backwards"),
-        ({"upright": 49.0}, {"upright": 51.0}, "gravity does not turn"),
-        ({"moving": 50, "upright": 24.0}, {"moving": 49, "upright": 24.0}, "gravity does not turn"),
-        ({"clipped": 7}, {"clipped": 0}, "gz at its limit for 0.7 s"),
-        ({"slips": 51}, {"slips": 50}, "disagreed with the other wheel for 5.1 s"),
+        ({"turned_angle": 0.99 * TURN}, {"turned_angle": 1.01 * TURN}, "turned only 0.99 times"),
+        ({"net_angle": -40.1}, {"net_angle": -39.9}, "rolled backwards"),
+        ({"upright_sum": 49.0}, {"upright_sum": 51.0}, "gravity does not turn"),
+        (
+            {"upright_count": 50, "upright_sum": 24.0},
+            {"upright_count": 49, "upright_sum": 24.0},
+            "gravity does not turn",
+        ),
+        ({"clipped_windows": 7}, {"clipped_windows": 0}, "gz at its limit for 0.7 s"),
+        ({"outlier_windows": 51}, {"outlier_windows": 50}, "disagreed with the other wheel for 5.1 s"),
         ({"verdict": "they are exchanged"}, {"verdict": ""}, "they are exchanged"),
     ],
 )
@@ -88,20 +98,20 @@ def test_what_is_unusual_is_said_from_its_edge_on(
 
 
 def test_a_wheel_that_hardly_turned_is_not_said_to_have_rolled_backwards() -> None:
-    assert all("backwards" not in line for line in said(turned=0.9 * TURN, forwards=-0.9 * TURN))
+    assert all("backwards" not in line for line in said(turned_angle=0.9 * TURN, net_angle=-0.9 * TURN))
 
 
 def test_a_few_windows_of_slip_are_nothing_however_short_the_drive() -> None:
-    assert said(slips=5, windows=20) == []
-    assert len(said(slips=6, windows=20)) == 1
+    assert said(outlier_windows=5, windows=20) == []
+    assert len(said(outlier_windows=6, windows=20)) == 1
 
 
 def poses(count: int, t: Any = None) -> Any:
     rng = np.random.default_rng(count)
     times = 0.1 * np.arange(1, count + 1) if t is None else t
-    return collect(
+    return track_from_poses(
         [
-            Pose(at, *rng.standard_normal(5), rng.standard_normal((5, 5)), Stillness(k % 3), 0.5 * k, k)
+            Pose(at, *rng.standard_normal(5), rng.standard_normal((5, 5)), MotionState(k % 3), 0.5 * k, k)
             for k, at in enumerate(times)
         ]
     )
@@ -110,10 +120,10 @@ def poses(count: int, t: Any = None) -> Any:
 def test_poses_are_collected_column_by_column() -> None:
     track = poses(4)
     assert track.t == pytest.approx([0.1, 0.2, 0.3, 0.4])
-    assert track.still.tolist() == [0.0, 1.0, 2.0, 0.0]
-    assert track.nis.tolist() == [0.0, 0.5, 1.0, 1.5] and track.degrees.tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert track.motion_state.tolist() == [0.0, 1.0, 2.0, 0.0]
+    assert track.nis.tolist() == [0.0, 0.5, 1.0, 1.5] and track.dof.tolist() == [0.0, 1.0, 2.0, 3.0]
     assert track.covariance.shape == (4, 5, 5)
-    plain = track.plain()
+    plain = track.to_track()
     variance = np.einsum("nii->in", track.covariance)
     found = [plain.sigma_x, plain.sigma_y, plain.sigma_heading]
     assert np.array(found) == pytest.approx(np.sqrt(np.maximum(variance, 0.0))[:3])
@@ -138,10 +148,16 @@ CONFIG = WheelConfig(0.2, 0.6, {"left": WheelNode("left", "left"), "right": Whee
 
 def ran(slips: int = 0, alone: float = 0.0, yaw_rate: float = 0.1, **agreement: Any) -> Any:
     """A run whose wheels disagreed in so many windows."""
-    told = {"alone": alone, "steering": False, "exchanged": False, "verdict": "what it is", **agreement}
-    wheels = [SimpleNamespace(name=name, slips=0, node=node) for name, node in CONFIG.nodes.items()]
-    wheels[1].slips = slips
-    core = SimpleNamespace(wheels=wheels, agreement=SimpleNamespace(**told))
+    told = {
+        "usable_side": alone,
+        "other_wheel_steers": False,
+        "sides_swapped": False,
+        "verdict": "what it is",
+        **agreement,
+    }
+    wheels = [SimpleNamespace(name=name, outlier_windows=0, node=node) for name, node in CONFIG.nodes.items()]
+    wheels[1].outlier_windows = slips
+    core = SimpleNamespace(wheels=wheels, mounting_check=SimpleNamespace(**told))
     report = WheelReport(0.0, 0.0, 0.0, "", {}, {}, {}, {}, ("before",))
     track = SimpleNamespace(yaw_rate=np.full(3, yaw_rate))
     return WheelRun(track, report, SimpleNamespace(core=core, config=CONFIG))  # type: ignore[arg-type]
@@ -220,7 +236,7 @@ def test_of_two_wheels_that_are_no_axle_one_is_run_by_itself(
         sides[name] = node.side
         return ran(yaw_rate={"left": -0.3, "right": 0.2}[name])
 
-    made = ran(0, alone, steering=steering, exchanged=exchanged).filter
+    made = ran(0, alone, other_wheel_steers=steering, sides_swapped=exchanged).filter
     found = _without_what_contradicts({}, made, again)
     assert found is not None and sides == runs
     line = found.report.warnings[0]

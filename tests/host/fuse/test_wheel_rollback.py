@@ -12,10 +12,10 @@ from scipy.stats import chi2
 
 from accuracy.slip import CASES, made, with_fixes
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
-from hubodo.fuse.wheel.hindsight import Hindsight
-from hubodo.fuse.wheel.loose_way import loose_way
-from hubodo.fuse.wheel.lost_wheels import LostWheels
-from hubodo.fuse.wheel.track import WheelTrack, run
+from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
+from hubodo.fuse.wheel.rollback import RollbackBuffer
+from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter
 from wheel_runs import config, pose_error, tables
 
 ENTRIES = (X, Y, HEADING, SPEED)
@@ -25,7 +25,7 @@ def doubted(wrong: float, windows: int) -> Any:
     """Covariance of a core whose speed was wrong in so many windows, and where it headed in 400."""
     rng = np.random.default_rng(4)
     headings = 0.4 + np.cumsum(0.02 * rng.standard_normal(400))
-    past = Hindsight(SimpleNamespace())  # type: ignore[arg-type]
+    past = RollbackBuffer(SimpleNamespace())  # type: ignore[arg-type]
     for heading in headings:
         past._headings.append(heading)
     core = SimpleNamespace(
@@ -51,24 +51,28 @@ def test_a_speed_that_was_wrong_may_have_been_so_all_the_while_wherever_it_heade
 
 
 def test_windows_are_marked_and_unmarked_for_one_wheel_and_the_other_stays_as_it_is() -> None:
-    slips = LostWheels(2)
+    slips = SlipSchedule(2)
     slips.mark(1, range(4, 8))
     slips.mark(0, range(6, 10))
-    assert [slips.of(number) for number in (3, 5, 7, 9)] == [
+    assert [slips.slipping_wheels(number) for number in (3, 5, 7, 9)] == [
         (False, False), (False, True), (True, True), (True, False)
     ]  # fmt: skip
-    slips.mark(1, range(5, 7), lost=False)
-    assert slips.of(5) == (False, False) and 5 not in slips.lost
-    assert slips.of(6) == (True, False)
-    assert (slips.windows(0), slips.windows(1)) == (4, 2)
-    assert slips.all_before(8) and not slips.all_before(7) and not slips.all_before(99)
+    slips.mark(1, range(5, 7), slipping=False)
+    assert slips.slipping_wheels(5) == (False, False) and 5 not in slips.slipping
+    assert slips.slipping_wheels(6) == (True, False)
+    assert (slips.count_windows(0), slips.count_windows(1)) == (4, 2)
+    assert (
+        slips.all_slipping_before(8)
+        and not slips.all_slipping_before(7)
+        and not slips.all_slipping_before(99)
+    )
 
 
 def test_a_doubt_grows_evenly_to_what_the_speed_was_wrong_by_and_two_add_up() -> None:
-    slips = LostWheels(2)
-    slips.doubt_speed(range(10, 14), 0.8)
-    slips.doubt_speed(range(12, 14), 0.2)
-    assert slips.doubt == pytest.approx({10: 0.2, 11: 0.2, 12: 0.3, 13: 0.3})
+    slips = SlipSchedule(2)
+    slips.inflate_speed(range(10, 14), 0.8)
+    slips.inflate_speed(range(12, 14), 0.2)
+    assert slips.speed_variance == pytest.approx({10: 0.2, 11: 0.2, 12: 0.3, 13: 0.3})
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +82,7 @@ def ran_out() -> list[tuple[Any, float, dict[float, Any]]]:
     found = []
     for kind, seed in ((kinds[0], 306), (kinds[0], 301), (kinds[0], 110), (kinds[1], 114), (kinds[1], 510)):
         drive, names, start = made(CASES[f"one wheel, lifted 6 s, {kind}"], seed)
-        tracks = {lag: run(config(drive, names), tables(drive), lag).track for lag in lags}
+        tracks = {lag: run_wheel_filter(config(drive, names), tables(drive), lag).track for lag in lags}
         found.append((drive, start, tracks))
     return found
 
@@ -126,7 +130,7 @@ def test_a_way_is_loose_by_what_it_jumps_and_by_what_grows_as_no_wheel_tells_the
     nothing = np.zeros(8)
     carrying = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     track = WheelTrack(t, x, nothing, nothing, 2.0 + nothing, nothing, covariance, *[nothing] * 3, carrying)
-    assert loose_way(track) == pytest.approx([0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12)
+    assert odometry_inflation(track) == pytest.approx([0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12)
 
 
 def _at(drive: Any, track: Any, t: float) -> tuple[float, float]:

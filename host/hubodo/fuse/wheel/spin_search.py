@@ -19,8 +19,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.measurements.steady import Steady
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _FASTEST = 240.0
 """rad/s of excess that is looked for, 8 times a gyro of 2000 deg/s."""
@@ -55,7 +55,7 @@ _NEAR = 8.0
 """rad/s around the predicted excess that are looked at: half of what tells two spins apart in `_SPAN`."""
 
 
-def unclipped(window: Window, excess: float, slope: float = 0.0) -> Window:
+def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Window:
     """A window with its integrals turned by the measured rate and `excess`, rad/s at its middle.
 
     slope: rad/s², by which the excess changes. `spin` stays what was measured.
@@ -63,12 +63,12 @@ def unclipped(window: Window, excess: float, slope: float = 0.0) -> Window:
     samples = window.samples
     if samples is None:
         return window
-    change = (window.rate_end - window.rate_start) / WINDOW + slope
+    change = (window.rate_end - window.rate_start) / WINDOW_S + slope
     across = carrier = force = swing = lever = 0j
     for weight, time, rate, angle, w, f, _ in zip(*samples, strict=True):
         rate += excess + slope * time
         # Both ends of the window lie as far from its middle in angle.
-        angle += excess * time + 0.5 * slope * (time * time - 0.25 * WINDOW * WINDOW)
+        angle += excess * time + 0.5 * slope * (time * time - 0.25 * WINDOW_S * WINDOW_S)
         turn = weight * cmath.exp(1j * angle)
         across += turn * w
         carrier += turn
@@ -82,26 +82,26 @@ def unclipped(window: Window, excess: float, slope: float = 0.0) -> Window:
         force=force,
         swing=swing,
         lever=lever,
-        rate_start=window.rate_start - 0.5 * slope * WINDOW,
-        rate_end=window.rate_end + 0.5 * slope * WINDOW,
+        rate_start=window.rate_start - 0.5 * slope * WINDOW_S,
+        rate_end=window.rate_end + 0.5 * slope * WINDOW_S,
     )
 
 
-class FoundSpin(NamedTuple):
+class SpinEstimate(NamedTuple):
     """What windows in a row show of a clipped spin.
 
     begin, end: rad, the wheel angle at the beginning of the first and the end of the last window. excess,
     excess_end: rad/s, means in the first and the last window. steady: what does not turn meanwhile.
     """
 
-    begin: float
-    end: float
+    start_angle: float
+    end_angle: float
     excess: float
     excess_end: float
-    steady: Steady
+    steady: NodeFixedTerms
 
 
-def find_spin(windows: Sequence[Window], radius: float) -> FoundSpin | None:
+def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
     """The spin by which gravity turns in clipped windows; None where none stands out. radius: m."""
     taken = _Samples.of(windows)
     if taken is None:
@@ -117,17 +117,17 @@ def find_spin(windows: Sequence[Window], radius: float) -> FoundSpin | None:
     if not found.is_gravity:
         return None
     first, last = windows[0], windows[-1]
-    behind, ahead = first.number * WINDOW - taken.centre, (last.number + 1) * WINDOW - taken.centre
+    behind, ahead = first.number * WINDOW_S - taken.centre, (last.number + 1) * WINDOW_S - taken.centre
     angle = -cmath.phase(found.amplitude) + math.atan2(radius * found.slope, STANDARD_GRAVITY)
 
     def theta(t: float, carrier: float) -> float:
         return angle + carrier + found.excess * t + 0.5 * found.slope * t * t
 
-    return FoundSpin(
+    return SpinEstimate(
         theta(behind, first.clock_angle - 0.5 * first.spin),
         theta(ahead, last.clock_angle + 0.5 * last.spin),
-        found.excess + found.slope * (behind + 0.5 * WINDOW),
-        found.excess + found.slope * (ahead - 0.5 * WINDOW),
+        found.excess + found.slope * (behind + 0.5 * WINDOW_S),
+        found.excess + found.slope * (ahead - 0.5 * WINDOW_S),
         whole.steady(found, radius),
     )
 
@@ -162,11 +162,11 @@ class _Samples(NamedTuple):
     def of(windows: Sequence[Window]) -> _Samples | None:
         """Those of clipped windows, less those with a clipped force; None where too few are left."""
         heard = [(w, w.samples) for w in windows if w.samples is not None and w.missing == 0.0]
-        felt = np.array([flag for _, samples in heard for flag in samples.felt], bool)
+        felt = np.array([flag for _, samples in heard for flag in samples.force_in_range], bool)
         if np.count_nonzero(felt) < _FEWEST:
             return None
-        centre = 0.5 * (heard[0][0].number + heard[-1][0].number + 1) * WINDOW
-        t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW - centre) for w, s in heard])
+        centre = 0.5 * (heard[0][0].number + heard[-1][0].number + 1) * WINDOW_S
+        t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW_S - centre) for w, s in heard])
         carried = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in heard])
         rate, across, force = (np.concatenate([s[row] for _, s in heard])[felt] for row in (2, 4, 5))
         return _Samples(t[felt], carried[felt], rate, across, force, centre, np.empty(0))
@@ -198,7 +198,7 @@ class _Samples(NamedTuple):
         rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
         return _Chirp(float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope]))
 
-    def steady(self, found: _Chirp, radius: float) -> Steady:
+    def steady(self, found: _Chirp, radius: float) -> NodeFixedTerms:
         """What is left of force and rates when what goes round with the chirp is taken out; radius: m."""
         t, spin = self.t, self.rate + found.excess + found.slope * self.t
         turns = np.exp(-1j * (self.carried + found.excess * t + 0.5 * found.slope * t * t))
@@ -208,11 +208,13 @@ class _Samples(NamedTuple):
         left = 0.5 * np.mean(np.abs(both - basis @ fit) ** 2, axis=0) * _SHAKES / (t[-1] - t[0])
         square = complex(-float(np.mean(spin * spin)), found.slope)
         force, rate = (complex(value) for value in fit[0])
-        return Steady(force, rate, float(left[0]), float(left[1]), float(np.mean(spin)), square, radius)
+        return NodeFixedTerms(
+            force, rate, float(left[0]), float(left[1]), float(np.mean(spin)), square, radius
+        )
 
 
 @dataclass
-class SpinFollower:
+class SpinTracker:
     """Follows the excess of one wheel from window to window.
 
     radius: m. excess: rad/s, mean over the newest window, slope: rad/s². seen: whether gravity showed it.
@@ -221,35 +223,35 @@ class SpinFollower:
     radius: float
     excess: float = 0.0
     slope: float = 0.0
-    seen: bool = False
+    is_observed: bool = False
     _past: deque[Window] = field(default_factory=lambda: deque(maxlen=_SPAN))
     _wait: int = _SOON
 
-    def roll(self, window: Window) -> None:
+    def record_unclipped(self, window: Window) -> None:
         """A window whose gyro shows the spin."""
         self._past.clear()
-        self.excess, self.seen, self._wait = 0.0, False, _SOON
-        self.slope = (window.rate_end - window.rate_start) / WINDOW
+        self.excess, self.is_observed, self._wait = 0.0, False, _SOON
+        self.slope = (window.rate_end - window.rate_start) / WINDOW_S
 
     @property
-    def following(self) -> bool:
+    def is_tracking(self) -> bool:
         """Whether the newest window was clipped."""
         return bool(self._past)
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         """A window that was not heard: what was found of the spin is kept."""
         self._past.clear()
-        self.seen = False
+        self.is_observed = False
 
-    def begin(self, excess: float, slope: float) -> None:
+    def initialise(self, excess: float, slope: float) -> None:
         """Found by a search; as of the window before the next."""
         self.excess, self.slope, self._wait = excess, slope, _SPAN
 
-    def follow(self, window: Window, arm: complex, bias: complex) -> None:
+    def track_window(self, window: Window, arm: complex, bias: complex) -> None:
         """A window that is clipped all the time; arm: m, bias: m/s², of the accelerometers across."""
-        self.excess += self.slope * WINDOW
+        self.excess += self.slope * WINDOW_S
         self._past.append(window)
-        self.seen = False
+        self.is_observed = False
         if len(self._past) < self._wait:
             return
         taken = _Samples.of(self._past)
@@ -257,7 +259,7 @@ class SpinFollower:
             # Nobody drives harder and harder.
             self.slope *= 0.5
             return
-        newest = (window.number + 0.5) * WINDOW - taken.centre
+        newest = (window.number + 0.5) * WINDOW_S - taken.centre
         hardest, sign = _HARDEST / self.radius, math.copysign(1.0, window.spin)
         found = _Chirp(self.excess - self.slope * newest, self.slope, 0j)
         for wide, finer in ((_NEAR, hardest), (2.0, 0.25 * hardest), (0.4, 0.05 * hardest)):
@@ -269,7 +271,7 @@ class SpinFollower:
                 .best(found.excess + wide * _GRID, found.slope + finer * _GRID, sign)
             )
         if found.is_gravity:
-            self.seen, self.slope = True, found.slope
+            self.is_observed, self.slope = True, found.slope
             self.excess = found.excess + found.slope * newest
         else:
             self.slope *= 0.5

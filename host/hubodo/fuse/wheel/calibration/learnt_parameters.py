@@ -13,13 +13,13 @@ from hubodo.fuse.wheel.entries import (
     ANTENNA_Y,
     GYRO_SCALE_ACROSS,
     GYRO_SCALE_Z,
-    OF_WHEEL,
     TRACK_WIDTH,
+    WHEEL_ENTRIES,
     WHEEL_RADIUS,
     Entry,
 )
+from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.state import Wheel
-from hubodo.fuse.wheel.step import WheelStep
 
 _SEEN = 0.5
 """A parameter counts as seen where its sigma fell below this share of what was believed before."""
@@ -47,7 +47,7 @@ _ELSE = "a side or facing that is wrong, a node that sits loose, or positions of
 
 
 @dataclass
-class Findings:
+class LearntParameters:
     """What a drive told.
 
     nodes: name -> effect -> parameter -> value and sigma, node's own axes; vehicle: the same. unseen: one
@@ -56,32 +56,36 @@ class Findings:
 
     nodes: dict[str, dict[str, dict[str, Quantity]]] = field(default_factory=dict)
     vehicle: dict[str, dict[str, Quantity]] = field(default_factory=dict)
-    unseen: list[str] = field(default_factory=list)
+    not_observable: list[str] = field(default_factory=list)
     antenna: tuple[Quantity, Quantity] = (Quantity(0.0, 0.0), Quantity(0.0, 0.0))
 
 
-def findings(core: WheelStep, before: WheelStep, turned: float, distance: float) -> Findings:
+def extract_parameters(
+    core: FilterCore, before: FilterCore, turned: float, distance: float
+) -> LearntParameters:
     """What `core` knows better than `before`, the same filter without a drive.
 
     turned: rad between the extremes of the heading; distance: m. Raises CalibrationError where a value is
     four sigmas from what was believed, with the likely reason.
     """
-    made = Findings(antenna=(core.estimate(None, ANTENNA_X), core.estimate(None, ANTENNA_Y)))
+    made = LearntParameters(antenna=(core.estimate(None, ANTENNA_X), core.estimate(None, ANTENNA_Y)))
     facts = f"only {math.degrees(turned):.0f}° of turning, {distance:.0f} m"
     for wheel in core.wheels:
         mine = made.nodes.setdefault(wheel.name, {})
-        for entry in OF_WHEEL:
-            _take(core, before, wheel, entry, mine, made.unseen, facts)
+        for entry in WHEEL_ENTRIES:
+            _take(core, before, wheel, entry, mine, made.not_observable, facts)
     if len(core.wheels) == 2:
-        _take(core, before, None, TRACK_WIDTH, made.vehicle, made.unseen, facts)
+        _take(core, before, None, TRACK_WIDTH, made.vehicle, made.not_observable, facts)
     else:
-        made.unseen.append("vehicle.track_width.error: one node does not show it; put nodes on both wheels")
+        made.not_observable.append(
+            "vehicle.track_width.error: one node does not show it; put nodes on both wheels"
+        )
     return made
 
 
 def _take(
-    core: WheelStep,
-    before: WheelStep,
+    core: FilterCore,
+    before: FilterCore,
     wheel: Wheel | None,
     entry: Entry,
     found: dict[str, dict[str, Quantity]],
@@ -89,7 +93,7 @@ def _take(
     facts: str,
 ) -> None:
     """An entry that a drive can show into `found`, or else a line into `unseen`."""
-    if not entry.remedy:
+    if not entry.excitation:
         return
     name, facing = ("vehicle", None) if wheel is None else (wheel.name, wheel.node.facing)
     node = None if wheel is None else wheel.name
@@ -104,7 +108,7 @@ def _take(
         if quantity.sigma > _SEEN * prior.sigma:
             unseen.append(
                 f"{name}.{entry.effect}.{parameter}: {facts}, ±{quantity.sigma:.2g} after it, "
-                f"±{prior.sigma:.2g} before; {entry.remedy}"
+                f"±{prior.sigma:.2g} before; {entry.excitation}"
             )
             continue
         sign = 1.0 if facing is None else entry.sign(facing)
@@ -123,7 +127,7 @@ def _left_out(effect: str, value: float) -> float:
     return floors.get(effect, 0.0)
 
 
-def plain(found: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
+def quantities_as_json(found: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
     """For JSON."""
     return {
         effect: {name: {"value": q.value, "sigma": q.sigma} for name, q in parameters.items()}

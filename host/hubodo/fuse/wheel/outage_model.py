@@ -1,12 +1,12 @@
-"""Where a vehicle may be after a time in which no wheel was heard: what vehicles do, in closed form.
+"""Motion of a vehicle during an outage, in which no wheel was received, in closed form.
 
-Speed v and yaw rate r go on from where they were as Ornstein-Uhlenbeck processes that return to zero,
+Speed v and yaw rate r revert to zero as Ornstein-Uhlenbeck processes,
 
     dv = -v dt / T_v + V sqrt(2 / T_v) dw,    dr = -r dt / T_r + R sqrt(2 / T_r) dw',
 
-and the way is the integral of v e^(i theta), theta' = r. Its mean and covariance are those of these processes
-(theta is Gaussian: E e^(i theta) = e^(i m - s²/2)), by Gauss-Legendre quadrature: they take the same time for
-a second and for a day, and a vehicle whose heading is lost does not run away on the tangent.
+and the displacement is the integral of v e^(iθ), θ' = r. Mean and covariance of these processes follow by
+Gauss-Legendre quadrature (θ is Gaussian: E e^(iθ) = e^(im - s²/2) with mean m and variance s²). The cost is
+the same for a second and a day, and a vehicle with unknown heading does not run away on the tangent.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import EXCESS, HEADING, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
+from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.state import InitialState
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED, _FASTER, _SPEED_TIME = 2.0, 1.5, 16.0
-"""V is 2 m/s, a brisk walk, or one and a half times the fastest so far; T_v is 16 s.
+"""Stationary sigma V of the speed: 2 m/s, a brisk walk, or 1.5 times the maximum speed so far. T_v: 16 s.
 
-So a walking vehicle is believed to change its speed by 0.7 m/s within the first second. Estimated.
+A walking vehicle is so expected to change its speed by 0.7 m/s within the first second. Estimated.
 """
 
 _YAW_RATE, _SIDEWAYS, _YAW_TIME = 0.35, 2.0, 2.0
-"""R is 0.35 rad/s, a bend that a walker takes, or what 2 m/s² to the side allow at V; T_r is 2 s.
-Estimated.
+"""Stationary sigma R of the yaw rate: 0.35 rad/s, a walker's bend, or 2 m/s² of lateral acceleration at V.
+T_r: 2 s. Estimated.
 """
 
 _LONG = 60.0
-"""s after which the start is forgotten and the variance of the way grows evenly: many times T_v and T_r."""
+"""s after which the start is forgotten and position variance grows linearly: many times T_v and T_r."""
 
-UNKNOWN = math.pi / math.sqrt(3.0)
-"""rad, 1 sigma of a direction of which nothing is known: that of the uniform distribution."""
+UNIFORM_ANGLE_SIGMA = math.pi / math.sqrt(3.0)
+"""rad, standard deviation of the uniform distribution over all directions."""
 
 _HERE, _SHARE = np.polynomial.legendre.leggauss(24)
 _NODES, _WEIGHTS = 0.5 * (_HERE + 1.0), 0.5 * _SHARE
@@ -45,35 +45,39 @@ _ORDER = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
 class Agility(NamedTuple):
-    """V in m/s and R in rad/s of a vehicle."""
+    """Stationary standard deviations of speed, V in m/s, and yaw rate, R in rad/s, of a vehicle."""
 
     speed: float
     yaw_rate: float
 
 
-def agility(fastest: float) -> Agility:
-    """Of a vehicle that has been seen to go at `fastest`, m/s."""
+def vehicle_agility(fastest: float) -> Agility:
+    """Return the agility of a vehicle that has reached `max_speed`, m/s."""
     speed = max(_SPEED, _FASTER * fastest)
     return Agility(speed, min(_YAW_RATE, _SIDEWAYS / speed))
 
 
-def window_walk(able: Agility) -> tuple[float, float]:
-    """Variances of speed, (m/s)², and yaw rate, (rad/s)², that a window adds in which they are not seen."""
+def free_motion_variances(able: Agility) -> tuple[float, float]:
+    """Return the growth of variance per window of an unmeasured speed, (m/s)², and yaw rate, (rad/s)²."""
     return (
-        2.0 * able.speed**2 * WINDOW / _SPEED_TIME,
-        2.0 * able.yaw_rate**2 * WINDOW / _YAW_TIME,
+        2.0 * able.speed**2 * WINDOW_S / _SPEED_TIME,
+        2.0 * able.yaw_rate**2 * WINDOW_S / _YAW_TIME,
     )
 
 
 class FreeMotion(NamedTuple):
-    """What becomes of a vehicle within a time, in axes of its heading at the beginning.
+    """Motion of a vehicle during an outage, in axes of its heading at the start.
 
-    way: m, mean, forward + i left; by_speed, by_yaw_rate: its derivatives by speed and yaw rate at the
-    beginning. turn: s, of the heading by the yaw rate. speed, yaw_rate: shares of both that are left. noise:
-    (5, 5), covariance that is new, of forward, left, heading, speed, yaw rate.
+    Attributes
+    ----------
+    path : m, mean displacement, forward + i left.
+    by_speed, by_yaw_rate : its derivatives by speed and yaw rate at the start, s and m s/rad.
+    turn : s, derivative of the final heading by the yaw rate at the start.
+    speed, yaw_rate : shares of both that remain at the end.
+    noise : (5, 5), process noise of forward, left, heading, speed, yaw rate.
     """
 
-    way: complex
+    path: complex
     by_speed: complex
     by_yaw_rate: complex
     turn: float
@@ -82,8 +86,8 @@ class FreeMotion(NamedTuple):
     noise: Array
 
 
-def free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) -> FreeMotion:
-    """Of a vehicle at `speed`, m/s, and `yaw_rate`, rad/s."""
+def predict_free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) -> FreeMotion:
+    """Return the motion over `seconds` of a vehicle at `speed`, m/s, and `yaw_rate`, rad/s."""
     t = min(seconds, _LONG)
     s, weight = t * _NODES, t * _WEIGHTS
     keep, turning = np.exp(-s / _SPEED_TIME), np.exp(-s / _YAW_TIME)
@@ -98,7 +102,7 @@ def free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) ->
     noise = np.zeros((5, 5))
     noise[:2, :2] = _way_covariance(s, weight, speed, toward, swing, able)
     noise[:2, :2] += np.eye(2) * _steady_growth(able) * (seconds - t)
-    # What heading, speed and yaw rate at the end have in common with the way.
+    # Covariances of heading, speed and yaw rate at the end with the displacement.
     fade = able.yaw_rate**2 * _YAW_TIME * (turning_end / turning - 2.0 * turning_end + turning_end * turning)
     pace = able.speed**2 * keep_end * (1.0 / keep - keep)
     for place, common in enumerate(
@@ -115,7 +119,7 @@ def free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) ->
     noise[3, 3] = able.speed**2 * (1.0 - keep_end**2)
     noise[4, 4] = able.yaw_rate**2 * (1.0 - turning_end**2)
     noise[2, 4] = noise[4, 2] = able.yaw_rate**2 * _YAW_TIME * (1.0 - turning_end) ** 2
-    known = min(1.0, UNKNOWN / math.sqrt(noise[2, 2]))
+    known = min(1.0, UNIFORM_ANGLE_SIGMA / math.sqrt(noise[2, 2]))
     noise[2, :] *= known
     noise[:, 2] *= known
     return FreeMotion(
@@ -130,7 +134,10 @@ def free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) ->
 
 
 def _heading_covariance(s: Array, u: Array, able: Agility) -> Array:
-    """rad², of the headings at times s and u, s: the integral of an Ornstein-Uhlenbeck process from zero."""
+    """Return the covariance of the headings at times s and u (s), rad².
+
+    The heading is an integrated Ornstein-Uhlenbeck process that starts at zero.
+    """
     scale = (able.yaw_rate * _YAW_TIME) ** 2
     late, early = np.exp(-s / _YAW_TIME), np.exp(-u / _YAW_TIME)
     apart = np.exp(-np.abs(s - u) / _YAW_TIME)
@@ -143,7 +150,10 @@ def _heading_covariance(s: Array, u: Array, able: Agility) -> Array:
 def _way_covariance(
     s: Array, weight: Array, speed: float, toward: Array, swing: Array, able: Agility
 ) -> Array:
-    """(2, 2) m² of the way: E of v_s v_u e^(i theta_s) e^(-+i theta_u) over all pairs of times."""
+    """Return the covariance of the displacement, (2, 2) m².
+
+    It is E v_s v_u e^(iθ_s) e^(∓iθ_u), integrated over all pairs of times.
+    """
     keep = np.exp(-s / _SPEED_TIME)
     both = keep[:, None] * keep[None, :]
     pace = able.speed**2 * (np.exp(-np.abs(s[:, None] - s[None, :]) / _SPEED_TIME) - both)
@@ -159,9 +169,9 @@ def _way_covariance(
 
 
 def _steady_growth(able: Agility) -> float:
-    """m²/s by which each direction's variance grows when the start is forgotten.
+    """Return the asymptotic growth of the position variance in each direction, m²/s.
 
-    Green-Kubo: the integral of the autocorrelation of v e^(i theta).
+    Green-Kubo: the integral of the autocorrelation of v e^(iθ).
     """
     s = _LONG * _NODES**2
     weight = 2.0 * _LONG * _NODES * _WEIGHTS
@@ -170,8 +180,8 @@ def _steady_growth(able: Agility) -> float:
     return float(np.sum(weight * able.speed**2 * np.exp(-s / _SPEED_TIME - turned)))
 
 
-class SilenceMotion:
-    """Carries the wheel filter's states and covariance over a silence of any length in one step."""
+class OutageModel:
+    """Propagation of states and covariance over an outage of any length in one step."""
 
     def __init__(self, config: WheelConfig, begin: InitialState) -> None:
         columns = begin.columns
@@ -179,31 +189,31 @@ class SilenceMotion:
         self._walk = begin.walk.copy()
         self._most = np.full(columns.size, np.inf)
         self._fading: list[tuple[int, float, float]] = []
-        self._wheels = [(at[WHEEL_ANGLE], at[EXCESS]) for at in columns.wheels]
+        self._wheels = [(at[WHEEL_ANGLE], at[RATE_BEYOND_RANGE]) for at in columns.wheels]
         for at in columns.wheels:
             for entry, place in at.items():
-                # However long it wanders, it is one of the things that a prior tells of.
+                # The variance of a random walk is bounded by its prior however long the outage is.
                 self._most[place] = max(entry.prior**2, begin.p[place, place])
         for entry, place in columns.vehicle.items():
-            if math.isfinite(entry.forgets):
-                self._fading.append((place, entry.forgets, begin.p[place, place]))
+            if math.isfinite(entry.correlation_time):
+                self._fading.append((place, entry.correlation_time, begin.p[place, place]))
 
     def advance(
         self, x: list[float], p: Array, seconds: float, able: Agility, stands: bool
     ) -> tuple[Array, float]:
-        """x and p to the end of the silence, both in place.
+        """Propagate x and p in place to the end of an outage of `seconds`.
 
-        stands: whether the vehicle stood before it. Returns the transition (n, n), and the variance of the
-        heading that is new, rad².
+        is_stationary: True if the vehicle stood still before it. Return the transition (n, n) and the
+        heading variance added, rad².
         """
         at = [self._at[entry] for entry in _ORDER]
         if stands:
             x[at[3]] = x[at[4]] = 0.0
-        made = free_motion(x[at[3]], x[at[4]], seconds, able)
+        made = predict_free_motion(x[at[3]], x[at[4]], seconds, able)
         ahead = complex(math.cos(x[at[2]]), math.sin(x[at[2]]))
         transition = np.eye(len(x))
         for column, change in (
-            (at[2], 1j * made.way * ahead),
+            (at[2], 1j * made.path * ahead),
             (at[3], made.by_speed * ahead),
             (at[4], made.by_yaw_rate * ahead),
         ):
@@ -214,7 +224,7 @@ class SilenceMotion:
             transition[place, place] = math.exp(-seconds / forgets)
         for angle, excess in self._wheels:
             transition[angle, angle] = transition[excess, excess] = 0.0
-        way = made.way * ahead
+        way = made.path * ahead
         x[at[2]] += made.turn * x[at[4]]
         x[at[0]] += way.real
         x[at[1]] += way.imag
@@ -228,7 +238,7 @@ class SilenceMotion:
         turn[:2, :2] = [[ahead.real, -ahead.imag], [ahead.imag, ahead.real]]
         noise = turn @ made.noise @ turn.T
         if stands:
-            # Whether it has turned may show when it is heard again: kept apart from all else.
+            # Whether the vehicle has turned may show later: uncorrelated, so that it can be removed again.
             noise = np.diag(noise.diagonal())
         self._spread(p, transition, seconds)
         p[np.ix_(at, at)] += noise
@@ -242,4 +252,4 @@ class SilenceMotion:
         for place, forgets, steady in self._fading:
             diagonal[place] += steady * (1.0 - math.exp(-2.0 * seconds / forgets))
         for angle, _ in self._wheels:
-            diagonal[angle] = UNKNOWN**2
+            diagonal[angle] = UNIFORM_ANGLE_SIGMA**2

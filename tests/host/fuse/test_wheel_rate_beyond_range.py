@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.fuse.wheel.clipping import SpinFollower, _Samples, find_spin, unclipped
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.entries import EXCESS, HEADING, LEVER_ARM_X, LEVER_ARM_Y, WHEEL_ANGLE, X, Y
-from hubodo.fuse.wheel.excess import carried, keep_upright
+from hubodo.fuse.wheel.entries import HEADING, LEVER_ARM_X, LEVER_ARM_Y, RATE_BEYOND_RANGE, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.preintegration import WindowBuilder
+from hubodo.fuse.wheel.rate_beyond_range import derotate_window, reset_misaligned_angle
+from hubodo.fuse.wheel.spin_search import SpinTracker, _Samples, find_spin, rederotate_window
 from hubodo.fuse.wheel.state import initial_state
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 G, R, LIMIT = STANDARD_GRAVITY, 0.3, 34.0
 ARM, BIAS = 0.02 - 0.01j, 0.3 + 0.2j
@@ -58,7 +58,7 @@ def test_excess_and_its_slope_turn_a_window_as_a_gyro_that_shows_them(slope: flo
     # Of the window from 0.3 to 0.4 s, at whose middle the excess is 7 rad/s.
     shown[:, 2] += 7.0 + slope * (t - 0.35)
     plain, whole = (WindowBuilder("left", 0.0, 0.1).add_many(t, w, accel)[3] for w in (gyro, shown))
-    made = unclipped(plain, 7.0, slope)
+    made = rederotate_window(plain, 7.0, slope)
     for name in ("carrier", "force", "across", "swing", "lever"):
         # The straight lines between samples turn otherwise than a parabola, by slope dt² / 8 at most.
         assert abs(getattr(made, name) - getattr(whole, name)) < 3e-4 * max(1.0, abs(getattr(whole, name)))
@@ -68,7 +68,7 @@ def test_excess_and_its_slope_turn_a_window_as_a_gyro_that_shows_them(slope: flo
         )
     assert made.spin == plain.spin
     untold = plain._replace(samples=None)
-    assert unclipped(untold, 7.0) is untold
+    assert rederotate_window(untold, 7.0) is untold
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -80,7 +80,7 @@ def test_a_search_finds_spin_and_angle_at_both_ends(spin: float, slope: float, s
     found = find_spin(windows, R)
     assert found is not None
     begin, end = 0.2, 0.9
-    for at, angle in ((begin, found.begin), (end, found.end)):
+    for at, angle in ((begin, found.start_angle), (end, found.end_angle)):
         truth = 0.4 + sign * (spin * at + 0.5 * slope * at * at)
         assert cmath.phase(cmath.exp(1j * (angle - truth))) == pytest.approx(0.0, abs=0.012)
     for middle, excess in ((begin + 0.05, found.excess), (end - 0.05, found.excess_end)):
@@ -91,11 +91,11 @@ def test_a_search_finds_spin_and_angle_at_both_ends(spin: float, slope: float, s
 def test_what_turns_is_gravity_from_six_tenths_to_one_and_a_half_of_it(share: float, seen: bool) -> None:
     windows = rolled(60.0, gravity=share * G)[:8]
     assert (find_spin(windows, R) is not None) == seen
-    follower = SpinFollower(R)
-    follower.begin(60.0 - LIMIT, 0.0)
+    follower = SpinTracker(R)
+    follower.initialise(60.0 - LIMIT, 0.0)
     for window in windows:
-        follower.follow(window, 0j, 0j)
-    assert follower.seen == seen
+        follower.track_window(window, 0j, 0j)
+    assert follower.is_observed == seen
 
 
 def test_fewer_than_a_quarter_of_a_second_of_samples_tell_nothing() -> None:
@@ -136,51 +136,55 @@ def test_a_spin_that_is_followed_is_that_of_gravity_with_arm_and_bias_taken_out(
     """Begun with a slope of none, and an excess that is off by as much as brakes make of it."""
     spin = 80.0
     windows = rolled(sign * spin, sign * slope, arm=ARM, bias=BIAS, rate_hz=208.0)
-    follower = SpinFollower(R)
-    follower.begin(sign * (spin - LIMIT) + off, 0.0)
-    assert not follower.following
+    follower = SpinTracker(R)
+    follower.initialise(sign * (spin - LIMIT) + off, 0.0)
+    assert not follower.is_tracking
     for window in windows[:8]:
-        follower.follow(window, ARM, BIAS)
-        assert follower.following
+        follower.track_window(window, ARM, BIAS)
+        assert follower.is_tracking
     middle = 0.75
-    assert follower.seen
+    assert follower.is_observed
     assert follower.excess == pytest.approx(sign * (spin + slope * middle - LIMIT), abs=0.1)
     assert follower.slope == pytest.approx(sign * slope, abs=0.6)
-    follower.rest()
-    assert not follower.following and not follower.seen
+    follower.pause()
+    assert not follower.is_tracking and not follower.is_observed
 
 
 def test_an_arm_that_is_not_taken_out_of_a_spin_that_changes_makes_it_wrong() -> None:
     windows = rolled(80.0, -20.0, arm=3.0 * ARM, rate_hz=208.0)
     off = []
     for arm in (3.0 * ARM, -3.0 * ARM):
-        follower = SpinFollower(R)
-        follower.begin(80.0 - LIMIT, -20.0)
+        follower = SpinTracker(R)
+        follower.initialise(80.0 - LIMIT, -20.0)
         for window in windows[:8]:
-            follower.follow(window, arm, 0j)
+            follower.track_window(window, arm, 0j)
         off.append(abs(follower.excess - (80.0 - 20.0 * 0.75 - LIMIT)))
     assert off[0] < 0.05 < off[1]
 
 
 def test_where_nothing_turns_a_spin_goes_on_and_of_four_windows_changes_half_as_fast_each_time() -> None:
     windows = rolled(60.0, gravity=0.0)
-    follower = SpinFollower(R)
-    follower.begin(20.0, 8.0)
+    follower = SpinTracker(R)
+    follower.initialise(20.0, 8.0)
     excess, slope = 20.0, 8.0
     for number, window in enumerate(windows[:6], start=1):
-        follower.follow(window, 0j, 0j)
-        excess += slope * WINDOW
+        follower.track_window(window, 0j, 0j)
+        excess += slope * WINDOW_S
         slope *= 0.5 if number >= 4 else 1.0
-        assert (follower.excess, follower.slope, follower.seen) == (pytest.approx(excess), slope, False)
-    follower.rest()
-    assert not follower.following and follower.excess == pytest.approx(excess)
-    follower.follow(windows[6], 0j, 0j)
-    follower.roll(Window(rate_start=3.0, rate_end=4.5))
-    assert not follower.following and not follower.seen
+        assert (follower.excess, follower.slope, follower.is_observed) == (
+            pytest.approx(excess),
+            slope,
+            False,
+        )
+    follower.pause()
+    assert not follower.is_tracking and follower.excess == pytest.approx(excess)
+    follower.track_window(windows[6], 0j, 0j)
+    follower.record_unclipped(Window(rate_start=3.0, rate_end=4.5))
+    assert not follower.is_tracking and not follower.is_observed
     assert (follower.excess, follower.slope) == (0.0, pytest.approx(15.0))
 
 
-STEP = 3.0 * WINDOW / R
+STEP = 3.0 * WINDOW_S / R
 """rad/s by which the spin may change from window to window."""
 
 
@@ -188,18 +192,18 @@ class Following:
     """A follower that says what it is told to."""
 
     def __init__(self, seen: bool, following: bool = True, excess: float = 12.0, slope: float = -4.0) -> None:
-        self.seen, self.following, self.excess, self.slope = seen, following, excess, slope
+        self.is_observed, self.is_tracking, self.excess, self.slope = seen, following, excess, slope
         self.did: list[str] = []
         self.asked: tuple[Any, ...] = ()
 
-    def follow(self, *args: Any) -> None:
+    def track_window(self, *args: Any) -> None:
         self.did.append("follow")
         self.asked = args
 
-    def roll(self, window: Window) -> None:
+    def record_unclipped(self, window: Window) -> None:
         self.did.append("roll")
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         self.did.append("rest")
 
 
@@ -207,11 +211,11 @@ def a_wheel(follower: Following | None = None):  # type: ignore[no-untyped-def]
     """(wheel that is known, its states, their covariance)."""
     begin = initial_state(WheelConfig(R, 0.6, {"left": WheelNode("left", "left")}))
     (wheel,) = begin.wheels
-    wheel.joined = True
+    wheel.angle_initialised = True
     if follower is not None:
-        wheel.follower = follower  # type: ignore[assignment]
+        wheel.spin_tracker = follower  # type: ignore[assignment]
     p = begin.p + 0.01 * np.ones_like(begin.p)
-    p[wheel.at[EXCESS], :] = p[:, wheel.at[EXCESS]] = 0.0
+    p[wheel.columns[RATE_BEYOND_RANGE], :] = p[:, wheel.columns[RATE_BEYOND_RANGE]] = 0.0
     return wheel, list(begin.x), p
 
 
@@ -222,51 +226,51 @@ CLIPPED = SHOWN._replace(spin_clipped=1.0)
 def test_a_window_that_shows_its_spin_stays_as_it_is() -> None:
     wheel, x, p = a_wheel(Following(False))
     before = p.copy()
-    assert carried(x, p, wheel, SHOWN) == (SHOWN, [])
-    assert wheel.follower.did == ["roll"] and wheel.joined
+    assert derotate_window(x, p, wheel, SHOWN) == (SHOWN, [])
+    assert wheel.spin_tracker.did == ["roll"] and wheel.angle_initialised
     assert np.array_equal(p, before)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_beyond_the_limit_for_less_than_a_window_a_spin_is_not_far_beyond(share: float) -> None:
     wheel, x, p = a_wheel(Following(False))
-    place = wheel.at[EXCESS]
+    place = wheel.columns[RATE_BEYOND_RANGE]
     x[place], p[place, :], p[:, place] = 9.0, 0.2, 0.2
     window = rolled(60.0)[3]._replace(spin_clipped=share)
-    made, renewed = carried(x, p, wheel, window)
+    made, renewed = derotate_window(x, p, wheel, window)
     assert renewed == [place] and x[place] == 0.0
     assert p[place, place] == pytest.approx((STEP * share) ** 2)
     assert np.count_nonzero(p[place]) == np.count_nonzero(p[:, place]) == (share > 0.0)
-    assert made == unclipped(window, 0.0)
+    assert made == rederotate_window(window, 0.0)
 
 
 @pytest.mark.parametrize(("following", "joined"), [(True, False), (False, True)])
 def test_a_wheel_that_was_followed_has_turned_on_where_it_is_not_heard(following: bool, joined: bool) -> None:
     wheel, x, p = a_wheel(Following(False, following))
-    carried(x, p, wheel, Window(missing=1.0))
-    assert wheel.joined == joined and wheel.follower.did == ["rest"]
+    derotate_window(x, p, wheel, Window(missing=1.0))
+    assert wheel.angle_initialised == joined and wheel.spin_tracker.did == ["rest"]
 
 
 def test_a_spin_that_gravity_shows_is_begun_anew_about_it() -> None:
     wheel, x, p = a_wheel(Following(True))
-    place = wheel.at[EXCESS]
+    place = wheel.columns[RATE_BEYOND_RANGE]
     p[place, :], p[:, place] = 0.01, 0.01
-    x[wheel.at[LEVER_ARM_X]], x[wheel.at[LEVER_ARM_Y]] = 0.02, -0.03
+    x[wheel.columns[LEVER_ARM_X]], x[wheel.columns[LEVER_ARM_Y]] = 0.02, -0.03
     window = rolled(60.0)[3]
-    made, renewed = carried(x, p, wheel, window)
+    made, renewed = derotate_window(x, p, wheel, window)
     assert renewed == [place] and x[place] == 12.0
     assert p[place, place] == pytest.approx((0.15 / R) ** 2)
     assert np.count_nonzero(p[place]) == 1
-    assert made == unclipped(window, 12.0, -4.0)
-    assert wheel.follower.asked == (window, 0.02 - 0.03j, 0j)
+    assert made == rederotate_window(window, 12.0, -4.0)
+    assert wheel.spin_tracker.asked == (window, 0.02 - 0.03j, 0j)
 
 
 def test_a_spin_that_it_does_not_show_goes_on_as_it_changed_or_as_it_was_found() -> None:
     for known, expected in ((0.0, 12.0), (0.5, 7.0 - 0.4)):
         wheel, x, p = a_wheel(Following(False))
-        place = wheel.at[EXCESS]
+        place = wheel.columns[RATE_BEYOND_RANGE]
         x[place], p[place, place] = 7.0, known
-        _, renewed = carried(x, p, wheel, CLIPPED)
+        _, renewed = derotate_window(x, p, wheel, CLIPPED)
         assert renewed == [] and x[place] == pytest.approx(expected)
         assert p[place, place] == pytest.approx(known + STEP**2)
 
@@ -278,11 +282,11 @@ def test_an_angle_that_may_be_off_by_a_radian_in_the_middle_of_the_window_is_los
 ) -> None:
     """Of the angle at its beginning and half a window of the excess together."""
     wheel, x, p = a_wheel(Following(False))
-    angle, place = wheel.at[WHEEL_ANGLE], wheel.at[EXCESS]
+    angle, place = wheel.columns[WHEEL_ANGLE], wheel.columns[RATE_BEYOND_RANGE]
     p[place, place], p[angle, place], p[place, angle] = 4.0, cross, cross
-    p[angle, angle] = share - WINDOW * cross - 0.25 * WINDOW**2 * (4.0 + STEP**2)
-    carried(x, p, wheel, CLIPPED)
-    assert (wheel.lost, wheel.joined) == (lost, not lost)
+    p[angle, angle] = share - WINDOW_S * cross - 0.25 * WINDOW_S**2 * (4.0 + STEP**2)
+    derotate_window(x, p, wheel, CLIPPED)
+    assert (wheel.angle_losses, wheel.angle_initialised) == (lost, not lost)
 
 
 @pytest.mark.parametrize(
@@ -300,9 +304,9 @@ def test_of_a_wheel_that_spins_by_itself_the_angle_is_lost_where_nothing_shows_i
 ) -> None:
     wheel, x, p = a_wheel(Following(seen, following))
     if spins:
-        wheel.grip.begin(1)
-    carried(x, p, wheel, CLIPPED._replace(force_clipped=0.2 * blind))
-    assert (wheel.lost, wheel.joined) == (lost, not lost)
+        wheel.slip_detector.start_slip(1)
+    derotate_window(x, p, wheel, CLIPPED._replace(force_clipped=0.2 * blind))
+    assert (wheel.angle_losses, wheel.angle_initialised) == (lost, not lost)
 
 
 def test_a_lever_arm_is_as_unsure_after_a_clipped_time_as_before_but_for_four_millimetres() -> None:
@@ -310,18 +314,18 @@ def test_a_lever_arm_is_as_unsure_after_a_clipped_time_as_before_but_for_four_mi
     for learnt, after in ((0.001, (0.003, 0.004)), (0.02, (0.02, 0.02))):
         wheel, x, p = a_wheel(Following(False))
         for entry, sigma in before.items():
-            p[wheel.at[entry], wheel.at[entry]] = sigma**2
-        carried(x, p, wheel, CLIPPED)
+            p[wheel.columns[entry], wheel.columns[entry]] = sigma**2
+        derotate_window(x, p, wheel, CLIPPED)
         for entry in before:
-            p[wheel.at[entry], wheel.at[entry]] = learnt**2
-        carried(x, p, wheel, CLIPPED)
-        carried(x, p, wheel, SHOWN)
-        found = [math.sqrt(p[wheel.at[entry], wheel.at[entry]]) for entry in before]
+            p[wheel.columns[entry], wheel.columns[entry]] = learnt**2
+        derotate_window(x, p, wheel, CLIPPED)
+        derotate_window(x, p, wheel, SHOWN)
+        found = [math.sqrt(p[wheel.columns[entry], wheel.columns[entry]]) for entry in before]
         assert found == pytest.approx(after)
         # Only once: what is learnt later is kept.
-        p[wheel.at[LEVER_ARM_X], wheel.at[LEVER_ARM_X]] = 1e-8
-        carried(x, p, wheel, SHOWN)
-        assert p[wheel.at[LEVER_ARM_X], wheel.at[LEVER_ARM_X]] == 1e-8
+        p[wheel.columns[LEVER_ARM_X], wheel.columns[LEVER_ARM_X]] = 1e-8
+        derotate_window(x, p, wheel, SHOWN)
+        assert p[wheel.columns[LEVER_ARM_X], wheel.columns[LEVER_ARM_X]] == 1e-8
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -333,28 +337,30 @@ def test_an_angle_is_begun_anew_where_gravity_was_elsewhere_for_three_windows(
     course."""
     for off, found in ((0.97, False), (1.03, True)):
         wheel, x, p = a_wheel(Following(True, slope=slope))
-        at = wheel.at
+        at = wheel.columns
         angle = 0.7
         x[at[WHEEL_ANGLE]], x[at[HEADING]] = angle, 0.6
         rate = 30.0
-        felt = WINDOW * complex(G, slope * R) * cmath.exp(1j * sign * off)
+        felt = WINDOW_S * complex(G, slope * R) * cmath.exp(1j * sign * off)
         window = Window(
-            spin=rate * WINDOW, spin_clipped=1.0, force=felt * cmath.exp(-1j * (angle + 0.5 * rate * WINDOW))
+            spin=rate * WINDOW_S,
+            spin_clipped=1.0,
+            force=felt * cmath.exp(-1j * (angle + 0.5 * rate * WINDOW_S)),
         )
         before = p.copy()
         for _ in range(2):
-            assert keep_upright(x, p, wheel, window) == []
+            assert reset_misaligned_angle(x, p, wheel, window) == []
         # One that agrees begins the count anew, as does one in which gravity is not seen.
         upright = window._replace(force=window.force * cmath.exp(-1j * sign * off))
         for seen, between in ((True, upright), (False, window)):
-            wheel.follower.seen = seen
-            assert keep_upright(x, p, wheel, between) == []
-            wheel.follower.seen = True
+            wheel.spin_tracker.is_observed = seen
+            assert reset_misaligned_angle(x, p, wheel, between) == []
+            wheel.spin_tracker.is_observed = True
             for _ in range(2):
-                assert keep_upright(x, p, wheel, window) == []
-        assert np.array_equal(p, before) and wheel.lost == 0
-        assert keep_upright(x, p, wheel, window) == ([at[WHEEL_ANGLE]] if found else [])
-        assert wheel.lost == found
+                assert reset_misaligned_angle(x, p, wheel, window) == []
+        assert np.array_equal(p, before) and wheel.angle_losses == 0
+        assert reset_misaligned_angle(x, p, wheel, window) == ([at[WHEEL_ANGLE]] if found else [])
+        assert wheel.angle_losses == found
         assert x[at[WHEEL_ANGLE]] == pytest.approx(angle - sign * off * found)
         if found:
             assert p[at[WHEEL_ANGLE], at[WHEEL_ANGLE]] == WHEEL_ANGLE.prior**2
@@ -364,25 +370,25 @@ def test_an_angle_is_begun_anew_where_gravity_was_elsewhere_for_three_windows(
             assert grown == pytest.approx(np.outer(way, way))
             # From there on it takes three windows again.
             x[at[WHEEL_ANGLE]] = angle
-            assert [len(keep_upright(x, p, wheel, window)) for _ in range(3)] == [0, 0, 1]
+            assert [len(reset_misaligned_angle(x, p, wheel, window)) for _ in range(3)] == [0, 0, 1]
 
 
 @pytest.mark.parametrize("at_begin", [True, False])
 def test_a_wheel_whose_gyro_is_clipped_joins_with_the_spin_that_gravity_shows(at_begin: bool) -> None:
     wheel, x, p = a_wheel()
-    wheel.joined, windows = False, rolled(60.0, 10.0)[:8]
+    wheel.angle_initialised, windows = False, rolled(60.0, 10.0)[:8]
     for window in windows:
-        wheel.listen(window)
-    place, angle = wheel.at[EXCESS], wheel.at[WHEEL_ANGLE]
-    assert wheel.join(x, p, at_begin) == [angle, place] and wheel.joined
+        wheel.gather_gravity(window)
+    place, angle = wheel.columns[RATE_BEYOND_RANGE], wheel.columns[WHEEL_ANGLE]
+    assert wheel.initialise_angle(x, p, at_begin) == [angle, place] and wheel.angle_initialised
     at = 0.0 if at_begin else 0.8
     assert x[place] == pytest.approx(60.0 - LIMIT + 10.0 * (0.05 if at_begin else 0.75), abs=0.05)
     truth = 0.4 + 60.0 * at + 5.0 * at * at
     assert cmath.phase(cmath.exp(1j * (x[angle] - truth))) == pytest.approx(0.0, abs=0.02)
     assert (p[place, place], p[angle, angle]) == (1.0, WHEEL_ANGLE.prior**2)
     # What is found is that of the window before the next, and nobody knows yet how it changes.
-    assert (wheel.follower.excess, wheel.follower.slope) == (x[place], 0.0)
-    wheel.forget()
+    assert (wheel.spin_tracker.excess, wheel.spin_tracker.slope) == (x[place], 0.0)
+    wheel.drop_angle()
     for window in rolled(60.0, gravity=0.0)[:8]:
-        wheel.listen(window)
-    assert wheel.join(x, p, at_begin) == [] and not wheel.joined
+        wheel.gather_gravity(window)
+    assert wheel.initialise_angle(x, p, at_begin) == [] and not wheel.angle_initialised

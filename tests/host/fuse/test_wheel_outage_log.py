@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hubodo.fuse.wheel.entries import HEADING
-from hubodo.fuse.wheel.silences import Silences
-from hubodo.fuse.wheel.stillness import Stillness
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.outage_log import OutageLog
 
 BEFORE = [9.8 + 0j, 9.8j]
 AT = {HEADING: 1}
@@ -19,19 +19,19 @@ TURNED = 0.5
 
 
 def pairs(*forces: complex) -> Any:
-    return tuple((SimpleNamespace(rest=SimpleNamespace(force=force)), None) for force in forces)
+    return tuple((SimpleNamespace(standstill=SimpleNamespace(force=force)), None) for force in forces)
 
 
-def looked(*forces: complex, before: list[complex] | None = BEFORE, wait: int = 0) -> tuple[Silences, float]:
+def looked(*forces: complex, before: list[complex] | None = BEFORE, wait: int = 0) -> tuple[OutageLog, float]:
     """Silences of a vehicle that rests again after so many windows, and what its heading's variance is."""
-    made, p = Silences(), np.diag([1.0, 2.0, 3.0])
-    made.begin(10.0, 25.5, TURNED, before)
+    made, p = OutageLog(), np.diag([1.0, 2.0, 3.0])
+    made.add_outage(10.0, 25.5, TURNED, before)
     for _ in range(wait):
-        if made.open:
-            made.look(p, AT, pairs(*forces), Stillness.MOVING)
-    if made.open:
-        made.look(p, AT, pairs(*forces), Stillness.RESTING)
-    assert not made.open
+        if made.may_have_been_stationary:
+            made.check_standstill(p, AT, pairs(*forces), MotionState.MOVING)
+    if made.may_have_been_stationary:
+        made.check_standstill(p, AT, pairs(*forces), MotionState.STANDSTILL)
+    assert not made.may_have_been_stationary
     assert p[0, 0] == 1.0 and p[2, 2] == 3.0 and np.count_nonzero(p) == 3
     return made, float(p[1, 1])
 
@@ -47,7 +47,7 @@ def test_a_vehicle_in_whose_wheels_gravity_lies_as_before_was_not_turned(sign: f
             forces = [was * cmath.exp(1j * sign * by) for was, by in zip(BEFORE, places, strict=True)]
             made, variance = looked(*forces)
             assert variance == pytest.approx(KEPT if kept else 2.0)
-            assert [silence.stood for silence in made.told] == [kept]
+            assert [silence.was_stationary for silence in made.listed] == [kept]
 
 
 def test_a_wheel_that_was_not_heard_at_rest_has_no_say_and_two_such_say_nothing() -> None:
@@ -63,15 +63,15 @@ def test_it_has_two_seconds_to_show_it() -> None:
 
 
 def test_silences_are_counted_and_a_hundred_of_them_told() -> None:
-    made = Silences()
+    made = OutageLog()
     for number in range(102):
-        made.begin(10.0 * number, 10.0 * number + 2.5, TURNED, BEFORE)
-    assert (made.count, made.windows, len(made.told)) == (102, 102 * 25, 100)
-    made.look(np.eye(3), AT, pairs(*BEFORE), Stillness.RESTING)
+        made.add_outage(10.0 * number, 10.0 * number + 2.5, TURNED, BEFORE)
+    assert (made.count, made.windows, len(made.listed)) == (102, 102 * 25, 100)
+    made.check_standstill(np.eye(3), AT, pairs(*BEFORE), MotionState.STANDSTILL)
     # That was the last of all, which is not told.
-    assert not any(silence.stood for silence in made.told)
-    lines = made.lines("left and right")
+    assert not any(silence.was_stationary for silence in made.listed)
+    lines = made.list_warnings("left and right")
     assert len(lines) == 101 and lines[-1] == "left and right: not heard 2 more times"
     assert "from t = 0.0 to 2.5 s (2.5 s)" in lines[0] and "where it went is not known" in lines[0]
     kept, _ = looked(*BEFORE)
-    assert "its heading is kept" in kept.lines("left")[0] and len(kept.lines("left")) == 1
+    assert "its heading is kept" in kept.list_warnings("left")[0] and len(kept.list_warnings("left")) == 1

@@ -13,9 +13,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 
-BANK = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
+SUM_LENGTHS_WINDOWS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows that are summed up; what creeps away for longer than six seconds cannot be told from a slope."""
 
 _SURE = 4.5
@@ -59,7 +59,7 @@ _FOLLOWS = 20.0
 """Logarithm of how much likelier it must be that it follows the vehicle's changes of speed than that it spins
 on as it likes, to be believed against the speed that was carried. Estimated; the variances have room."""
 
-_PATIENCE, LONGEST = 100, 200
+_PATIENCE, MAX_SLIP_WINDOWS = 100, 200
 """Quiet windows after which it is believed even so, and windows in any case: ten seconds, through which no
 wheel in the air spins on like one on the road; twenty, after which nothing is left of a speed that was
 carried. Estimated."""
@@ -69,7 +69,7 @@ _BEYOND = 1.5, 0.5
 against a wheel that turns slower, nor one that is not known that well against any. Estimated."""
 
 
-class Push(NamedTuple):
+class ForwardResidual(NamedTuple):
     """What the forward row of a window says: residual, m/s, and its variance, (m/s)².
 
     gain: m/s by which the wheel became faster. common: what the states add to the variance, from window to
@@ -78,8 +78,8 @@ class Push(NamedTuple):
 
     residual: float
     variance: float
-    gain: float
-    common: float
+    speed_gain: float
+    common_variance: float
     slope: float
     yaw_rate: float
 
@@ -112,15 +112,15 @@ class Slip:
     @property
     def begin(self) -> float:
         """s on the log's clock."""
-        return self.first * WINDOW
+        return self.first * WINDOW_S
 
     @property
     def end(self) -> float:
         """s; infinite while it lasts."""
-        return math.inf if self.last is None else (self.last + 1) * WINDOW
+        return math.inf if self.last is None else (self.last + 1) * WINDOW_S
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """For a user."""
         until = "s and on" if self.last is None else f"to {self.end:.1f} s"
         way = "faster than the road" if self.speed > 0.0 else "slower than the road"
@@ -131,7 +131,7 @@ class Slip:
 
 
 @dataclass
-class Grip:
+class SlipDetector:
     """Whether one wheel rolls with the road, and when it did not.
 
     slips: those found, oldest first. calm: windows in a row by now in which a wheel that is lost agreed with
@@ -139,9 +139,9 @@ class Grip:
     """
 
     slips: list[Slip] = field(default_factory=list)
-    calm: int = 0
-    jumped: bool = True
-    _sums: deque[_Sums] = field(default_factory=lambda: deque(maxlen=BANK[-1] + 1))
+    consistent_windows: int = 0
+    ended_by_jump: bool = True
+    _sums: deque[_Sums] = field(default_factory=lambda: deque(maxlen=SUM_LENGTHS_WINDOWS[-1] + 1))
     _total: tuple[float, float, float] = (0.0, 0.0, 0.0)
     _settled: int = 0
     _rested: int = 0
@@ -150,25 +150,25 @@ class Grip:
     _jumped: float = 0.0
 
     @property
-    def lost(self) -> bool:
+    def is_slipping(self) -> bool:
         """Whether it spins by itself now."""
         return bool(self.slips) and self.slips[-1].last is None
 
-    def rest(self) -> None:
+    def record_standstill(self) -> None:
         """A window in which the vehicle stands: what shakes it then, or is noise of a gyro, is no slip."""
-        self.forget()
+        self.clear_sums()
         self._rested += 1
         if self._rested >= _LONG:
             self._settled = 0
 
-    def add(self, number: int, push: Push | None, rate: float) -> int | None:
+    def detect_onset(self, number: int, push: ForwardResidual | None, rate: float) -> int | None:
         """A window of a wheel that rolls; the number of the window with which a slip began, if one is found.
 
         push: None where the window does not tell. rate: rad/s at which it turns.
         """
         self._rested = 0
         if push is None:
-            self.forget()
+            self.clear_sums()
             return None
         if self._settled < _SETTLED:
             if abs(rate) > _TURNS:
@@ -179,16 +179,16 @@ class Grip:
         residual, variance, common = self._total
         self._sums.append(_Sums(number, residual, variance, common, push.slope))
         # As it would be had the slope not given way to it meanwhile.
-        residual += push.residual + push.slope * WINDOW
+        residual += push.residual + push.slope * WINDOW_S
         variance += push.variance
-        common += math.sqrt(max(push.common, 0.0)) + _LEANS * abs(push.yaw_rate) * WINDOW
+        common += math.sqrt(max(push.common_variance, 0.0)) + _LEANS * abs(push.yaw_rate) * WINDOW_S
         self._total = residual, variance, common
         found, most, sums = None, _SURE**2, self._sums
-        for count in BANK:
+        for count in SUM_LENGTHS_WINDOWS:
             if count > len(sums):
                 break
             then = sums[-count]
-            span = count * WINDOW
+            span = count * WINDOW_S
             slipped = residual - then.residual - span * then.slope
             # Most sums are nowhere near: nothing further of them needs a look.
             if -_LEAST <= slipped <= _LEAST:
@@ -199,16 +199,22 @@ class Grip:
                 found, most = then.number, ratio
         return found
 
-    def begin(self, number: int) -> None:
+    def start_slip(self, number: int) -> None:
         """It spins by itself from that window on."""
         self.slips.append(Slip(number))
-        self.forget()
-        self._near, self.calm, self._follows, self._jumped, self.jumped = 0, 0, 0.0, 0.0, True
+        self.clear_sums()
+        self._near, self.consistent_windows, self._follows, self._jumped, self.ended_by_jump = (
+            0,
+            0,
+            0.0,
+            0.0,
+            True,
+        )
 
-    def follow(
+    def detect_end(
         self,
         number: int,
-        push: Push | None,
+        push: ForwardResidual | None,
         slip: float,
         variance: float,
         carried: float | None,
@@ -221,30 +227,30 @@ class Grip:
         went before.
         """
         now = self.slips[-1]
-        if number - now.first >= LONGEST or (
+        if number - now.first >= MAX_SLIP_WINDOWS or (
             carried is not None and _absurd(carried, slip, variance, fastest)
         ):
             now.last = number - 1
-            self.settle_anew()
+            self.require_agreement()
             return True
         if abs(slip) > abs(now.speed):
             now.speed = slip
         near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
-        if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW) ** 2:
-            self.calm, self._follows = 0, 0.0
+        if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW_S) ** 2:
+            self.consistent_windows, self._follows = 0, 0.0
             # One that keeps to what another wheel measures has no need to agree with its accelerometer.
             self._near = self._near + 1 if near and carried is None else 0
             if push is not None:
-                self._jumped = max(0.0, self._jumped - push.gain * math.copysign(1.0, slip))
+                self._jumped = max(0.0, self._jumped - push.speed_gain * math.copysign(1.0, slip))
             return self._ends(now, number, even=False) if self._near >= _LINGERS else False
-        self.calm += 1
+        self.consistent_windows += 1
         self._near = self._near + 1 if near else 0
-        felt = push.residual + push.gain
+        felt = push.residual + push.speed_gain
         likelier = 0.5 * (felt**2 - push.residual**2) / push.variance
         # However much changes in one window: it may be chance that both do.
         self._follows = max(0.0, self._follows + min(likelier, _FOLLOWS / _QUIET))
         # Against what another wheel measures it helps nothing to spin evenly.
-        even = carried is not None and (self._follows >= _FOLLOWS or self.calm >= _PATIENCE)
+        even = carried is not None and (self._follows >= _FOLLOWS or self.consistent_windows >= _PATIENCE)
         return self._ends(now, number, even)
 
     def _ends(self, now: Slip, number: int, even: bool) -> bool:
@@ -252,22 +258,22 @@ class Grip:
         jumped = self._jumped > _JUMP * abs(now.speed)
         if self._near < (_QUIET if jumped else _LINGERS) and not even:
             return False
-        self.jumped = jumped
+        self.ended_by_jump = jumped
         now.last = number - max(self._near, 1)
         return True
 
-    def unhear(self, number: int) -> None:
+    def end_by_outage(self, number: int) -> None:
         """Up to that window nothing was heard: it begins anew as a wheel that rolls."""
-        if self.lost:
+        if self.is_slipping:
             self.slips[-1].last = number
-        self.settle_anew()
+        self.require_agreement()
 
-    def settle_anew(self) -> None:
+    def require_agreement(self) -> None:
         """Its accelerometer has to agree with it again before it may contradict it."""
         self._settled = 0
-        self.forget()
+        self.clear_sums()
 
-    def forget(self) -> None:
+    def clear_sums(self) -> None:
         """What was summed up."""
         self._sums.clear()
         self._total = (0.0, 0.0, 0.0)

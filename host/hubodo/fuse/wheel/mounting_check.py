@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.window import WINDOW
+from hubodo.fuse.wheel.window import WINDOW_S
 
-GATE = 3.0
+GATE_SIGMA = 3.0
 """Sigma beyond which a row loses weight: of honest ones, one in 370 does."""
 
-BOTH = 0.0
+BOTH_WHEELS = 0.0
 """Verdict of `Agreement`: both wheels are to be distrusted."""
 
 _MOVES = 0.1
@@ -67,7 +67,7 @@ A tape between the tyres' middles; turns of half a circle show so much. Estimate
 """
 
 
-def careful_tape(error: float, variance: float, prior: float) -> float | None:
+def track_width_test(error: float, variance: float, prior: float) -> float | None:
     """The variance with which a drive's track error is to be told that it is zero; None: not (yet).
 
     Was the track measured with care, sigma `_TAPE`, or just anyhow, sigma `prior`? Care has to be more likely
@@ -85,7 +85,7 @@ def careful_tape(error: float, variance: float, prior: float) -> float | None:
     return _TAPE**2
 
 
-def robust_variances(
+def inflate_outlier_variances(
     white: Array,
     sigma: Array,
     residuals: Array,
@@ -99,10 +99,10 @@ def robust_variances(
     disagree both lose weight alike; of two wheels that roll apart the one that has left the speed which the
     accelerometers carried over: it slips.
     """
-    out = np.abs(white) > GATE
+    out = np.abs(white) > GATE_SIGMA
     if not out.any():
         return variances, None
-    extra = np.where(out, (white * white / GATE**2 - 1.0) * sigma * sigma, 0.0)
+    extra = np.where(out, (white * white / GATE_SIGMA**2 - 1.0) * sigma * sigma, 0.0)
     slipping = None
     if compared is not None:
         (first_yaw, first), (second_yaw, second) = compared
@@ -116,7 +116,7 @@ def robust_variances(
 
 
 @dataclass
-class Agreement:
+class MountingCheck:
     """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or another mounting's?
 
     The gyros across the axle feel the same yaw whichever way a node faces; the wheels' speeds change sign
@@ -127,21 +127,21 @@ class Agreement:
     other one may steer. sizes: of twice the speed over the track, its squares, and what is off times it.
     """
 
-    track: float
-    squares: list[float] = field(default_factory=lambda: [0.0] * 4)
-    travel: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    yaws: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
-    sizes: list[float] = field(default_factory=lambda: [0.0, 0.0])
-    apart: float = 0.0
-    turned: float = 0.0
+    track_width: float
+    yaw_residual_squares: list[float] = field(default_factory=lambda: [0.0] * 4)
+    wheel_distances: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    yaw_rate_squares: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    size_regression: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    axle_misfit: float = 0.0
+    turned_angle: float = 0.0
     count: int = 0
     verdict: str = ""
-    alone: float = 0.0
-    exchanged: bool = False
-    steering: bool = False
+    usable_side: float = 0.0
+    sides_swapped: bool = False
+    other_wheel_steers: bool = False
 
     @property
-    def open(self) -> bool:
+    def is_undecided(self) -> bool:
         """Whether more windows are wanted: no verdict yet, and not yet sure that all is as declared."""
         return not self.verdict and self.count < _SURE
 
@@ -154,17 +154,17 @@ class Agreement:
         if max(abs(left), abs(right)) < _MOVES:
             return None
         yaw_rate = 0.5 * (yaws[0] + yaws[1])
-        self.travel[0] += left * WINDOW
-        self.travel[1] += right * WINDOW
-        self.turned += abs(yaw_rate) * WINDOW
+        self.wheel_distances[0] += left * WINDOW_S
+        self.wheel_distances[1] += right * WINDOW_S
+        self.turned_angle += abs(yaw_rate) * WINDOW_S
         self.count += 1
         first, second = yaws
-        felt, squares = self.yaws, self.squares
+        felt, squares = self.yaw_rate_squares, self.yaw_residual_squares
         felt[0] += first * first
         felt[1] += second * second
         felt[2] += (first - second) ** 2
         # As declared; the left node the other way round; the right one; both, or the sides exchanged.
-        declared, turned = (right - left) / self.track, (right + left) / self.track
+        declared, turned = (right - left) / self.track_width, (right + left) / self.track_width
         off = (yaw_rate - declared) ** 2
         squares[0] += off
         squares[1] += (yaw_rate - turned) ** 2
@@ -176,7 +176,7 @@ class Agreement:
         blamed = self._steering() if self.count >= _LONG else None
         if blamed is None:
             blamed = self._mounting()
-        if blamed is None and self.turned > _TURNED:
+        if blamed is None and self.turned_angle > _TURNED:
             blamed = self._apart()
         return blamed
 
@@ -186,22 +186,22 @@ class Agreement:
         turned: 1/s times twice the speed over the track; squared: (rad/s)² of the yaw rate.
         """
         allowed = _APART[0] ** 2 + _APART[1] ** 2 * squared
-        sizes = self.sizes
+        sizes = self.size_regression
         if off * off < _AT_MOST**2 * (allowed + (_SIZES * turned) ** 2):
             sizes[0] += turned * turned
             sizes[1] += turned * off
         unequal = max(-_SIZES, min(_SIZES, sizes[1] / sizes[0])) if sizes[0] > 0.0 else 0.0
-        self.apart += min((off - unequal * turned) ** 2, _AT_MOST**2 * allowed) - allowed
+        self.axle_misfit += min((off - unequal * turned) ** 2, _AT_MOST**2 * allowed) - allowed
 
     def _steering(self) -> float | None:
         """Two yaws that differ: the wheel that turns more is the one that steers."""
-        more, apart = abs(self.yaws[0] - self.yaws[1]), self.yaws[2]
-        if apart < _STEERS[0] ** 2 * self.count + _STEERS[1] ** 2 * min(self.yaws[:2]):
+        more, apart = abs(self.yaw_rate_squares[0] - self.yaw_rate_squares[1]), self.yaw_rate_squares[2]
+        if apart < _STEERS[0] ** 2 * self.count + _STEERS[1] ** 2 * min(self.yaw_rate_squares[:2]):
             return None
         if more < _CLEAR * apart:
             return None
-        side = 1.0 if self.yaws[0] > self.yaws[1] else -1.0
-        self.alone, self.steering = -side, True
+        side = 1.0 if self.yaw_rate_squares[0] > self.yaw_rate_squares[1] else -1.0
+        self.usable_side, self.other_wheel_steers = -side, True
         self.verdict = (
             "the two wheels turn otherwise than each other: one of them steers, or they are not on one axle; "
             "say steered = true under the [nodes] table of the one that does"
@@ -210,30 +210,35 @@ class Agreement:
 
     def _apart(self) -> float | None:
         """Speeds that make another yaw than the gyros feel: the two wheels are not one axle of that track."""
-        if self.apart < 0.0:
+        if self.axle_misfit < 0.0:
             return None
-        self.alone, self.steering = 1.0, True
+        self.usable_side, self.other_wheel_steers = 1.0, True
         self.verdict = (
-            f"the speeds of the two wheels are not those of an axle of {self.track:g} m: nodes of two axles, "
-            "or another track_width; see to the vehicle file"
+            f"the speeds of the two wheels are not those of an axle of {self.track_width:g} m: nodes of two "
+            "axles, or another track_width; see to the vehicle file"
         )
         return -1.0
 
     def _mounting(self) -> float | None:
         """Another mounting that explains the yaw much better."""
-        best = self.squares.index(min(self.squares))
-        fits = self.squares[best] < _FITS**2 * self.count
-        if best == 0 or not fits or self.squares[0] < _WORSE * (self.squares[best] + _SAME**2 * self.count):
+        best = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
+        fits = self.yaw_residual_squares[best] < _FITS**2 * self.count
+        if (
+            best == 0
+            or not fits
+            or self.yaw_residual_squares[0]
+            < _WORSE * (self.yaw_residual_squares[best] + _SAME**2 * self.count)
+        ):
             return None
         if best == 3:
-            if max(self.travel) < 0.0:
+            if max(self.wheel_distances) < 0.0:
                 self.verdict = "both nodes are mounted the other way round: change both facings"
-                return BOTH
+                return BOTH_WHEELS
             self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
-            self.alone, self.exchanged = 1.0, True
-            return BOTH
-        backwards = 0 if self.travel[0] < self.travel[1] else 1
+            self.usable_side, self.sides_swapped = 1.0, True
+            return BOTH_WHEELS
+        backwards = 0 if self.wheel_distances[0] < self.wheel_distances[1] else 1
         name = ("left", "right")[backwards]
         self.verdict = f"the node on the {name} wheel is mounted the other way round: change its facing"
-        self.alone = (-1.0, 1.0)[backwards]
-        return -self.alone
+        self.usable_side = (-1.0, 1.0)[backwards]
+        return -self.usable_side

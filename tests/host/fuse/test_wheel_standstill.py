@@ -5,9 +5,9 @@ import pytest
 
 from generators import wheel_drives
 from generators.rests import drive_with_rest
-from hubodo.fuse.wheel.stillness import RestDetector, Stillness
-from hubodo.fuse.wheel.track import WheelRun, run
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.motion_state import MotionState, StandstillDetector
+from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_runs import config, end_error, nees, tables
 
 SEED = 12
@@ -18,12 +18,12 @@ SEED = 12
 @pytest.mark.parametrize("gyro_noise, idling", [(0.002, 0.0), (0.02, 0.0), (0.002, 0.03)])
 def test_a_rest_costs_nothing(rest: float, where: str, gyro_noise: float, idling: float) -> None:
     drive = drive_with_rest(SEED, 40.0, rest, where, gyro_noise, idling)
-    found = run(config(drive), tables(drive))
+    found = run_wheel_filter(config(drive), tables(drive))
     percent = 100.0 * end_error(drive, found) / drive.length
     print(f"seed {SEED}: {percent:.2f} % off at the end, NEES {nees(drive, found):.1f}")
     # Chi-square of 3: 1 in 10,000 lies above 21. Loops of 60 m without a rest end 0.6 % off.
     assert percent < 2.0 and nees(drive, found) < 21.0
-    assert np.mean(found.track.still == Stillness.RESTING) > 0.5 * rest / found.track.t[-1]
+    assert np.mean(found.track.motion_state == MotionState.STANDSTILL) > 0.5 * rest / found.track.t[-1]
 
 
 def _slow(speed: float, yaw_rate: float) -> tuple[wheel_drives.WheelDrive, WheelRun]:
@@ -31,7 +31,7 @@ def _slow(speed: float, yaw_rate: float) -> tuple[wheel_drives.WheelDrive, Wheel
     rng = np.random.default_rng(SEED)
     plan = wheel_drives.legs([(10.0, 0.0, 0.0), (60.0, speed, yaw_rate), (5.0, 0.0, 0.0)])
     drive = wheel_drives.drive(plan, rng)
-    return drive, run(config(drive), tables(drive))
+    return drive, run_wheel_filter(config(drive), tables(drive))
 
 
 @pytest.mark.parametrize(
@@ -43,26 +43,26 @@ def test_a_slow_manoeuvre_is_no_rest(speed: float, yaw_rate: float) -> None:
     turned = np.degrees(found.track.heading[-1] - np.interp(found.track.t[-1], drive.t, drive.heading))
     moving = (found.track.t > 11.0) & (found.track.t < 69.0)
     print(f"seed {SEED}: {turned:+.2f}° off after {np.degrees(60.0 * yaw_rate):.0f}°")
-    assert not np.any(found.track.still[moving] == Stillness.RESTING)
+    assert not np.any(found.track.motion_state[moving] == MotionState.STANDSTILL)
     assert abs(turned) < 0.03 * np.degrees(60.0 * yaw_rate) + 1.0
     assert end_error(drive, found) < 0.06 and nees(drive, found) < 21.0
 
 
 def _window(spin: float = 0.0, across: complex = 0j, force: complex = 9.8j, **changes: float) -> Window:
     """Of steady rates, rad/s, and a steady force, m/s²."""
-    return Window(spin=spin * WINDOW, raw_across=across * WINDOW, raw_force=force * WINDOW, **changes)
+    return Window(spin=spin * WINDOW_S, raw_across=across * WINDOW_S, raw_force=force * WINDOW_S, **changes)
 
 
-STILL, ROCKED, MOVED = Stillness.RESTING, Stillness.ROCKING, Stillness.MOVING
+STILL, ROCKED, MOVED = MotionState.STANDSTILL, MotionState.ROCKING, MotionState.MOVING
 ROCKING = [_window(force=9.8j + 0.3 * (k % 10 > 4)) for k in range(20)]
 
 
 def _ends(
     windows: list[Window], spin_bias: float = 0.0, across_bias: complex = 0j, sigma: float = 0.0
-) -> Stillness:
+) -> MotionState:
     """How still it is at the end."""
-    detector = RestDetector()
-    return [detector.stillness(window, spin_bias, across_bias, sigma) for window in windows][-1]
+    detector = StandstillDetector()
+    return [detector.detect(window, spin_bias, across_bias, sigma) for window in windows][-1]
 
 
 def test_a_rest_takes_a_second_and_hands_on_the_rims_two() -> None:
@@ -98,7 +98,7 @@ def test_a_rest_takes_a_second_and_hands_on_the_rims_two() -> None:
         ([*ROCKING[:10], _window(spin=0.119), _window(spin=-0.119), *ROCKING[10:]], ROCKED),
     ],
 )
-def test_stillness_ends_at_its_limits(windows: list[Window], found: Stillness) -> None:
+def test_stillness_ends_at_its_limits(windows: list[Window], found: MotionState) -> None:
     assert _ends(windows) == found
 
 
@@ -106,7 +106,7 @@ def test_stillness_ends_at_its_limits(windows: list[Window], found: Stillness) -
     ("rate", "found"), [(0.034, STILL), (0.036, ROCKED), (0.049, ROCKED), (0.051, MOVED)]
 )
 def test_rates_are_less_their_biases_and_three_sigmas_of_these_are_left_to_them(
-    rate: float, found: Stillness
+    rate: float, found: MotionState
 ) -> None:
     assert _ends([_window(spin=0.5 + rate)] * 20, spin_bias=0.5, sigma=0.01) == found
     assert _ends([_window(across=0.5j - rate)] * 20, across_bias=0.5j, sigma=0.01) == found
@@ -118,23 +118,23 @@ def test_rates_are_less_their_biases_and_three_sigmas_of_these_are_left_to_them(
 
 def test_what_is_random_in_rates_is_told_from_a_turn_and_kept_as_it_was_a_second_ago() -> None:
     """Steps of 2 s of three independent axes: a variance of 2 s² / 3 of each, none of it in the mean."""
-    detector, to_and_fro = RestDetector(), [_window(spin=0.03 * (-1) ** k) for k in range(10)]
-    assert [detector.stillness(w, 0.0, 0j, 0.0) for w in to_and_fro][-1] == STILL
+    detector, to_and_fro = StandstillDetector(), [_window(spin=0.03 * (-1) ** k) for k in range(10)]
+    assert [detector.detect(w, 0.0, 0j, 0.0) for w in to_and_fro][-1] == STILL
     assert detector.noise == pytest.approx(0.06**2 / 6.0)
     assert detector.force == pytest.approx(9.8j)
     for _ in range(9):
-        detector.stillness(_window(), 0.0, 0j, 0.0)
+        detector.detect(_window(), 0.0, 0j, 0.0)
     assert detector.noise == pytest.approx(0.06**2 / 6.0)
-    detector.stillness(_window(), 0.0, 0j, 0.0)
+    detector.detect(_window(), 0.0, 0j, 0.0)
     assert detector.noise < 0.06**2 / 6.0
-    detector.forget()
-    assert detector.force == 0.0 and detector.stillness(_window(), 0.0, 0j, 0.0) == MOVED
+    detector.clear()
+    assert detector.force == 0.0 and detector.detect(_window(), 0.0, 0j, 0.0) == MOVED
     for window in [*[_window()] * 20, *[_window(spin=0.02)] * 10, *to_and_fro]:
-        detector.stillness(window, 0.0, 0j, 0.0)
+        detector.detect(window, 0.0, 0j, 0.0)
     assert detector.noise > 1e-5, "of this rest, and not of that before the wheel crept"
-    detector.forget()
+    detector.clear()
     for window in to_and_fro:
-        detector.stillness(window, 0.0, 0j, 0.0)
+        detector.detect(window, 0.0, 0j, 0.0)
     assert detector.noise == pytest.approx(0.06**2 / 6.0)
 
 
@@ -146,6 +146,6 @@ def test_the_first_windows_tell_the_noise_where_all_of_them_are_quiet() -> None:
         ([*quiet, _window(missing=0.01)], 0.0),
         (quiet[:1], 0.0),
     ):
-        detector = RestDetector()
-        detector.begin(windows)
+        detector = StandstillDetector()
+        detector.estimate_initial_noise(windows)
         assert detector.noise == pytest.approx(noise)

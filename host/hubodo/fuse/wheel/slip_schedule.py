@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class LostWheels:
+class SlipSchedule:
     """What one look at the windows finds and the next is told: a step back in time, or a smoother.
 
     wheels: how many there are. lost: by number of the window, of each whether it is; a window without any is
@@ -15,20 +15,20 @@ class LostWheels:
     """
 
     wheels: int
-    lost: dict[int, tuple[bool, ...]] = field(default_factory=dict)
-    doubt: dict[int, float] = field(default_factory=dict)
+    slipping: dict[int, tuple[bool, ...]] = field(default_factory=dict)
+    speed_variance: dict[int, float] = field(default_factory=dict)
 
-    def mark(self, wheel: int, numbers: range, lost: bool = True) -> None:
+    def mark(self, wheel: int, numbers: range, slipping: bool = True) -> None:
         """That one wheel was lost in these windows, or was not."""
         for number in numbers:
-            away = list(self.of(number))
-            away[wheel] = lost
+            away = list(self.slipping_wheels(number))
+            away[wheel] = slipping
             if any(away):
-                self.lost[number] = tuple(away)
+                self.slipping[number] = tuple(away)
             else:
-                self.lost.pop(number, None)
+                self.slipping.pop(number, None)
 
-    def doubt_speed(self, numbers: range, wrong: float) -> None:
+    def inflate_speed(self, numbers: range, wrong: float) -> None:
         """That the speed was wrong in the end, (m/s)², after it had been carried through these windows.
 
         It has become so at a time that nobody knows: in equal parts in all of them, a random walk. Between
@@ -36,16 +36,16 @@ class LostWheels:
         distributed.
         """
         for number in numbers:
-            self.doubt[number] = self.doubt.get(number, 0.0) + wrong / len(numbers)
+            self.speed_variance[number] = self.speed_variance.get(number, 0.0) + wrong / len(numbers)
 
-    def windows(self, wheel: int) -> int:
+    def count_windows(self, wheel: int) -> int:
         """In how many it was lost."""
-        return sum(away[wheel] for away in self.lost.values())
+        return sum(away[wheel] for away in self.slipping.values())
 
-    def all_before(self, number: int) -> bool:
+    def all_slipping_before(self, number: int) -> bool:
         """Whether nothing but accelerometers told the speed in the window before."""
-        return all(self.of(number - 1))
+        return all(self.slipping_wheels(number - 1))
 
-    def of(self, number: int) -> tuple[bool, ...]:
+    def slipping_wheels(self, number: int) -> tuple[bool, ...]:
         """Of each wheel, whether it is lost in a window."""
-        return self.lost.get(number, (False,) * self.wheels)
+        return self.slipping.get(number, (False,) * self.wheels)

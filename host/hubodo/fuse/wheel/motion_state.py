@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import WINDOW, Window
+from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _SPAN = 10
 """Windows that are looked at, one second: longer than a wheel pauses when its direction is changed."""
@@ -19,16 +19,16 @@ _ROCKING_SPAN = 20
 """Two seconds: hands that rock a wheel go to and fro meanwhile."""
 
 
-class Stillness(IntEnum):
+class MotionState(IntEnum):
     """MOVING; ROCKING: rocking about one place, as with hands on the rims; RESTING: nothing moves."""
 
     MOVING = 0
     ROCKING = 1
-    RESTING = 2
+    STANDSTILL = 2
 
 
 @dataclass(frozen=True, slots=True)
-class RestLimits:
+class StandstillLimits:
     """Where stillness ends; all estimated: between what idle hands and engines do and the slowest drive.
 
     rate: rad/s by which mean rates over a second may differ from their biases, beside three sigma of these
@@ -39,12 +39,12 @@ class RestLimits:
     """
 
     rate: float = 0.005
-    turning: float = 0.06
-    spread: float = 0.1
+    force_change: float = 0.06
+    gyro_spread: float = 0.1
     rocking_rate: float = 0.02
-    rocking_turning: float = 0.8
-    rocking_spread: float = 0.25
-    rocking_peak: float = 0.12
+    rocking_force_change: float = 0.8
+    rocking_gyro_spread: float = 0.25
+    max_rocking_rate: float = 0.12
 
 
 class _Quiet(NamedTuple):
@@ -57,7 +57,7 @@ class _Quiet(NamedTuple):
 
 
 @dataclass
-class RestDetector:
+class StandstillDetector:
     """A second without turning of gravity and with no mean rate beyond what bias and noise explain.
 
     A steadily rolling wheel turns gravity; a wheel on the spot of which the vehicle pivots does not, but it
@@ -67,65 +67,68 @@ class RestDetector:
     showed it.
     """
 
-    limits: RestLimits = field(default_factory=RestLimits)
+    limits: StandstillLimits = field(default_factory=StandstillLimits)
     noise: float = 0.0
     _past: deque[_Quiet] = field(default_factory=lambda: deque(maxlen=_ROCKING_SPAN))
     _resting: list[_Quiet] = field(default_factory=list)
     _noises: deque[float] = field(default_factory=lambda: deque(maxlen=_SPAN))
 
-    def begin(self, windows: Sequence[Window]) -> None:
+    def estimate_initial_noise(self, windows: Sequence[Window]) -> None:
         """A first look at the noise, where the first windows look like a rest."""
-        quiet = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.spread**2]
+        quiet = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.gyro_spread**2]
         if len(quiet) == len(windows) > 1:
-            self.noise = _noise([(w.spin / WINDOW, w.raw_across / WINDOW) for w in quiet])
+            self.noise = _noise([(w.spin / WINDOW_S, w.raw_across / WINDOW_S) for w in quiet])
 
     @property
     def force(self) -> complex:
         """m/s², mean specific force ax + i ay in the last second of rest; 0 where there was none."""
         return _mean_force(self._resting) if self._resting else 0j
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """What was before says nothing of what comes."""
         self._past.clear()
         self._noises.clear()
         self._resting = []
 
-    def stillness(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> Stillness:
+    def detect(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> MotionState:
         """How still the wheel has been up to the end of this window.
 
         spin_bias: rad/s of gz; across_bias: of gx + i gy; sigma: 1 sigma of the least known of them.
         """
         limits, margin = self.limits, 3.0 * sigma
-        spin = window.spin / WINDOW - spin_bias
-        if window.missing > 0.0 or abs(spin) >= limits.rocking_peak + margin:
+        spin = window.spin / WINDOW_S - spin_bias
+        if window.missing > 0.0 or abs(spin) >= limits.max_rocking_rate + margin:
             # Most windows of a drive: nothing further needs a look.
             self._past.clear()
-            return Stillness.MOVING
-        across = window.raw_across / WINDOW - across_bias
-        if abs(across) >= limits.rocking_peak + margin or window.gyro_variance >= limits.rocking_spread**2:
+            return MotionState.MOVING
+        across = window.raw_across / WINDOW_S - across_bias
+        if (
+            abs(across) >= limits.max_rocking_rate + margin
+            or window.gyro_variance >= limits.rocking_gyro_spread**2
+        ):
             self._past.clear()
-            return Stillness.MOVING
-        self._past.append(_Quiet(spin, across, window.raw_force / WINDOW, window.gyro_variance))
+            return MotionState.MOVING
+        self._past.append(_Quiet(spin, across, window.raw_force / WINDOW_S, window.gyro_variance))
         if len(self._past) < _SPAN:
-            return Stillness.MOVING
+            return MotionState.MOVING
         last = list(self._past)[-_SPAN:]
         spread = sum(quiet.variance for quiet in last) / _SPAN
         turned = abs(_mean_force(last[: _SPAN // 2]) - _mean_force(last[_SPAN // 2 :]))
         held, noise = _holds(last, limits.rate + margin)
-        if held and turned < limits.turning and spread < limits.spread**2:
+        if held and turned < limits.force_change and spread < limits.gyro_spread**2:
             self._resting = last
             self._noises.append(noise)
             # Of a second ago: the newest may hold the beginning of a drive.
             self.noise = self._noises[0]
-            return Stillness.RESTING
+            return MotionState.STANDSTILL
         self._noises.clear()
         rocking = (
             len(self._past) == _ROCKING_SPAN and _holds(list(self._past), limits.rocking_rate + margin)[0]
         )
         first = self._past[0].force
-        if rocking and all(abs(quiet.force - first) < limits.rocking_turning for quiet in self._past):
-            return Stillness.ROCKING
-        return Stillness.MOVING
+        if rocking and all(abs(quiet.force - first) < limits.rocking_force_change for quiet in self._past):
+            return MotionState.ROCKING
+        return MotionState.MOVING
 
 
 def _holds(past: Sequence[_Quiet], limit: float) -> tuple[bool, float]:

@@ -1,0 +1,115 @@
+"""Log of the outages of a drive, in which no wheel was received, and of standstill across them."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.entries import HEADING, Entry
+from hubodo.fuse.wheel.measurement_update import WheelWindows
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.window import WINDOW_S
+
+_SOON = 20
+"""Windows after an outage in which standstill may be confirmed: one second for detection, one for a late
+second wheel.
+"""
+
+_SAME = 0.1
+"""rad of change in the direction of gravity in a wheel that did not roll: 15 mm on a radius of 0.15 m, by
+which a tyre creeps and a vehicle settles. Estimated.
+"""
+
+_NUDGED = 0.01
+"""rad, 1 sigma, rotation of a vehicle whose wheels did not roll. Estimated."""
+
+_KEPT = 100
+"""Outages that are listed one by one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outage:
+    """An outage: start and end, s, and whether the vehicle was stationary.
+
+    A vehicle is taken as stationary if it stood still before and after with unmoved wheels.
+    """
+
+    start: float
+    end: float
+    was_stationary: bool = False
+
+
+@dataclass
+class OutageLog:
+    """The outages of a drive, oldest first; only the first `_MAX_LISTED` are listed."""
+
+    listed: list[Outage] = field(default_factory=list)
+    count: int = 0
+    seconds: float = 0.0
+    may_have_been_stationary: bool = False
+    _forces: list[complex] = field(default_factory=list)
+    _turned: float = 0.0
+    _windows: int = 0
+
+    def add_outage(
+        self,
+        begin: float,
+        end: float,
+        turned: float,
+        forces: Sequence[complex] | None,
+    ) -> None:
+        """Add an outage from start to end, s.
+
+        heading_variance: rad², added to the heading. forces: m/s², mean specific force in each wheel of a
+        vehicle that stood still before, else None.
+        """
+        self.count += 1
+        self.seconds += end - begin
+        if len(self.listed) < _KEPT:
+            self.listed.append(Outage(begin, end))
+        self._turned = turned
+        self.may_have_been_stationary, self._windows = forces is not None, 0
+        self._forces = list(forces or ())
+
+    def check_standstill(
+        self, p: Array, at: Mapping[Entry, int], pairs: WheelWindows, stillness: MotionState
+    ) -> None:
+        """Process a window after an outage before which the vehicle stood still; p: covariance, in place.
+
+        If the vehicle stands still and gravity has the same direction in its wheels, it was not turned. The
+        heading variance of the outage is uncorrelated with all states and is removed again.
+        """
+        self._windows += 1
+        if stillness is MotionState.STANDSTILL:
+            self.may_have_been_stationary = False
+            forces = zip(self._forces, (wheel.standstill.force for wheel, _ in pairs), strict=True)
+            both = [(was, now) for was, now in forces if was != 0j and now != 0j]
+            if both and all(abs(cmath.phase(now * was.conjugate())) < _SAME for was, now in both):
+                place = at[HEADING]
+                p[place, place] += _NUDGED**2 - self._turned
+                if self.count == len(self.listed):
+                    self.listed[-1] = replace(self.listed[-1], was_stationary=True)
+        elif self._windows >= _SOON:
+            self.may_have_been_stationary = False
+
+    def list_warnings(self, names: str) -> list[str]:
+        """Return one line for each listed outage; names: of the nodes."""
+        found = []
+        for silence in self.listed:
+            gone = silence.end - silence.start
+            text = f"{names}: not heard from t = {silence.start:.1f} to {silence.end:.1f} s ({gone:.1f} s): "
+            if silence.was_stationary:
+                text += "it stood before and after as if never moved, so its heading is kept; "
+            else:
+                text += "where it went is not known; "
+            found.append(text + "position as far as a vehicle can go, sigmas grow there")
+        if self.count > len(self.listed):
+            found.append(f"{names}: not heard {self.count - len(self.listed)} more times")
+        return found
+
+    @property
+    def windows(self) -> int:
+        """Return the number of windows in all outages."""
+        return round(self.seconds / WINDOW_S)
