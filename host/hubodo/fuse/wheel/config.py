@@ -133,7 +133,9 @@ def wheel_config(
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     known = priors_from_calibration(VEHICLE_ENTRIES, calibration.vehicle if calibration else {}, "left")
     ground_rate = 0.0 if vehicle.latitude_deg is None else vertical_earth_rate(vehicle.latitude_deg)
-    return WheelConfig(vehicle.wheel_radius, vehicle.track_width, nodes, priors=known, ground_rate=ground_rate)
+    return WheelConfig(
+        vehicle.wheel_radius, vehicle.track_width, nodes, priors=known, ground_rate=ground_rate
+    )
 
 
 def priors_from_calibration(

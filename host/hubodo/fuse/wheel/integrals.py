@@ -94,8 +94,9 @@ def differences(first: int, at: Array) -> list[Window]:
 
 
 def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
-    """Return each rotated pair of rows times e^(-i middle), by its first row, so that angles count from the
-    middle.
+    """Return the rotated pairs of rows times e^(-i middle), keyed by their first row.
+
+    So angles count from the middle of the window.
     """
     real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
     pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)

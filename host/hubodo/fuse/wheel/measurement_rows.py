@@ -43,8 +43,9 @@ class MeasurementRows:
         self._values = np.empty(len(places))
 
     def row_of(self, measurement: Measurement, wheel: int) -> int:
-        """Return the row of a measurement of a wheel; rows that compare wheels come after those of single
-        wheels.
+        """Return the row of a measurement of a wheel.
+
+        Rows that compare wheels come after those of single wheels.
         """
         place, each = self.measurements.index(measurement), len(self._of_each)
         return each * wheel + place if place < each else place * self._wheels + wheel
@@ -54,10 +55,9 @@ class MeasurementRows:
         return [self.row_of(measurement, wheel) for measurement in self.measurements]
 
     def fill(self, values: list[float]) -> tuple[Array, Array, Array]:
-        """Return Jacobian (rows, states), residuals (rows,) and variances (rows,) of one window of each
-        wheel.
+        """Return Jacobian (rows, states), residuals (rows,) and variances (rows,) of a window.
 
-        The arrays are overwritten by the next call.
+        The arrays hold all wheels; they are overwritten by the next call.
         """
         struct.pack_into(self._packing, self._values.data, 0, *values)
         self._table[self._places] = self._values
