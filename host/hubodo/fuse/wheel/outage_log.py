@@ -30,7 +30,7 @@ _KEPT = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Outage:
+class WheelOutage:
     """An outage: start and end, s, and whether the vehicle was stationary.
 
     A vehicle is taken as stationary if it stood still before and after with unmoved wheels.
@@ -45,7 +45,7 @@ class Outage:
 class OutageLog:
     """The outages of a drive, oldest first; only the first `_MAX_LISTED` are listed."""
 
-    listed: list[Outage] = field(default_factory=list)
+    listed: list[WheelOutage] = field(default_factory=list)
     count: int = 0
     seconds: float = 0.0
     may_have_been_stationary: bool = False
@@ -68,7 +68,7 @@ class OutageLog:
         self.count += 1
         self.seconds += end - begin
         if len(self.listed) < _KEPT:
-            self.listed.append(Outage(begin, end))
+            self.listed.append(WheelOutage(begin, end))
         self._turned = turned
         self.may_have_been_stationary, self._windows = forces is not None, 0
         self._forces = list(forces or ())

@@ -19,7 +19,7 @@ from hubodo.fuse.wheel.entries import OBSERVABLE_WITH_TWO_WHEELS, VEHICLE_ENTRIE
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import find_own_gaps
-from hubodo.fuse.wheel.outage_log import Outage
+from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.slip_detector import Slip
 from hubodo.fuse.wheel.state import Wheel
@@ -82,7 +82,7 @@ class WheelReport:
     counts: Mapping[str, Mapping[str, int]]
     slips: Mapping[str, tuple[Slip, ...]]
     warnings: tuple[str, ...]
-    outages: tuple[Outage, ...] = ()
+    outages: tuple[WheelOutage, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """For fuse.json."""
