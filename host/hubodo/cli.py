@@ -20,7 +20,7 @@ from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError
 from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
 from hubodo.log.input_limits import memory_limit
 from hubodo.safe_text import json_text, printable
-from hubodo.verbs import VERBS, load
+from hubodo.verbs import VERBS, load_verb
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
 from hubodo.version import __version__
 
@@ -66,7 +66,7 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         if verb != named:
             commands.add_parser(verb, help=does)
             continue
-        module = load(verb)
+        module = load_verb(verb)
         command = commands.add_parser(
             verb,
             parents=[common],
@@ -89,9 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # numpy's remarks about NaN are for developers; a verb reports what it could not compute.
         warnings.simplefilter("ignore", RuntimeWarning)
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
-        from hubodo.verbs.completers import complete, typed_words
+        from hubodo.verbs.completers import complete_command, typed_words
 
-        complete(build_parser(typed_words()))
+        complete_command(build_parser(typed_words()))
     try:
         words = [_normalise_option(word) for word in (sys.argv[1:] if argv is None else argv)]
         with one_line_on_ctrl_c():

@@ -64,7 +64,7 @@ def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_pat
     import dask
 
     killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
-    monkeypatch.setattr("hubodo.verbs.batch.examine_one", _die_at_killer)
+    monkeypatch.setattr("hubodo.verbs.batch.run_on_log", _die_at_killer)
     # The second worker that dies of it is the last, not Dask's fourth: each takes seconds to start.
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}):
         first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 1, verb="info")
@@ -78,9 +78,9 @@ def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_pat
 def _die_at_killer(verb, options, log, folder):
     if log.name == "killer.mcap":
         os.kill(os.getpid(), signal.SIGKILL)
-    from hubodo.verbs.batch import examine_one
+    from hubodo.verbs.batch import run_on_log
 
-    return examine_one(verb, options, log, folder)
+    return run_on_log(verb, options, log, folder)
 
 
 def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path, here):

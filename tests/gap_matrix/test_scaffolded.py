@@ -110,7 +110,7 @@ def test_the_written_file_is_as_ruff_has_it(bent):
 def test_with_nothing_left_the_verb_says_so_and_fails(nothing_hidden, tmp_path):
     made = gap(tmp_path / "out", nothing_hidden / "model.toml", nothing_hidden, "--scaffold", "ghost")
     assert made.code == 1
-    assert "nothing is left" in made.out
+    assert "no new effect is needed" in made.out
     assert not (made.folder / "ghost.py").exists()
 
 

@@ -41,7 +41,7 @@ from hubodo.log.summary import summarise
 from hubodo.recording import BIAS_FILTER_COLUMNS
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import NodeMount, Vehicle
-from hubodo.verbs.info import Info
+from hubodo.verbs.info import LogInfo
 from hubowire import FINGERPRINT, Frame, decode, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import Hello, TimeRequest
@@ -201,10 +201,10 @@ def test_what_the_node_says_of_its_bias_is_in_the_log_its_summary_its_page_and_s
     summary = summarise(out)
     assert summary.bias_filters["left"]["bias_x"] == pytest.approx(told[0], rel=1e-12)
     shown = io.StringIO()
-    Info(summary).render(Console(file=shown, width=200))
+    LogInfo(summary).render(Console(file=shown, width=200))
     assert "bias filter of left" in shown.getvalue()
     assert "x +0.070 ± 0.001, y -0.035, z +0.007 ± 0.001 °/s, from 2000 samples" in shown.getvalue()
-    json.dumps(Info(summary).as_json(), allow_nan=False)
+    json.dumps(LogInfo(summary).as_json(), allow_nan=False)
     made = log_page("ride", recording, summary)
     assert any(line.startswith("left: its own filter's bias, at the end x +0.070") for line in made.facts)
     assert "left: bias by its own filter" in made.html

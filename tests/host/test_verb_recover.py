@@ -39,8 +39,8 @@ def test_the_account_agrees_with_what_info_finds_in_the_new_log(cut: Path, tmp_p
 def test_people_are_told_what_is_kept_and_what_is_lost(cut: Path, tmp_path: Path, capsys) -> None:
     assert main(["recover", str(cut), "-o", str(tmp_path / "new.mcap")]) == 0
     text = capsys.readouterr().out
-    assert "/left/imu: kept" in text
-    assert "kept t = 0.000 s to" in text
+    assert "/left/imu: recovered" in text
+    assert "recovered t = 0.000 s to" in text
     assert "bytes at the end are lost" in text
 
 

@@ -227,7 +227,7 @@ def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
         (["--settle", "3"], "two temperatures"),
         (["--temperature", "1", "2", "3"], "give one number"),
         (["--supply", "1", "2", "3"], "give one number"),
-        (["--virtual-node", "--supply", "3.9"], "leave --supply out"),
+        (["--virtual-node", "--supply", "3.9"], "remove --supply"),
         (["--virtual-node", "--drive", "poses"], "cannot do poses"),
         (["--virtual-node", "--rate", "100"], "52, 104, 208, 416"),
         (["--calibration", "nope.toml"], "nope.toml"),
@@ -251,7 +251,7 @@ def test_a_mistake_in_the_model_and_a_name_that_is_taken_are_refused(tmp_path, c
     assert "exists already" in capsys.readouterr().err
     strange = written(tmp_path, MODEL.replace("nodes.frame", "nodes.box"))
     assert main(["simulate", str(strange), "-o", str(tmp_path / "l.mcap"), "--virtual-node"]) == 2
-    assert "no node is called 'box' on the wire" in capsys.readouterr().err
+    assert "no node is called 'box' in the protocol" in capsys.readouterr().err
 
 
 def test_a_number_in_the_place_of_an_input_is_driven(tmp_path):

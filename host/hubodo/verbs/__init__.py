@@ -7,35 +7,38 @@ VERBS: dict[str, str] = {
     "demo": "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page",
     "record": "record nodes into a log until ctrl-C, with live odometry",
     "service": "run the recorder as a service of the computer: install, status, uninstall",
-    "config": "a commented hubodo.toml, and whether one is right",
-    "play": "play a log: a live view, or frames on a pseudo serial port that `hubodo record` can read",
-    "import": "turn a folder of CSV files or a rosbag into a log, or decode the raw frames of a log again",
-    "export": "turn a log into a folder of CSV or Parquet files, or a rosbag2 for ros2 bag",
+    "config": "print a commented hubodo.toml, or check one",
+    "play": "replay a log: in a live view, or as frames on a pseudo serial port for `hubodo record`",
+    "import": "convert a folder of CSV files or a rosbag into a log, or decode the raw frames of a log again",
+    "export": "convert a log into a folder of CSV or Parquet files, or into a rosbag2 for ros2 bag",
     "info": "show streams, rates, gaps, losses, versions and health of a log",
-    "fuse": "fuse a log into a track: where the vehicle went, with sigmas",
-    "recover": "repair a log that was cut off mid-write or damaged",
-    "flash": "put the firmware onto a board, compare every file and wait until it runs",
-    "doctor": "look at a board in bring-up order: port, wiring, firmware, sensor, samples, clock",
-    "node": "ask a node who it is, change its settings, find its gyro's bias, or restart it",
-    "allan": "Allan deviation and noise terms of sensors at rest, with sigmas and units of IEEE 952",
-    "warmup": "the bias of a gyro after power-on: C1 (1 - exp(-t/T)) + C2, judged for whiteness",
-    "calibrate": "calibrate wheels from a drive with known positions, or a node's triads from poses",
+    "fuse": "fuse a log into a track: position, heading and speed over time, with sigmas",
+    "recover": "repair a log that is truncated or damaged",
+    "flash": "install the firmware on a board, verify every file and wait until it runs",
+    "doctor": "diagnose this computer, or a board: port, wiring, firmware, sensor, samples, clock",
+    "node": "identify a node, change its settings, initialise its gyro bias, or restart it",
+    "allan": "Allan deviation and noise terms (IEEE 952) of stationary sensors, with sigmas",
+    "warmup": "fit the gyro bias after power-on, C1 (1 - exp(-t/T)) + C2, and test the residual",
+    "calibrate": "calibrate wheels from a drive with known positions, or a node's sensors from static poses",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",
-    "heading": "heading from one upright gyro axis, its warm-up taken out, with a sigma that holds",
-    "simulate": "draw a log from a model: what the nodes would measure on a drive, a table, a bench",
-    "gap": "what a model lacks to explain a log: the missing effects by name, and the model with them",
-    "serve": "the recordings of a folder in the browser: what they hold, their reports, gap on a click",
-    "report": "one self-contained HTML page of a log: content, losses, sensors, calibration, drive",
-    "batch": "what another verb does with one log, done with folders of them, here or on a Dask cluster",
-    "logs": "list, search and sum up the logs that `hubodo batch info` went through, none of which is read",
-    "completion": "print the script with which a shell completes verbs, options, ports, nodes and files",
+    "heading": "estimate the heading from one vertical gyro axis, corrected for warm-up, with its sigma",
+    "simulate": "simulate a log from a model file: a drive, a turntable or a bench test",
+    "gap": "find the effects that a model lacks to explain a log, and write the model with them added",
+    "serve": "show the recordings of a folder in the browser, with their reports and `gap` on a click",
+    "report": "write one self-contained HTML page about a log: content, losses, sensors, calibration, drive",
+    "batch": "run another verb on many logs, on this computer or on a Dask cluster",
+    "logs": "list, search and summarise logs from the index that `hubodo batch info` wrote",
+    "completion": "print the shell completion script for verbs, options, ports, nodes and files",
 }
-"""Each with what it does, in one line. It is a module here (`import` with a trailing "_"): EXAMPLE,
-add_arguments(parser), run(args). Names, not modules: a verb starts, and the list is shown, without waiting
-for what the others import.
+"""One line of help for each verb, by name.
+
+Each verb is a module of this package with the same name (`import` is `import_`), which defines
+`EXAMPLE: str`, `add_arguments(parser)` and `run(args)`. `run` returns None or a result with `as_json()`
+and `render(console)`; a result may have a property `failed`, for exit code 1. Modules are loaded only when
+their verb runs, so that `hubodo --help` is fast.
 """
 
 
-def load(verb: str) -> ModuleType:
-    """The module of one of VERBS."""
+def load_verb(verb: str) -> ModuleType:
+    """Import and return the module of a verb in `VERBS`."""
     return import_module(f"{__name__}.{'import_' if verb == 'import' else verb}")

@@ -1,4 +1,4 @@
-"""`hubodo allan`: what sensors at rest are worth: Allan deviation, noise terms, how long to average."""
+"""`hubodo allan`: Allan deviation, noise terms and best averaging time of stationary sensors."""
 
 from __future__ import annotations
 
@@ -31,29 +31,39 @@ from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, units
 from hubodo.sensors.rest_channel import IMU_CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
-from hubodo.verbs.numbers import positive
-from hubodo.verbs.standstill import add_span_arguments, standstill
+from hubodo.verbs.numbers import positive_number
+from hubodo.verbs.standstill import add_selection_arguments, select_standstill
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
 
 @dataclass(frozen=True)
 class Characterised:
-    """The result for one channel of a node."""
+    """The Allan analysis of one channel of a node.
+
+    Attributes
+    ----------
+    log
+        Path of the log.
+    node
+        Name of the node.
+    report
+        Allan deviation, fitted noise terms and best averaging time.
+    """
 
     log: str
     node: str
     report: AllanReport
 
     def as_json(self) -> dict[str, Any]:
-        """The fixed form that programs read, with the log and the node."""
+        """Return the documented JSON result, with the log and the node."""
         return {"log": self.log, "node": self.node, **self.report.as_json()}
 
     def render(self, console: Console) -> None:
-        """The terms with what they mean, then the averaging time."""
+        """Print the noise terms with their meaning, then the best averaging time."""
         report = self.report
         title = f"{self.node} {report.channel}"
-        table = Table("", "term", "value", "± 1 sigma", "customary", "what it means", title=title)
+        table = Table("", "term", "value", "± 1σ", "common unit", "meaning", title=title)
         for name, unit in units(report.channel).items():
             term = report.fit.terms[name]
             if term.value is None or term.sigma is None:
@@ -61,9 +71,9 @@ class Characterised:
                 needed = (
                     ""
                     if term.needed is None
-                    else f"; {duration_words(term.needed)} of record would show that"
+                    else f"; a record of {duration_words(term.needed)} would show it"
                 )
-                table.add_row(name, unit.name, "not shown", "", "", f"{limit}{term.reason}{needed}")
+                table.add_row(name, unit.name, "not observable", "", "", f"{limit}{term.reason}{needed}")
             else:
                 table.add_row(
                     name,
@@ -81,13 +91,13 @@ class Characterised:
 
 @dataclass(frozen=True)
 class Compared:
-    """The results for several channels, and data sheets beside them."""
+    """The Allan analyses of several channels, with data sheets for comparison."""
 
     sensors: tuple[Characterised, ...]
     sheets: tuple[Datasheet, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The fixed form of each under `sensors`, and the data sheets in SI."""
+        """Return the JSON result of each channel under `sensors`, and the data sheets in SI units."""
         return {
             "sensors": [sensor.as_json() for sensor in self.sensors],
             "datasheets": [
@@ -96,9 +106,9 @@ class Compared:
         }
 
     def render(self, console: Console) -> None:
-        """A line for each sensor and data sheet."""
+        """Print one row for each channel and each data sheet."""
         grid = comparison(_named(self.sensors), self.sheets)
-        table = Table(*grid.headings, title="customary units, ± 1 sigma")
+        table = Table(*grid.headings, title="common units, ± 1σ")
         for row in grid.rows:
             table.add_row(*row)
         console.print(table)
@@ -108,29 +118,34 @@ class Compared:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo allan`."""
-    parser.add_argument("log", type=Path, nargs="+", metavar="LOG", help=f"sensors at rest: {LOG_HELP}")
-    parser.add_argument("--node", help="names of nodes, with commas, or all (default: the only one)")
+    """Add the arguments of `hubodo allan`."""
+    parser.add_argument(
+        "log", type=Path, nargs="+", metavar="LOG", help=f"log of stationary sensors: {LOG_HELP}"
+    )
+    parser.add_argument("--node", help="nodes, separated by commas, or all (default: the only one)")
     parser.add_argument(
         "--channel",
         default="gz",
-        help=f"columns of the node, with commas: {', '.join(IMU_CHANNELS)} (default gz)",
+        help=f"channels, separated by commas: {', '.join(IMU_CHANNELS)} (default gz)",
     )
-    add_span_arguments(parser)
+    add_selection_arguments(parser)
     parser.add_argument(
         "--as-is",
         action="store_true",
-        help="every sample, whatever it is: the plain deviation, as allantools'",
+        help="use every sample, also disturbed ones: the plain Allan deviation, equal to that of allantools",
     )
     parser.add_argument(
         "--datasheet",
         action="append",
         default=[],
         metavar="TOML|CHIP",
-        help=f"lay a data sheet beside it: a file, or one of {', '.join(CHIPS)} (repeatable)",
+        help=f"compare with a data sheet: a file, or one of {', '.join(CHIPS)} (repeatable)",
     )
     parser.add_argument(
-        "--turn", type=positive, default=2.0, help="s from stop to stop of a maytag table (default 2)"
+        "--turn",
+        type=positive_number,
+        default=2.0,
+        help="seconds a maytagging table takes to turn between stops (default 2)",
     )
     parser.add_argument(
         "--per-octave",
@@ -138,16 +153,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=1,
         choices=range(1, 13),
         metavar="1..12",
-        help="averaging times per octave",
+        help="averaging times per octave (default 1)",
     )
     parser.add_argument(
-        "--figure", type=drawing_path, metavar="PNG", help="the log-log figure: .png, .svg or .pdf"
+        "--figure", type=drawing_path, metavar="PNG", help="write the log-log plot: .png, .svg or .pdf"
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
 def run(args: argparse.Namespace) -> Characterised | Compared:
-    """Read, check, characterise; write page and figure where asked."""
+    """Compute the Allan deviation of each requested channel; write page and figure where asked.
+
+    Returns
+    -------
+    Characterised or Compared
+        The analysis of the only channel, or of several channels side by side.
+
+    Raises
+    ------
+    InputError
+        If a channel or node does not exist, gyro and accelerometer are mixed, or the sensor moved.
+    """
     channels = _channels(args.channel)
     sheets = tuple(read_datasheet(name) for name in args.datasheet)
     args.channel = channels[0]
@@ -157,15 +183,15 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
             recording = read_log(log, input_format=form, progress=show)
         for node in _nodes(log, recording, args.node):
             sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
-    made: Characterised | Compared = sensors[0] if len(sensors) == 1 else Compared(tuple(sensors), sheets)
+    result: Characterised | Compared = sensors[0] if len(sensors) == 1 else Compared(tuple(sensors), sheets)
     named = _named(sensors)
     title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
-    # The page first: it does not need what the figure may lack.
+    # The page first: the figure needs a package that may be missing.
     if args.report is not None:
         write_atomically(args.report, allan_page(named, title, sheets))
     if args.figure is not None:
         save(allan_figure(named, title, sheets), args.figure)
-    return made
+    return result
 
 
 def _characterised(
@@ -173,7 +199,7 @@ def _characterised(
 ) -> Characterised:
     if args.as_is:
         args.trust_still = True
-    data = standstill(args, log, recording, node, channel, cut=True)
+    data = select_standstill(args, log, recording, node, channel, cut=True)
     try:
         report = characterise(
             data.t,
@@ -191,14 +217,17 @@ def _characterised(
 
 
 def _channels(text: str) -> list[str]:
-    """The channels named. Raises InputError: none such, or gyro beside accelerometer in one figure."""
+    """Return the requested channels without duplicates.
+
+    Raises InputError for an unknown channel, or for gyro and accelerometer together.
+    """
     channels = [name.strip() for name in text.split(",")]
     for name in channels:
         if name not in IMU_CHANNELS:
             raise InputError(f"--channel {name!r}: choose from {', '.join(IMU_CHANNELS)}")
     if len({is_gyro(name) for name in channels}) > 1:
         raise InputError(
-            f"--channel {text}: gyro and accelerometer share no unit; ask for them one after the other"
+            f"--channel {text}: gyro and accelerometer have different units; analyse them one after the other"
         )
     return list(dict.fromkeys(channels))
 
@@ -209,16 +238,18 @@ def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
     if asked == "all" or (asked is None and len(nodes) == 1):
         return nodes
     if asked is None:
-        raise InputError(f"{log}: holds several nodes; say --node with one of, or all: {', '.join(nodes)}")
+        raise InputError(
+            f"{log}: holds several nodes; give --node with one of these, or all: {', '.join(nodes)}"
+        )
     chosen = [name.strip() for name in asked.split(",")]
     for name in chosen:
         if name not in nodes:
-            raise InputError(f"{log}: holds no node {name!r}; say --node with one of: {', '.join(nodes)}")
+            raise InputError(f"{log}: holds no node {name!r}; give --node with one of: {', '.join(nodes)}")
     return chosen
 
 
 def _named(sensors: list[Characterised] | tuple[Characterised, ...]) -> list[Named]:
-    """Each result under the shortest name that tells it from the others."""
+    """Label each result with node and channel, and with the log where there are several."""
     logs = len({sensor.log for sensor in sensors}) > 1
     return [
         (f"{Path(sensor.log).name} " * logs + f"{sensor.node} {sensor.report.channel}", sensor.report)

@@ -1,4 +1,4 @@
-"""`hubodo calibrate`: what a node or a wheel really is, from recordings made for that."""
+"""`hubodo calibrate`: calibrate wheels from a drive, or the sensors of a node from static poses."""
 
 from __future__ import annotations
 
@@ -12,20 +12,33 @@ _KINDS = {"wheels": calibrate_wheels, "imu": calibrate_imu}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo calibrate wheels` and `hubodo calibrate imu`."""
+    """Add the arguments of `hubodo calibrate wheels` and `hubodo calibrate imu`."""
     kinds = parser.add_subparsers(dest="kind", required=True, metavar="KIND")
     for name, module in _KINDS.items():
         kind = kinds.add_parser(
             name, help=module.HELP, description=module.HELP, epilog=f"example: {module.EXAMPLE}"
         )
         module.add_arguments(kind)
-        # Those of every verb, here behind the kind as well; without a default, to leave what stood before it.
+        # Common options are accepted after KIND too; SUPPRESS keeps a value that was given before KIND.
         for option in ("--json", "--debug"):
             kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
-def run(args: argparse.Namespace) -> calibrate_wheels.CalibratedWheels | calibrate_imu.CalibratedImu:
-    """The calibration that was asked for."""
+def run(
+    args: argparse.Namespace,
+) -> calibrate_wheels.WheelCalibrationResult | calibrate_imu.ImuCalibrationResult:
+    """Run the requested kind of calibration.
+
+    Returns
+    -------
+    WheelCalibrationResult or ImuCalibrationResult
+        The calibration and the file that it was added to.
+
+    Raises
+    ------
+    InputError
+        If the log does not hold what the calibration needs.
+    """
     if args.kind == "wheels":
         return calibrate_wheels.run(args)
     return calibrate_imu.run(args)

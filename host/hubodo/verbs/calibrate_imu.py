@@ -1,4 +1,4 @@
-"""`hubodo calibrate imu`: bias, scale and cross-axis of both triads of a node, from nine poses or more."""
+"""`hubodo calibrate imu`: bias, scale and cross-axis terms of both sensors from nine or more static poses."""
 
 from __future__ import annotations
 
@@ -31,108 +31,137 @@ from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
-from hubodo.verbs.numbers import latitude, positive
+from hubodo.verbs.numbers import latitude, positive_number
 
-HELP = "bias, scale and cross-axis of accelerometers and gyros, from rests in nine or more poses"
+HELP = "bias, scale and cross-axis terms of accelerometer and gyro, from nine or more static poses"
 EXAMPLE = "hubodo calibrate imu poses.mcap --node left --gravity 9.81744 -o calibration.toml"
 
 
 @dataclass(frozen=True)
-class CalibratedImu:
-    """What was found for one node, and where it was written."""
+class ImuCalibrationResult:
+    """The IMU calibration of one node, and the file that it was added to."""
 
     node: str
     output: str
     result: ImuCalibration
 
     def as_json(self) -> dict[str, Any]:
-        """One object: effects with sigma, residuals before and after, rests, what was used."""
-        found = self.result
+        """Return effects with sigmas, residuals before and after, static poses and notes for `--json`."""
+        calibration = self.result
         effects = {
             name: {p: {"value": q.value, "sigma": q.sigma} for p, q in parameters.items()}
-            for name, parameters in found.effects().items()
+            for name, parameters in calibration.effects().items()
         }
-        made: dict[str, Any] = {
+        result: dict[str, Any] = {
             "node": self.node,
             "output": self.output,
-            "gravity": found.gravity,
+            "gravity": calibration.gravity,
             "effects": effects,
             "covariance": {
                 "order": "b_x b_y b_z, then M row by row",
-                "accel": found.accel.full_covariance.tolist(),
-                "gyro": found.gyro.covariance.tolist(),
+                "accel": calibration.accel.full_covariance.tolist(),
+                "gyro": calibration.gyro.covariance.tolist(),
             },
-            "poses": {"count": found.accel.poses.count, "condition": found.accel.poses.condition},
+            "poses": {"count": calibration.accel.poses.count, "condition": calibration.accel.poses.condition},
             "rests": [
                 {"t": list(map(float, t)), "accel": list(map(float, a)), "residual": float(r)}
-                for t, a, r in zip(found.rests.t, found.rests.accel, found.accel.residual, strict=True)
+                for t, a, r in zip(
+                    calibration.rests.t, calibration.rests.accel, calibration.accel.residual, strict=True
+                )
             ],
-            "accel_norm": {"before_rms": _rms(found.accel.before), "after_rms": _rms(found.accel.residual)},
-            "notes": list(found.notes),
+            "accel_norm": {
+                "before_rms": _rms(calibration.accel.before),
+                "after_rms": _rms(calibration.accel.residual),
+            },
+            "notes": list(calibration.notes),
         }
-        if found.accel_held_out is not None:
-            held = found.accel_held_out
-            made["accel_norm_held_out"] = {"before_rms": held.rms_before, "after_rms": held.rms}
-        if found.gyro.held_out is not None:
-            turns = found.gyro.held_out
-            made["turns_held_out_deg"] = {
+        if calibration.accel_held_out is not None:
+            held = calibration.accel_held_out
+            result["accel_norm_held_out"] = {"before_rms": held.rms_before, "after_rms": held.rms}
+        if calibration.gyro.held_out is not None:
+            turns = calibration.gyro.held_out
+            result["turns_held_out_deg"] = {
                 "before_rms": math.degrees(turns.rms_before),
                 "after_rms": math.degrees(turns.rms),
                 "after_maximum": math.degrees(float(turns.error.max())),
             }
-        return made
+        return result
 
     def render(self, console: Console) -> None:
-        """A table of the parameters, then before and after."""
-        found = self.result
-        table = TextTable("effect", "parameter", "value", "1 sigma", title=f"{self.node} → {self.output}")
-        for name, parameters in found.effects().items():
+        """Print the parameters, then the residuals before and after calibration."""
+        calibration = self.result
+        table = TextTable("effect", "parameter", "value", "1σ", title=f"{self.node} → {self.output}")
+        for name, parameters in calibration.effects().items():
             for parameter, q in parameters.items():
                 table.add_row(name, parameter, f"{q.value:+.6g}", f"{q.sigma:.2g}")
         console.print(table)
-        console.print(f"length of gravity: {held_out_words(found.accel_held_out, 'm/s²')}", highlight=False)
-        if found.gyro.turns is not None:
-            words = held_out_words(found.gyro.held_out, "degrees", 180 / math.pi)
+        console.print(
+            f"length of gravity: {held_out_words(calibration.accel_held_out, 'm/s²')}", highlight=False
+        )
+        if calibration.gyro.turns is not None:
+            words = held_out_words(calibration.gyro.held_out, "degrees", 180 / math.pi)
             console.print(f"turns: {words}", highlight=False)
-        for note in found.notes:
+        for note in calibration.notes:
             console.print(f"note: {note}", highlight=False)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo calibrate imu`."""
+    """Add the arguments of `hubodo calibrate imu`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
     parser.add_argument("--node", required=True, help="name of the node")
     parser.add_argument(
-        "--gravity", type=positive, default=9.80665, help="m/s² at the place (default 9.80665)"
+        "--gravity", type=positive_number, default=9.80665, help="local gravity, m/s² (default 9.80665)"
     )
     parser.add_argument(
-        "--latitude-deg", type=latitude, help="makes Earth rate the reference of precise gyros"
+        "--latitude-deg", type=latitude, help="latitude; makes Earth rate the reference of precise gyros"
     )
     parser.add_argument(
-        "--table-rate-deg-s", type=positive, help="steady rate of a rate table, the gyros' reference"
+        "--table-rate-deg-s",
+        type=positive_number,
+        help="constant rate of a rate table, as the reference of the gyro",
     )
     parser.add_argument(
         "--convention",
         choices=("symmetric", "x-first"),
         default="symmetric",
-        help="what the accelerometers' frame is: sensors turned least, or sensor x defines x (default "
-        "symmetric)",
-    )
-    parser.add_argument("--min-rest", type=positive, default=1.0, help="shortest rest, s (default 1)")
-    parser.add_argument(
-        "--report", type=Path, metavar="HTML", help="write a page with rests, parameters, residuals"
+        help="accelerometer frame: symmetric cross-axis matrix, or x axis along sensor x (default symmetric)",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="TOML", help="calibration file; added to"
+        "--min-rest",
+        type=positive_number,
+        default=1.0,
+        help="shortest standstill that counts as a pose, s (default 1)",
+    )
+    parser.add_argument(
+        "--report", type=Path, metavar="HTML", help="write a page with poses, parameters and residuals"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="TOML",
+        help="calibration file to create or extend",
     )
 
 
-def run(args: argparse.Namespace) -> CalibratedImu:
-    """Read, calibrate, add to the calibration file."""
+def run(args: argparse.Namespace) -> ImuCalibrationResult:
+    """Calibrate both sensors of the node, and add the result to the calibration file.
+
+    Returns
+    -------
+    ImuCalibrationResult
+        The calibration and the file that it was added to.
+
+    Raises
+    ------
+    InputError
+        If the node does not exist, its units are doubtful, or its poses do not suffice.
+    """
     with progress_line() as show:
         recording = read_log(args.log, input_format=log_form(args, needed=()), progress=show)
-        show("rests, poses and turns", 0.5)
+        show("detecting static poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
         check_node_units(table, f"{args.log}, node {args.node}")
         before = read_calibration(args.output) if args.output.exists() else Calibration()
@@ -146,17 +175,19 @@ def run(args: argparse.Namespace) -> CalibratedImu:
             convention=args.convention,
             min_rest=args.min_rest,
         )
-    effects = imu_effects(result, table, hash_source(args.log))
+    effects = calibrated_effects(result, table, hash_source(args.log))
     serial = find_node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
         lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."
         write_atomically(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
-    return CalibratedImu(args.node, str(args.output), result)
+    return ImuCalibrationResult(args.node, str(args.output), result)
 
 
-def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dict[str, CalibratedEffect]:
-    """The result as effects of the calibration file, with where they came from."""
+def calibrated_effects(
+    result: ImuCalibration, table: Table, source_sha256: str
+) -> dict[str, CalibratedEffect]:
+    """Return the calibration as effects for the calibration file, with their provenance."""
     date = datetime.now(UTC).date().isoformat()
     span = None
     if "temperature" in table:
@@ -170,7 +201,7 @@ def imu_effects(result: ImuCalibration, table: Table, source_sha256: str) -> dic
 
 
 def node_table(recording: Recording, node: str, log: str) -> Table:
-    """The table of a node. Raises InputError that lists those there are."""
+    """Return the table of a node; raise InputError with the existing names if there is no such node."""
     if node not in recording.nodes:
         raise InputError(f"{log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
     return recording.nodes[node]

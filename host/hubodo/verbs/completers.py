@@ -1,4 +1,4 @@
-"""What the shell offers while a command is typed: ports, logs, other files, nodes and effects."""
+"""Shell completion of ports, logs, other files, nodes and effects."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ from hubodo.log.logfile import open_log
 from hubowire.messages import NODE_IDS
 
 Completer = Callable[..., list[str]]
-_LOGS = (".mcap", ".bag", ".db3", ".csv", ".csv.gz", ".mat", ".h5", ".hdf5", ".npy", ".npz")
-_NOT_NODES = ("gnss", "heading", "reference", "table", "truth", "wheels")
+_LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".csv", ".csv.gz", ".mat", ".h5", ".hdf5", ".npy", ".npz")
+_NON_NODE_FILES = ("gnss", "heading", "reference", "table", "truth", "wheels")
 _IMU_TOPIC = re.compile(r"/([^/]+)/imu")
 
 
 def typed_words() -> list[str]:
-    """What stands on the command line that the shell asks about, without the word that is being typed."""
-    line, at = os.environ.get("COMP_LINE", ""), os.environ.get("COMP_POINT", "0")
-    _, _, _, words, _ = split_line(line, int(at) if at.isdigit() else len(line))
+    """Return the complete words on the command line that the shell is completing."""
+    line, cursor = os.environ.get("COMP_LINE", ""), os.environ.get("COMP_POINT", "0")
+    _, _, _, words, _ = split_line(line, int(cursor) if cursor.isdigit() else len(line))
     return words[1:]
 
 
-def complete(parser: argparse.ArgumentParser, **options: Any) -> None:
-    """Answers the shell on the descriptor that it gave, and ends the process; options: of `autocomplete`."""
-    _equip(parser)
+def complete_command(parser: argparse.ArgumentParser, **options: Any) -> None:
+    """Answer the shell on its descriptor and end the process; options are those of `autocomplete`."""
+    _attach_completers(parser)
     autocomplete(parser, always_complete_options=False, default_completer=_Files(), **options)
 
 
-def _equip(parser: argparse.ArgumentParser) -> None:
-    """Gives each argument of a parser, and of those below it, what it can be completed with."""
+def _attach_completers(parser: argparse.ArgumentParser) -> None:
+    """Attach a completer to each argument of a parser and of its subparsers."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
-            for below in action.choices.values():
-                _equip(below)
+            for subparser in action.choices.values():
+                _attach_completers(subparser)
         elif (completer := _completer(action)) is not None:
             action.completer = completer  # type: ignore[attr-defined]
 
@@ -56,71 +56,71 @@ def _completer(action: argparse.Action) -> Completer | None:
     if action.dest in ("node", "nodes"):
         return _nodes
     if metavar in ("LOG", "FILE.mcap"):
-        return _Files(*_LOGS)
-    for sign, endings in (
+        return _Files(*_LOG_SUFFIXES)
+    for prefix, suffixes in (
         ("TOML", (".toml",)),
         ("MODEL", (".toml",)),
         ("JSON", (".json",)),
         ("HTML", (".html",)),
     ):
-        if metavar.upper().startswith(sign):
-            return _Files(*endings)
+        if metavar.upper().startswith(prefix):
+            return _Files(*suffixes)
     if action.type is Path or action.choices:
         return None
-    return _nothing
+    return _no_completions
 
 
-def _nothing(prefix: str, **_more: object) -> list[str]:
-    """For numbers and names that nobody can know: the names of files would only mislead."""
+def _no_completions(prefix: str, **_more: object) -> list[str]:
+    """Return no completions, for numbers and free names: file names would mislead."""
     return []
 
 
 class _Files(BaseCompleter):
-    """Folders, and files with one of these endings; without any, all."""
+    """A completer for folders and for files with one of the given suffixes, or for all files."""
 
-    def __init__(self, *endings: str) -> None:
-        self._endings = endings
+    def __init__(self, *suffixes: str) -> None:
+        self._suffixes = suffixes
 
     def __call__(self, prefix: str, **_more: object) -> list[str]:
-        folder, _, begun = prefix.rpartition("/")
-        above = f"{folder}/" if "/" in prefix else ""
+        folder, _, start = prefix.rpartition("/")
+        parent = f"{folder}/" if "/" in prefix else ""
         try:
-            entries = sorted(Path(above).expanduser().iterdir(), key=lambda entry: entry.name)
+            entries = sorted(Path(parent).expanduser().iterdir(), key=lambda entry: entry.name)
         except OSError:
             return []
         return [
-            f"{above}{entry.name}{'/' if entry.is_dir() else ''}"
+            f"{parent}{entry.name}{'/' if entry.is_dir() else ''}"
             for entry in entries
-            if entry.name.startswith(begun)
-            and (begun or not entry.name.startswith("."))
-            and (entry.is_dir() or not self._endings or entry.name.lower().endswith(self._endings))
+            if entry.name.startswith(start)
+            and (start or not entry.name.startswith("."))
+            and (entry.is_dir() or not self._suffixes or entry.name.lower().endswith(self._suffixes))
         ]
 
 
 def _ports(prefix: str, **_more: object) -> list[str]:
-    """Serial ports and their USB serial numbers, with the name that stands before `=`."""
+    """Return serial ports and USB serial numbers, behind a name that ends in `=`."""
     before, equals, _ = prefix.rpartition("=")
-    found: list[str] = []
+    ports: list[str] = []
     for info in list_devices():
-        found += [info.device] + ([info.serial_number] if info.serial_number else [])
-    found += ["udp://0.0.0.0:", "socket://"]
+        ports += [info.device] + ([info.serial_number] if info.serial_number else [])
+    ports += ["udp://0.0.0.0:", "socket://"]
     names = [] if equals else [f"{side}=" for side in NODE_IDS]
-    return [*names, *(f"{before}{equals}{port}" for port in found)]
+    return [*names, *(f"{before}{equals}{port}" for port in ports)]
 
 
 def _nodes(prefix: str, parsed_args: argparse.Namespace, **_more: object) -> list[str]:
-    """The nodes of the log that was named, else the names that nodes usually have."""
+    """Return the nodes of the log on the command line, else the usual node names."""
     log = getattr(parsed_args, "log", None)
     logs = log if isinstance(log, list) else [log] if log is not None else []
     names = [name for path in logs for name in _nodes_of(Path(path))] or list(NODE_IDS)
-    begun, comma, _ = prefix.rpartition(",")
-    return [f"{begun}{comma}{name}" for name in names]
+    chosen, comma, _ = prefix.rpartition(",")
+    return [f"{chosen}{comma}{name}" for name in names]
 
 
 def _nodes_of(path: Path) -> Iterable[str]:
     if path.is_dir():
         names = {file.name.partition(".csv")[0] for file in path.iterdir() if ".csv" in file.name}
-        return sorted(names - set(_NOT_NODES))
+        return sorted(names - set(_NON_NODE_FILES))
     try:
         with open_log(path) as log:
             topics = [_IMU_TOPIC.fullmatch(stream.topic) for stream in log.streams.values()]

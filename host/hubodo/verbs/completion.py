@@ -1,4 +1,4 @@
-"""`hubodo completion`: the script with which a shell completes verbs, options, ports, nodes and files."""
+"""`hubodo completion`: print the shell completion script."""
 
 import argparse
 
@@ -9,12 +9,12 @@ EXAMPLE = """eval "$(hubodo completion bash)"                              # in 
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Which shell."""
-    parser.add_argument("shell", choices=SHELLS, help="for which shell")
+    """Add the arguments of `hubodo completion`."""
+    parser.add_argument("shell", choices=SHELLS, help="the shell that the script is for")
 
 
 def run(args: argparse.Namespace) -> None:
-    """Prints the script."""
+    """Print the completion script for the chosen shell to standard output."""
     from argcomplete.shell_integration import shellcode
 
     print(shellcode(["hubodo"], shell=args.shell).strip())

@@ -1,4 +1,4 @@
-"""`hubodo config`: a commented hubodo.toml, and whether one is right."""
+"""`hubodo config`: print a commented hubodo.toml, or check one."""
 
 from __future__ import annotations
 
@@ -16,77 +16,96 @@ from hubodo.web.config import WebConfig, load_web_config
 
 EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
 SETTINGS: dict[str, type] = {"record": RecordConfig, "web": WebConfig}
-"""By table of hubodo.toml."""
-_HEAD = """hubodo.toml: settings for `hubodo record --config hubodo.toml`; the command line goes before them.
-Every line that is commented out shows what may be said; `hubodo config check hubodo.toml` looks it over."""
+"""Settings class of each table of hubodo.toml."""
+_EXAMPLE_HEADER = """hubodo.toml: settings for `hubodo record --config hubodo.toml`; options override it.
+Commented-out lines show what can be set; `hubodo config check hubodo.toml` checks the file."""
 
 
 @dataclass(frozen=True)
-class Checked:
-    """A file that is right: by table, the settings that are not the default."""
+class ConfigCheck:
+    """A valid settings file, with the settings that differ from their defaults, by table."""
 
     file: str
     settings: dict[str, dict[str, Any]]
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {"file": self.file, "settings": self.settings}
 
     def render(self, console: Console) -> None:
-        console.print(f"{self.file}: right", highlight=False)
+        """Print the verdict, then the settings that differ from their defaults."""
+        console.print(f"{self.file}: valid", highlight=False)
         for table, settings in self.settings.items():
             for key, value in settings.items():
                 console.print(f"  [{table}] {key} = {value}", highlight=False, markup=False)
 
 
 @dataclass(frozen=True)
-class Example:
-    """The text of the commented file."""
+class ConfigExample:
+    """The text of a commented hubodo.toml."""
 
     text: str
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {"text": self.text}
 
     def render(self, console: Console) -> None:
+        """Print the text as it is."""
         console.print(self.text, end="", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to do, and with which file."""
+    """Add the arguments of `hubodo config`."""
     parser.add_argument(
         "does",
         choices=("example", "check"),
-        help="example: print a hubodo.toml with every setting explained; check: whether a FILE is right: "
-        "its keys, types and bounds, and whether the files that it names are there",
+        help="example: print a hubodo.toml with every setting explained; check: check the keys, types and "
+        "bounds of FILE, and that the files it names exist",
     )
-    parser.add_argument("file", type=Path, nargs="?", metavar="FILE", help="to be checked")
+    parser.add_argument("file", type=Path, nargs="?", metavar="FILE", help="settings file to check")
 
 
-def run(args: argparse.Namespace) -> Checked | Example:
-    """Shows an example or checks a file."""
+def run(args: argparse.Namespace) -> ConfigCheck | ConfigExample:
+    """Print an example, or check a settings file.
+
+    Returns
+    -------
+    ConfigCheck or ConfigExample
+        The non-default settings of a valid file, or the text of the example.
+
+    Raises
+    ------
+    InputError
+        If FILE is missing for `check`, or given for `example`.
+    ConfigError
+        If the file is invalid.
+    """
     if args.does == "example":
         if args.file is not None:
             raise InputError(
                 "config example prints to the terminal; redirect it: hubodo config example > FILE"
             )
-        return Example(write_example_toml(SETTINGS, _HEAD))
+        return ConfigExample(write_example_toml(SETTINGS, _EXAMPLE_HEADER))
     if args.file is None:
         raise InputError("config check needs a FILE, such as hubodo.toml")
-    return _checked(args.file)
+    return _check_file(args.file)
 
 
-def _checked(path: Path) -> Checked:
+def _check_file(path: Path) -> ConfigCheck:
     config = load_record_config(path)
     for key in ("vehicle", "calibration"):
-        named = getattr(config, key)
-        if named is not None and not (path.parent / named).is_file():
-            raise ConfigError(f"{path}: [record] {key} = {named!r}: no such file beside it; check the path")
+        file = getattr(config, key)
+        if file is not None and not (path.parent / file).is_file():
+            raise ConfigError(f"{path}: [record] {key} = {file!r}: no such file beside it; check the path")
     tables = {"record": config, "web": load_web_config(path)}
-    return Checked(str(path), {name: _told(settings) for name, settings in tables.items()})
+    return ConfigCheck(
+        str(path), {name: _non_default_settings(settings) for name, settings in tables.items()}
+    )
 
 
-def _told(settings: Any) -> dict[str, Any]:
-    """What is not the default."""
+def _non_default_settings(settings: Any) -> dict[str, Any]:
+    """Return the settings that differ from their defaults."""
     return {
         item.name: value
         for item in fields(settings)

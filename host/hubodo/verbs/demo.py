@@ -1,4 +1,4 @@
-"""`hubodo demo`: the main job, end to end, on two virtual nodes."""
+"""`hubodo demo`: the main job end to end, without hardware, on two virtual nodes."""
 
 import argparse
 import dataclasses
@@ -38,17 +38,39 @@ from hubodo.report.page import Grid
 from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.numbers import number, seed
+from hubodo.verbs.numbers import bounded_number, seed
 
-_START_NS = 1_767_225_600_000_000_000
-"""Of the drive's clock, 2026-01-01: with the seed it makes a demo the same, bit by bit, each time."""
+_DEMO_START_NS = 1_767_225_600_000_000_000
+"""Start of the simulated clock, 2026-01-01 UTC: with the seed it makes each demo identical, bit by bit."""
 
 EXAMPLE = "hubodo demo -o out/demo --seed 7"
 
 
 @dataclass(frozen=True)
-class Demo:
-    """What the demo measured, against its own simulated truth."""
+class DemoResult:
+    """The result of a demo, compared with its simulated truth.
+
+    Attributes
+    ----------
+    seed
+        Seed of the drive, the sensors and the noise.
+    interpreter
+        The interpreter that ran the firmware.
+    page, report
+        Paths of the demo's page and of the log's report.
+    ride
+        The simulated drive and its log.
+    warnings
+        Warnings about the log, one line each.
+    fused
+        The track estimated from both wheels.
+    score
+        Errors of the track against the truth.
+    true_length
+        Length of the true path, m.
+    seconds
+        Duration of the demo on this computer, s.
+    """
 
     seed: int
     interpreter: Kind
@@ -61,20 +83,22 @@ class Demo:
     true_length: float
     seconds: float
 
-    def facts(self) -> dict[str, str]:
-        """What was found, in words, for the terminal and the page."""
-        off = self.score
+    def headline_figures(self) -> dict[str, str]:
+        """Return the main results as label and text, for the terminal and the page."""
+        score = self.score
         return {
             "firmware ran on": INTERPRETERS[self.interpreter],
             "length of the path": f"{self.fused.learnt['distance']:.2f} m (truth {self.true_length:.2f} m)",
-            "error at the end": error_words(off.final_error, off.final_percent, " of the path"),
-            "largest error": error_words(off.maximum_error, off.maximum_percent),
-            "heading error, rms": "-" if off.heading_rms is None else f"{math.degrees(off.heading_rms):.2f}°",
+            "final error": error_words(score.final_error, score.final_percent, " of the path"),
+            "largest error": error_words(score.maximum_error, score.maximum_percent),
+            "heading error, rms": "-"
+            if score.heading_rms is None
+            else f"{math.degrees(score.heading_rms):.2f}°",
             "seed": str(self.seed),
         }
 
-    def links(self) -> Grid:
-        """A row for each node: rates, losses, clock."""
+    def link_table(self) -> Grid:
+        """Return one row for each node: rates, losses, clock."""
         rows = []
         for name, node in self.ride.recorded["nodes"].items():
             clock, link = node["clock"], self.ride.recorded["links"][node["link"]]
@@ -101,6 +125,7 @@ class Demo:
         return Grid(headings, rows)
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {
             "seed": self.seed,
             "interpreter": self.interpreter,
@@ -119,13 +144,14 @@ class Demo:
         }
 
     def render(self, console: Console) -> None:
-        links = self.links()
+        """Print the links, the errors against the truth and the paths of the files."""
+        links = self.link_table()
         table = TextTable(*links.headings, title="two virtual nodes")
         for row in links.rows:
             table.add_row(*row)
         console.print(table)
         facts = TextTable(title="the path, against the simulated truth", show_header=False)
-        for key, value in self.facts().items():
+        for key, value in self.headline_figures().items():
             facts.add_row(key, value)
         console.print(facts)
         for line in self.warnings:
@@ -135,20 +161,42 @@ class Demo:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hubodo demo`."""
     parser.add_argument(
-        "-o", "--output", type=Path, default=Path("out/demo"), help="folder (default: out/demo)"
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("out/demo"),
+        help="folder for the results (default: out/demo)",
     )
-    parser.add_argument("--seed", type=seed, default=1, help="draws drive, specimens and noise (default: 1)")
     parser.add_argument(
-        "--moving", type=number(5.0, 3600.0), default=60.0, help="s of drive between the rests (default: 60)"
+        "--seed", type=seed, default=1, help="seed of the drive, the sensors and the noise (default: 1)"
+    )
+    parser.add_argument(
+        "--moving",
+        type=bounded_number(5.0, 3600.0),
+        default=60.0,
+        help="duration of the drive between two standstills, s (default: 60)",
     )
     add_board_arguments(parser, "")
 
 
-def run(args: argparse.Namespace) -> Demo:
+def run(args: argparse.Namespace) -> DemoResult:
+    """Simulate, record and fuse a drive of two virtual nodes; write page, report and demo.json.
+
+    Returns
+    -------
+    DemoResult
+        The track, its errors against the truth and the paths of the files.
+
+    Raises
+    ------
+    HubodoError
+        If a virtual node or the recorder fails, or the error exceeds its own sigma by far.
+    """
     started = time.monotonic()
     interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
-    out = _fresh(args.output)
+    out = _create_numbered_folder(args.output)
     scenario = make_scenario(args.seed, args.moving)
     note = SafeConsole(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
@@ -162,46 +210,46 @@ def run(args: argparse.Namespace) -> Demo:
             args.seed,
             lambda share: progress.update(task, completed=share),
             pico=PicoSettings(args.image, args.bootrom),
-            start_ns=_START_NS,
+            start_ns=_DEMO_START_NS,
         )
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
     recording = dataclasses.replace(recording, truth=truth)
     fused = wheel_odometry(recording, load_vehicle(result.vehicle), log=str(result.log))
-    off = score_against_truth(fused.track, recording)
-    if off is None:
-        raise HubodoError(f"{result.log}: the drive and its log have no time in common; run the demo again")
+    score = score_against_truth(fused.track, recording)
+    if score is None:
+        raise HubodoError(f"{result.log}: the drive and its log do not overlap in time; run the demo again")
     check_sigmas(fused.track, truth, str(result.log))
     summary = summarise(result.log)
-    demo = Demo(
+    demo = DemoResult(
         args.seed,
         interpreter,
         out / "index.html",
         out / "report.html",
         result,
-        _warnings(summary),
+        _log_warnings(summary),
         fused,
-        off,
+        score,
         scenario.length(),
         time.monotonic() - started,
     )
     lead = (
         f"{demo.true_length:.0f} m, driven by two virtual wheel nodes running the real firmware; "
-        f"the error of the fused track at its end is "
+        f"the final error of the fused track is "
         f"{error_words(demo.score.final_error, demo.score.final_percent, ' of the path')}."
     )
-    facts = facts_grid(demo.facts())
+    facts = facts_grid(demo.headline_figures())
     write_atomically(
-        demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.links(), WHEEL_RADIUS)
+        demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.link_table(), WHEEL_RADIUS)
     )
-    made = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
-    write_atomically(demo.report, made.html)
-    write_atomically(out / "demo.json", _kept(demo, out))
+    report = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
+    write_atomically(demo.report, report.html)
+    write_atomically(out / "demo.json", _reproducible_json(demo, out))
     return demo
 
 
-def _warnings(summary: Summary) -> tuple[str, ...]:
-    """What `hubodo info` would warn of."""
+def _log_warnings(summary: Summary) -> tuple[str, ...]:
+    """Return the warnings of `hubodo info`, with the missing samples by topic and cause."""
     missing = Counter[tuple[str, str]]()
     for gap in summary.gaps:
         missing[gap.topic, gap.cause] += gap.missing
@@ -209,17 +257,17 @@ def _warnings(summary: Summary) -> tuple[str, ...]:
     return (*summary.warnings, *gaps)
 
 
-def _kept(demo: Demo, out: Path) -> str:
-    """The result as it is kept: the same each time, so without the folder and how long it took."""
-    kept = {key: value for key, value in demo.as_json().items() if key != "seconds"}
-    return json_text(kept, indent=2).replace(f"{out}{os.sep}", "") + "\n"
+def _reproducible_json(demo: DemoResult, out: Path) -> str:
+    """Return the JSON result without folder and duration, so that it is identical for equal seeds."""
+    stored = {key: value for key, value in demo.as_json().items() if key != "seconds"}
+    return json_text(stored, indent=2).replace(f"{out}{os.sep}", "") + "\n"
 
 
-def _fresh(folder: Path) -> Path:
-    """A numbered folder inside: a demo never overwrites an earlier one."""
+def _create_numbered_folder(folder: Path) -> Path:
+    """Create and return a new numbered subfolder, so that no earlier demo is overwritten."""
     number = 1
     while (folder / f"{number}").exists():
         number += 1
-    fresh = (folder / f"{number}").resolve()
-    fresh.mkdir(parents=True)
-    return fresh
+    new = (folder / f"{number}").resolve()
+    new.mkdir(parents=True)
+    return new

@@ -1,4 +1,4 @@
-"""The option by which a verb knows effects that are not in the package."""
+"""Options that add effects from outside the package."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ from hubodo.effects.loaded import use_effects
 
 
 def add_effects_option(parser: argparse.ArgumentParser) -> None:
-    """--effects, --candidates."""
+    """Add --effects and --candidates."""
     parser.add_argument(
         "--effects",
         type=Path,
         action="append",
         default=[],
         metavar="FILE.py",
-        help="Python file with further effects, as gap --scaffold writes them; it is run; again for more",
+        help="Python file with further effects, as written by gap --scaffold; it is executed; repeatable",
     )
 
     parser.add_argument(
         "--candidates",
         choices=("list", "field"),
         default="list",
-        help="field: also effects that a drive hardly tells from those of the list, see the model's README",
+        help="field: consider also effects that a drive can hardly separate from the listed ones (see the "
+        "README of the model)",
     )
 
 
-def know_effects(args: argparse.Namespace) -> None:
-    """Add what --effects names, and what installed packages offer."""
+def register_effects(args: argparse.Namespace) -> None:
+    """Register the effects of --effects and of installed packages."""
     use_effects(args.effects, args.candidates == "field")

@@ -1,4 +1,4 @@
-"""`hubodo export`: a log into a CSV folder, the same tables as Parquet, or a rosbag2 folder."""
+"""`hubodo export`: convert a log into a folder of CSV or Parquet files, or into a rosbag2."""
 
 from __future__ import annotations
 
@@ -22,56 +22,77 @@ EXAMPLE = "hubodo export drive.mcap -o drive/\n  hubodo export drive.mcap --form
 
 
 @dataclass(frozen=True)
-class Exported:
-    """Files, or topics, written and rows in each; warnings about damage in the log."""
+class ExportResult:
+    """The outcome of an export.
+
+    Attributes
+    ----------
+    folder
+        The folder that was written.
+    rows
+        Rows by file, or messages by topic.
+    warnings
+        Damage and omissions, one line each.
+    """
 
     folder: str
     rows: dict[str, int]
     warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it."""
+        """Return the JSON result."""
         return {"folder": self.folder, "rows": self.rows, "warnings": list(self.warnings)}
 
     def render(self, console: Console) -> None:
-        """One line per file."""
+        """Print one line for each file or topic."""
         for line in self.warnings:
             console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
         for name, count in self.rows.items():
-            what = f"{name}: {count} messages" if name.startswith("/") else f"{name}: {count} rows"
-            console.print(f"{self.folder}/{what.lstrip('/')}", highlight=False, markup=False, soft_wrap=True)
+            line = f"{name}: {count} messages" if name.startswith("/") else f"{name}: {count} rows"
+            console.print(f"{self.folder}/{line.lstrip('/')}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo export`."""
+    """Add the arguments of `hubodo export`."""
     parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
     add_log_options(parser)
     add_vehicle_option(parser)
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="the folder to make")
+    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to create")
     parser.add_argument(
         "--format",
         choices=("csv", "parquet", "rosbag2"),
         default="csv",
-        help="parquet needs pyarrow (hubodo[parquet]); rosbag2: every message, in sqlite, for ros2 bag",
+        help="parquet needs pyarrow (hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag",
     )
 
 
-def run(args: argparse.Namespace) -> Exported:
-    """Read the log, write the folder."""
+def run(args: argparse.Namespace) -> ExportResult:
+    """Read the log and write the folder.
+
+    Returns
+    -------
+    ExportResult
+        Rows by file, or messages by topic, with warnings.
+
+    Raises
+    ------
+    InputError
+        If the log cannot be read or the folder exists.
+    """
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     if args.format == "rosbag2":
-        return _rosbag2(args, log_form(args, vehicle))
+        return _export_rosbag2(args, log_form(args, vehicle))
     with progress_line() as show:
         recording = read_log(args.log, input_format=log_form(args, vehicle), progress=show, keep_empty=True)
         names = write_folder(recording, args.output, form=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
-    return Exported(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
+    return ExportResult(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
 
 
-def _rosbag2(args: argparse.Namespace, form: InputFormat) -> Exported:
+def _export_rosbag2(args: argparse.Namespace, form: InputFormat) -> ExportResult:
     with progress_line() as show, open_as_mcap(args.log, form) as file, open_log(file) as log:
         counts = write_rosbag2(log, args.output, progress=show)
         left_out = sorted({stream.topic for stream in log.streams.values()} - set(counts))
-        words = f"{args.log}: without a complete ROS 2 type, left out: {', '.join(left_out)}"
-        notes = (words,) if left_out else ()
-        return Exported(str(args.output), counts, (*log.warnings(), *notes))
+        warning = f"{args.log}: left out, as their ROS 2 type is incomplete: {', '.join(left_out)}"
+        notes = (warning,) if left_out else ()
+        return ExportResult(str(args.output), counts, (*log.warnings(), *notes))

@@ -1,4 +1,4 @@
-"""`hubodo flash`: compile the firmware, copy it to a board or many, prove what each holds and what runs."""
+"""`hubodo flash`: compile the firmware, install it on one or more boards, and verify what runs."""
 
 import argparse
 from dataclasses import dataclass
@@ -26,65 +26,73 @@ EXAMPLE = (
 
 
 @dataclass(frozen=True)
-class OneBoard:
-    """The result of one port."""
+class BoardResult:
+    """The result of flashing one board."""
 
     board: Flashed | RolledBack
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return self.board.as_json()
 
     def render(self, console: Console) -> None:
+        """Print the result as a table."""
         table = Table(title=f"running on {self.board.port}", show_header=False)
         for key, value in self.as_json().items():
             if key == "copied":
-                value = ", ".join(value) or "nothing: all files were there"
+                value = ", ".join(value) or "nothing: all files were up to date"
             elif key == "calibrated":
                 value = ", ".join(f"{name} {setting}" for name, setting in value.items()) or "-"
             table.add_row(key, str(value))
         console.print(table)
         if isinstance(self.board, RolledBack) and self.board.other_version:
             console.print(
-                "this host is of another version: install the hubodo that flashed it, or flash anew"
+                "this host runs another version: install the hubodo that flashed the board, or flash it again"
             )
 
 
 @dataclass(frozen=True)
-class ManyBoards:
-    """The result of a fleet; `failed` where a board was not done."""
+class FleetResult:
+    """The results of flashing several boards."""
 
     fleet: Fleet
 
     @property
     def failed(self) -> bool:
+        """Return True if flashing a board failed."""
         return self.fleet.failed
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return self.fleet.as_json()
 
     def render(self, console: Console) -> None:
-        table = Table("port", "node", "serial", "firmware", "what was done", title="boards")
+        """Print one row for each board."""
+        table = Table("port", "node", "serial", "firmware", "action", title="boards")
         for board in self.fleet.boards:
             if isinstance(board, BoardFailed):
                 table.add_row(board.port, "", "", "", ("" if board.left else "FAILED: ") + board.error)
                 continue
-            told = board.as_json()
-            done = "rolled back" if isinstance(board, RolledBack) else f"{len(board.copied)} files copied"
-            table.add_row(board.port, node_name(board.node), told.get("serial", ""), told["firmware"], done)
+            summary = board.as_json()
+            action = "rolled back" if isinstance(board, RolledBack) else f"{len(board.copied)} files copied"
+            table.add_row(
+                board.port, node_name(board.node), summary.get("serial", ""), summary["firmware"], action
+            )
         console.print(table)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `hubodo flash`."""
     parser.add_argument("ports", nargs="*", metavar="PORT", help="serial devices of boards")
-    parser.add_argument("--all", action="store_true", help="every USB port that a board may be on")
+    parser.add_argument("--all", action="store_true", help="all USB ports that may belong to a board")
     parser.add_argument(
         "--fleet",
         type=Path,
         metavar="TOML",
-        help='who is who: [nodes] with lines serial = "left"; boards that it does not name are left alone',
+        help='names of the boards: [nodes] with lines serial = "left"; others are skipped',
     )
-    parser.add_argument("--node", help="left, right, frame or a number from 1 to 254 (default: as it is)")
-    parser.add_argument("--rate-hz", type=int, help="sample rate (default: as it is)")
+    parser.add_argument("--node", help="left, right, frame or a number from 1 to 254 (default: unchanged)")
+    parser.add_argument("--rate-hz", type=int, help="sample rate (default: unchanged)")
     parser.add_argument(
         "--set",
         action="append",
@@ -96,45 +104,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibration",
         type=Path,
         metavar="TOML",
-        help="from `hubodo calibrate`: bias, warm-up and filter gain for the node (default: as they are)",
+        help="bias, warm-up and filter gain for the node, from `hubodo calibrate` (default: unchanged)",
     )
     parser.add_argument(
         "--key-file",
         type=Path,
         metavar="TOML",
-        help="keys for UDP by serial: the board gets its own, a new one where it has none; also for "
-        "`hubodo record`",
+        help="keys for UDP by serial number, as used by `hubodo record`; a new board gets a new key",
     )
     parser.add_argument(
-        "--roll-back", action="store_true", help="run what ran before the last flashing; settings stay"
+        "--roll-back",
+        action="store_true",
+        help="return to the previously installed firmware; settings are kept",
     )
 
 
-def run(args: argparse.Namespace) -> OneBoard | ManyBoards:
+def run(args: argparse.Namespace) -> BoardResult | FleetResult:
+    """Install the firmware on the given boards, or roll back to the previous one.
+
+    Returns
+    -------
+    BoardResult or FleetResult
+        Port, node, firmware and copied files of each board.
+
+    Raises
+    ------
+    InputError
+        If ports or options contradict each other.
+    LinkError
+        If the only board does not answer.
+    """
     if bool(args.ports) == args.all:
         raise InputError("name ports such as /dev/ttyACM0, or --all for every board that is plugged in")
     fleet = read_fleet(args.fleet) if args.fleet is not None else None
-    many = args.all or len(args.ports) > 1 or fleet is not None
-    order = _order(args, many)
+    is_fleet = args.all or len(args.ports) > 1 or fleet is not None
+    order = _order(args, is_fleet)
     ports = found_ports() if args.all else args.ports
     note = SafeConsole(stderr=True)
-    with note.status("looking") as status:
+    with note.status("searching for boards") as status:
 
-        def do(port: str) -> Flashed | RolledBack:
+        def flash(port: str) -> Flashed | RolledBack:
             if args.roll_back:
                 return roll_back(port, status.update)
             return install(port, orders(order, fleet), firmware_folder(), status.update)
 
-        if not many:
-            return OneBoard(do(args.ports[0]))
-        return ManyBoards(each(ports, do))
+        if not is_fleet:
+            return BoardResult(flash(args.ports[0]))
+        return FleetResult(each(ports, flash))
 
 
-def _order(args: argparse.Namespace, many: bool) -> Order:
+def _order(args: argparse.Namespace, is_fleet: bool) -> Order:
     settings = settings_of(args.set)
     if args.node is not None:
-        if many:
-            raise InputError("--node is for one board; name many with --fleet TOML")
+        if is_fleet:
+            raise InputError("--node is for one board; name several with --fleet TOML")
         settings["node_id"] = node_id(args.node)
     if args.rate_hz is not None:
         settings["rate_hz"] = args.rate_hz
@@ -145,5 +168,5 @@ def _order(args: argparse.Namespace, many: bool) -> Order:
         KeyRing(args.key_file, create=True) if args.key_file is not None else None,
     )
     if args.roll_back and (order.changes or args.fleet is not None):
-        raise InputError("--roll-back changes no settings; leave the others out")
+        raise InputError("--roll-back changes no settings; remove the other options")
     return order

@@ -1,4 +1,4 @@
-"""`hubodo gap`: what a model lacks to explain a log, and the model with it added."""
+"""`hubodo gap`: find the effects that a model lacks to explain a log."""
 
 from __future__ import annotations
 
@@ -40,80 +40,96 @@ from hubodo.recording import Recording
 from hubodo.report.gap_files import FILES, check_gap_folder, gap_contents, gap_json, plain, write_texts
 from hubodo.toml_file import suggest_spelling
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.effect_options import add_effects_option, know_effects
-from hubodo.verbs.gap_change import ChangeReport, InsteadOf, compare_logs
+from hubodo.verbs.effect_options import add_effects_option, register_effects
+from hubodo.verbs.gap_change import ChangeReport, ReplacePositional, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.version import __version__
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
-UNFINISHED = "unfinished.jsonl"
+JOURNAL_FILE = "unfinished.jsonl"
 
 
 @dataclass(frozen=True)
 class GapReport:
-    """What was found, where it was written, and why some effects were not chosen."""
+    """The result of a gap search, and the folder that it was written to.
+
+    Attributes
+    ----------
+    result
+        The gap before and after, and the effects that were detected.
+    output
+        Folder of gap.json, model.toml and report.html.
+    explanations
+        Explanations for the effects of --explain.
+    scaffold
+        The effect written for --scaffold, if one was needed.
+    scaffold_name
+        The name given with --scaffold.
+    """
 
     result: GapResult
     output: str
-    explained: tuple[Explanation, ...]
+    explanations: tuple[Explanation, ...]
     scaffold: Scaffold | None = None
-    wanted: str | None = None
+    scaffold_name: str | None = None
 
     @property
     def failed(self) -> bool:
-        """Whether an effect was to be made and nothing asked for one."""
-        return self.wanted is not None and self.scaffold is None
+        """Return True if --scaffold was given and no unexplained dependence was found."""
+        return self.scaffold_name is not None and self.scaffold is None
 
     def as_json(self) -> dict[str, Any]:
-        """`gap.json`, with what --explain asked for."""
-        made = gap_json(self.result)
-        if self.explained:
-            made["explain"] = plain([it.as_json() for it in self.explained])
+        """Return the content of gap.json, with the explanations of --explain and the scaffold."""
+        summary = gap_json(self.result)
+        if self.explanations:
+            summary["explain"] = plain([explanation.as_json() for explanation in self.explanations])
         if self.scaffold is not None:
-            made["scaffold"] = plain(self.scaffold.as_json())
-        return made
+            summary["scaffold"] = plain(self.scaffold.as_json())
+        return summary
 
     def render(self, console: Console) -> None:
-        """The verdict, the gap, what was found, what remains, what to do."""
+        """Print the verdict, the gap, the detected effects, the remaining residual, and what to do."""
         result = self.result
 
-        def say(text: str) -> None:
+        def print_line(text: str) -> None:
             console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-        say(verdict(result))
-        whole, outside = result.gap, result.held_out_gap
-        least = "" if whole.floor is None else f" (noise alone: {whole.floor:.3f})"
-        words = shrunk(whole.before, whole.after, whole.floor)
-        say(f"gap {whole.before:.3f} → {whole.after:.3f}{least}{'; ' + words if words else ''}")
-        say(f"held out {outside.before:.3f} → {outside.after:.3f}; {result.held_out}")
+        print_line(verdict(result))
+        gap, held_out = result.gap, result.held_out_gap
+        noise_floor = "" if gap.floor is None else f" (noise alone: {gap.floor:.3f})"
+        words = shrunk(gap.before, gap.after, gap.floor)
+        print_line(f"gap {gap.before:.3f} → {gap.after:.3f}{noise_floor}{'; ' + words if words else ''}")
+        print_line(f"held out {held_out.before:.3f} → {held_out.after:.3f}; {result.held_out}")
         if result.found:
-            console.print(_found_table(result))
+            console.print(_detected_effects_table(result))
         for finding in result.found:
-            say(f"{finding.effect}: {finding.where}")
-            how_sure = f"{sure(finding.confidence)} ({probability(finding.confidence)})"
-            say(f"  {how_sure}; {runner_up_words(finding)}")
+            print_line(f"{finding.effect}: {finding.where}")
+            confidence = f"{sure(finding.confidence)} ({probability(finding.confidence)})"
+            print_line(f"  {confidence}; {runner_up_words(finding)}")
             if finding.inseparable_from:
-                say(f"  this log cannot tell it from {', '.join(finding.inseparable_from)}")
-        for left in result.remaining:
-            say(f"left in {left.channel}, {left.where}: {left.looks_like}")
+                print_line(f"  not separable in this log from {', '.join(finding.inseparable_from)}")
+        for residual in result.remaining:
+            print_line(f"residual in {residual.channel}, {residual.where}: {residual.looks_like}")
         for line in what_to_do(result):
-            say(f"→ {line}")
-        for it in self.explained:
-            say(it.summary)
-            if it.rows:
-                console.print(_explain_table(it))
+            print_line(f"→ {line}")
+        for explanation in self.explanations:
+            print_line(explanation.summary)
+            if explanation.rows:
+                console.print(_explain_table(explanation))
         for line in result.warnings:
-            say(f"warning: {line}")
+            print_line(f"warning: {line}")
         if self.scaffold is not None:
             for line in self.scaffold.words():
-                say(line)
-        elif self.wanted is not None:
-            say(f"--scaffold {self.wanted}: nothing is left that asks for an effect without a name")
-        say(", ".join(str(Path(self.output) / name) for name in FILES))
+                print_line(line)
+        elif self.scaffold_name is not None:
+            print_line(
+                f"--scaffold {self.scaffold_name}: the known effects explain the log; no new effect is needed"
+            )
+        print_line(", ".join(str(Path(self.output) / name) for name in FILES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo gap`."""
+    """Add the arguments of `hubodo gap`."""
     model = parser.add_argument(
         "model", type=Path, metavar="MODEL", help="model file (TOML): vehicle, noise, inputs"
     )
@@ -121,95 +137,110 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--vehicle",
         type=Path,
-        action=InsteadOf,
+        action=ReplacePositional,
         replaces=(log, model),
         metavar="TOML",
-        help="[vehicle] and [nodes.*] instead of MODEL: the noise and what drives the model are as LOG shows",
+        help="[vehicle] and [nodes.*] instead of MODEL; noise and inputs of the model are estimated from LOG",
     )
-    for option, words in (("--before", "an earlier one"), ("--after", "a later one")):
+    for option, words in (("--before", "earlier"), ("--after", "later")):
         parser.add_argument(
             option,
             type=Path,
-            action=InsteadOf,
+            action=ReplacePositional,
             replaces=(log, model) if option == "--before" else (),
             metavar="LOG",
-            help=f"instead of LOG: two of one vehicle, to be told what has changed; {words}",
+            help=f"instead of LOG: the {words} of two logs of one vehicle, to find out what has changed",
         )
     add_log_options(parser)
     parser.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
     )
     for option, words in (
-        ("--accept", "add this effect first, whatever else is found; again for more"),
-        ("--reject", f"do not consider this effect, or {EMPIRICAL}: no term without a name; again for more"),
-        ("--explain", "say why this effect was not chosen; again for more"),
+        ("--accept", "add this effect to the model before the search; repeatable"),
+        ("--reject", f"do not consider this effect; {EMPIRICAL} excludes empirical terms; repeatable"),
+        ("--explain", "explain why this effect was not chosen; repeatable"),
     ):
         parser.add_argument(option, action="append", default=[], metavar="NAME", help=words)
     parser.add_argument(
         "--scaffold",
         metavar="NAME",
-        help="write OUT/NAME.py: an effect of this name with the dependence that no known effect explains",
+        help="write OUT/NAME.py, a new effect of this name for a dependence that no known effect explains",
     )
     add_effects_option(parser)
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="go on with the search that was stopped in OUT; log, model and options have to be the same",
+        help="continue the interrupted search in OUT; log, model and options must be the same",
     )
 
 
 def run(args: argparse.Namespace) -> GapReport | ChangeReport:
-    """Read, search, write the three files; or compare two logs."""
-    know_effects(args)
+    """Search for missing effects and write the three result files; or compare two logs.
+
+    Returns
+    -------
+    GapReport or ChangeReport
+        The gap and the detected effects, or the changes between two logs.
+
+    Raises
+    ------
+    InputError
+        If options contradict each other, an effect does not exist, or OUT holds other files.
+    KeyboardInterrupt
+        If the search was interrupted; the intermediate result is written first.
+    """
+    register_effects(args)
     if args.before is not None or args.after is not None:
         return compare_logs(args)
-    says = "" if args.scaffold is None else free_name(args.scaffold)
-    if says:
-        raise InputError(f"--scaffold {args.scaffold}: {says}")
+    objection = "" if args.scaffold is None else free_name(args.scaffold)
+    if objection:
+        raise InputError(f"--scaffold {args.scaffold}: {objection}")
     for option in ("accept", "reject", "explain"):
-        _known(option, getattr(args, option))
-    both = sorted(set(args.accept) & set(args.reject))
-    if both:
-        raise InputError(f"--accept and --reject both name {both[0]}; choose one")
+        _check_effect_names(option, getattr(args, option))
+    contradictions = sorted(set(args.accept) & set(args.reject))
+    if contradictions:
+        raise InputError(f"--accept and --reject both name {contradictions[0]}; choose one")
     if args.vehicle is not None:
         if args.log is not None:
-            raise InputError(f"{args.model} and --vehicle {args.vehicle}: both say the vehicle; give one")
+            raise InputError(
+                f"{args.model} and --vehicle {args.vehicle}: both describe the vehicle; give one"
+            )
         args.model, args.log = args.vehicle, args.model
     check_gap_folder(args.output, args.model)
     with progress_line() as show:
-        problem, journal = _posed(args, show)
+        problem, journal = _read_problem(args, show)
         result = find_gap_in(problem, accept=args.accept, reject=args.reject, say=show, journal=journal)
-        made = None
+        new_effect = None
         if args.scaffold is not None and result.finished:
-            show(f"looking for {args.scaffold}", 0.95)
-            made = scaffold(result.search, args.scaffold, args.log)
+            show(f"searching a dependence for {args.scaffold}", 0.95)
+            new_effect = scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
         contents = gap_contents(result, log=args.log.name, model=args.model.name)
-    if made is not None:
-        contents[f"{made.name}.py"] = made.text
+    if new_effect is not None:
+        contents[f"{new_effect.name}.py"] = new_effect.text
     write_texts(args.output, contents)
     if not result.finished:
-        # As whoever pressed ctrl-C expects, after the files are written.
-        raise KeyboardInterrupt(f"{args.output} has what was found until then; --resume goes on")
+        # The user pressed ctrl-C: exit as interrupted, now that the intermediate result is written.
+        raise KeyboardInterrupt(f"{args.output} holds the intermediate result; --resume continues")
     journal.forget()
     return GapReport(
         result,
         str(args.output),
         tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
-        made,
+        new_effect,
         args.scaffold,
     )
 
 
-def _posed(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
-    """What the log and the model file, or what the log says in its place, ask; and where rounds are kept.
+def _read_problem(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
+    """Return the estimation problem posed by log and model, and the journal of the search.
 
-    The log itself is large, and no longer needed then.
+    The log is large; it is released when this function returns.
     """
     model = None if args.vehicle is not None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
-    driven_by = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
-    needed = (NODES_ROLE, *("reference" for name in driven_by if str(name).startswith("reference.")))
+    inputs = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
+    needed = (NODES_ROLE, *("reference" for name in inputs if str(name).startswith("reference.")))
     recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed), progress=show)
     model = model or assumed_model(recording, vehicle, str(args.log))
     journal = _journal(args, recording, model)
@@ -217,13 +248,13 @@ def _posed(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
 
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
-    """The rounds of the search, kept in the folder until it is finished."""
+    """Return the journal of the search, which is kept in the output folder until the search is finished."""
     sources = [path.read_text("utf-8") for path in args.effects]
-    what = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject), sources)
-    return Journal(args.output / UNFINISHED, what, args.resume)
+    key = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject), sources)
+    return Journal(args.output / JOURNAL_FILE, key, args.resume)
 
 
-def _known(option: str, names: Iterable[str]) -> None:
+def _check_effect_names(option: str, names: Iterable[str]) -> None:
     known = (*BY_NAME, EMPIRICAL) if option == "reject" else tuple(BY_NAME)
     for name in names:
         if name not in known:
@@ -231,12 +262,12 @@ def _known(option: str, names: Iterable[str]) -> None:
             raise InputError(f"--{option} {name}: no such effect{hint}")
 
 
-def _found_table(result: GapResult) -> TextTable:
-    table = TextTable("effect", "of", "parameters", "confidence", "gap", "held out")
+def _detected_effects_table(result: GapResult) -> TextTable:
+    table = TextTable("effect", "scope", "parameters", "confidence", "gap", "held out")
     for finding in result.found:
         values = "\n".join(
-            f"{name} {with_sigma(it.value, it.sigma)} {'' if it.unit == '1' else it.unit}".rstrip()
-            for name, it in finding.parameters.items()
+            f"{name} {with_sigma(p.value, p.sigma)} {'' if p.unit == '1' else p.unit}".rstrip()
+            for name, p in finding.parameters.items()
         )
         table.add_row(
             finding.effect,
@@ -249,9 +280,11 @@ def _found_table(result: GapResult) -> TextTable:
     return table
 
 
-def _explain_table(it: Explanation) -> TextTable:
-    table = TextTable("round", "of", "gain", "ln Bayes factor", "probability", "beaten by", title=it.effect)
-    for row in it.rows:
+def _explain_table(explanation: Explanation) -> TextTable:
+    table = TextTable(
+        "round", "scope", "gain", "ln Bayes factor", "probability", "beaten by", title=explanation.effect
+    )
+    for row in explanation.rows:
         share = "not refitted" if row.probability is None else probability(row.probability)
         table.add_row(
             str(row.round), row.scope, f"{row.gain:.1f}", f"{row.evidence:.1f}", share, row.beaten_by

@@ -1,4 +1,4 @@
-"""`hubodo gap --before LOG --after LOG`: what has changed on a vehicle between two logs."""
+"""`hubodo gap --before LOG --after LOG`: find out what has changed on a vehicle between two logs."""
 
 from __future__ import annotations
 
@@ -27,81 +27,86 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import log_form
 
 CHANGE_FILES = ("change.json", "before.toml", "after.toml")
-# What differs from drive to drive on a vehicle that nobody touched, and why.
-_OF_THE_DRIVE = {
-    "road_grade": "another road would do that",
-    "gyro_bias": "a gyro's offset differs from start to start",
-    "gyro_warmup": "a warm start and a cold one differ so",
-    "gyro_rate_random_walk": "a gyro wanders from start to start",
-    "time_offset": "clocks may differ from start to start",
+# Effects that differ between drives of an unchanged vehicle, and why.
+_DRIVE_DEPENDENT_EFFECTS = {
+    "road_grade": "another road has another grade",
+    "gyro_bias": "the turn-on bias differs at each power-on",
+    "gyro_warmup": "a warm start differs from a cold one",
+    "gyro_rate_random_walk": "the bias random walk differs at each drive",
+    "time_offset": "clock offsets may differ at each power-on",
 }
 
 
 @dataclass(frozen=True)
 class ChangeReport:
-    """What two logs say of a vehicle, and where it was written."""
+    """The changes between two logs of one vehicle, and the folder that they were written to."""
 
     result: ChangeResult
     output: str
 
     def as_json(self) -> dict[str, Any]:
-        """`change.json`."""
+        """Return the content of change.json."""
         return self.result.as_json()
 
     def render(self, console: Console) -> None:
-        """The verdict, then a row for each change."""
+        """Print the verdict, then one row for each change."""
         result = self.result
 
-        def say(text: str) -> None:
+        def print_line(text: str) -> None:
             console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-        say(verdict(result))
+        print_line(change_verdict(result))
         if result.changes:
-            table = TextTable("effect", "of", "before", "after", "change", "chance")
-            for it in result.changes:
-                columns = zip(*(_texts(it, name) for name in it.values), strict=True)
+            table = TextTable("effect", "scope", "before", "after", "change", "p-value")
+            for change in result.changes:
+                columns = zip(*(_parameter_cells(change, name) for name in change.values), strict=True)
                 table.add_row(
-                    it.effect, it.scope, *("\n".join(lines) for lines in columns), probability(it.p_value)
+                    change.effect,
+                    change.scope,
+                    *("\n".join(lines) for lines in columns),
+                    probability(change.p_value),
                 )
             console.print(table)
-        for it in result.changes:
-            say(f"{it.effect}: {it.where}")
-            if it.effect in _OF_THE_DRIVE:
-                say(f"  {_OF_THE_DRIVE[it.effect]}: not necessarily the vehicle")
+        for change in result.changes:
+            print_line(f"{change.effect}: {change.where}")
+            if change.effect in _DRIVE_DEPENDENT_EFFECTS:
+                print_line(
+                    f"  {_DRIVE_DEPENDENT_EFFECTS[change.effect]}: not necessarily a change of the vehicle"
+                )
         for name in result.unnamed:
-            say(f"also different, without a name: {name}")
+            print_line(f"change that no known effect explains: {name}")
         for line in result.warnings:
-            say(f"warning: {line}")
-        say(", ".join(str(Path(self.output) / name) for name in CHANGE_FILES))
+            print_line(f"warning: {line}")
+        print_line(", ".join(str(Path(self.output) / name) for name in CHANGE_FILES))
 
 
-def verdict(result: ChangeResult) -> str:
-    """In one sentence."""
-    chance = f"if nothing has, logs differ as much in {probability(result.p_value)} of all pairs"
+def change_verdict(result: ChangeResult) -> str:
+    """Return the verdict on the comparison in one sentence."""
+    p_value = f"an unchanged vehicle gives such a difference in {probability(result.p_value)} of all pairs"
     if not result.changed:
-        return f"Nothing has changed that these logs could show ({chance})."
+        return f"No significant change ({p_value})."
     if not result.changes:
-        return f"Something has changed, and no known effect says what ({chance})."
-    words = [_meaning(it) for it in result.changes]
-    return f"Changed: {'; '.join(words)} ({chance})."
+        return f"Something has changed that no known effect explains ({p_value})."
+    meanings = [_effect_meaning(change) for change in result.changes]
+    return f"Changed: {'; '.join(meanings)} ({p_value})."
 
 
-def _meaning(it: Change) -> str:
-    place = {ALL: " (all nodes)", VEHICLE: ""}.get(it.scope, f" ({it.scope})")
-    return f"{BY_NAME[it.effect].meaning}{place}"
+def _effect_meaning(change: Change) -> str:
+    scope = {ALL: " (all nodes)", VEHICLE: ""}.get(change.scope, f" ({change.scope})")
+    return f"{BY_NAME[change.effect].meaning}{scope}"
 
 
-def _texts(it: Change, name: str) -> tuple[str, str, str]:
-    before, after, change = (f"{with_sigma(value.value, value.sigma)}" for value in it.values[name])
-    unit = it.values[name][0].unit
-    return f"{name} {before}", after, f"{change} {'' if unit == '1' else unit}".rstrip()
+def _parameter_cells(change: Change, name: str) -> tuple[str, str, str]:
+    before, after, difference = (f"{with_sigma(value.value, value.sigma)}" for value in change.values[name])
+    unit = change.values[name][0].unit
+    return f"{name} {before}", after, f"{difference} {'' if unit == '1' else unit}".rstrip()
 
 
-class InsteadOf(argparse.Action):
-    """An option with which one argument by place less is needed, the last first."""
+class ReplacePositional(argparse.Action):
+    """An option that makes one positional argument optional, the last one first."""
 
-    def __init__(self, *, replaces: Sequence[argparse.Action], **words: Any) -> None:
-        super().__init__(**words)
+    def __init__(self, *, replaces: Sequence[argparse.Action], **settings: Any) -> None:
+        super().__init__(**settings)
         self.replaces = replaces
 
     def __call__(
@@ -114,7 +119,10 @@ class InsteadOf(argparse.Action):
 
 
 def compare_logs(args: argparse.Namespace) -> ChangeReport:
-    """Read both, compare, write three files."""
+    """Compare two logs of one vehicle and write change.json, before.toml and after.toml.
+
+    Raises InputError if options contradict each other or the output folder holds other files.
+    """
     if args.before is None or args.after is None:
         raise InputError("--before and --after go together: name two logs of one vehicle")
     for option in ("accept", "reject", "explain", "scaffold", "resume"):
@@ -124,15 +132,15 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
         raise InputError("--before and --after go with MODEL or --vehicle and no other log")
     if args.model is None and args.vehicle is None:
         raise InputError("name the vehicle: MODEL, or --vehicle TOML")
-    there = args.output / "before.toml"
-    if there.exists() and not (args.output / "change.json").exists():
-        raise InputError(f"{there}: exists and is no result of gap; name another folder with -o")
+    earlier_result = args.output / "before.toml"
+    if earlier_result.exists() and not (args.output / "change.json").exists():
+        raise InputError(f"{earlier_result}: exists and is no result of gap; name another folder with -o")
     model = None if args.model is None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     with progress_line() as show:
         form = log_form(args, vehicle, needed=(NODES_ROLE,))
         logs = [read_log(path, input_format=form, progress=show) for path in (args.before, args.after)]
-        # The noise of both is that of the first: a sensor that has become noisy is not to hide in it.
+        # Both logs use the noise of the first: otherwise a sensor that has become noisier would go unnoticed.
         model = model or assumed_model(logs[0], vehicle, str(args.before))
         result = find_change(logs[0], logs[1], model, where=(str(args.before), str(args.after)), say=show)
     text = json_text(result.as_json(), indent=1, ascii_only=False)

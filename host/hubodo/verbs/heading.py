@@ -1,4 +1,4 @@
-"""`hubodo heading`: where a gyro on a turntable or a vehicle points, from the axis that stands upright."""
+"""`hubodo heading`: estimate the heading of a turntable or vehicle from one vertical gyro axis."""
 
 from __future__ import annotations
 
@@ -30,33 +30,41 @@ from hubodo.sensors.heading.summary import HeadingReport
 from hubodo.sensors.heading.track import Axis, heading_track
 from hubodo.sensors.rest_channel import IMU_CHANNELS, temperature_of
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
-from hubodo.verbs.numbers import not_negative, number
+from hubodo.verbs.numbers import UNCALIBRATED_SCALE_SIGMA, bounded_number, non_negative_number
 from hubodo.verbs.standstill import read_node
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
-UNCALIBRATED_SCALE = 0.01
-"""1 sigma of the scale of a MEMS gyro as it leaves the factory."""
-USUAL_LAG = 0.005
-"""s: a gyro of 30 Hz, as MEMS gyros are set for vehicles."""
-USUAL_INSTABILITY = math.radians(30.0) / 3600.0
-"""rad/s, B of IEEE 952: data sheets of MEMS gyros off the shelf state 10 to 40 degrees an hour."""
+TYPICAL_GYRO_LAG = 0.005  # s
+"""Group delay of a gyro with 30 Hz bandwidth, a common setting of MEMS gyros in vehicles."""
+TYPICAL_BIAS_INSTABILITY = math.radians(30.0) / 3600.0
+"""B of IEEE 952, rad/s: data sheets of commercial MEMS gyros state 10 to 40 degrees per hour."""
 
 
 @dataclass(frozen=True)
-class HeadingTaken:
-    """The result for one axis, and where its course was written."""
+class HeadingResult:
+    """The heading of one axis over time.
+
+    Attributes
+    ----------
+    log
+        Path of the log.
+    output
+        Path of the CSV file, or None.
+    report
+        Heading with sigma, noise model, standstills and score.
+    """
 
     log: str
     output: str | None
     report: HeadingReport
 
     def as_json(self) -> dict[str, Any]:
-        """Rates in rad/s, times in s, angles in rad unless the name says degrees."""
+        """Return the JSON result: rates in rad/s, times in s, angles in rad unless the key says degrees."""
         return {"log": self.log, "output": self.output, **self.report.as_json()}
 
     def render(self, console: Console) -> None:
-        """The heading at the end, beside what simpler ways give, and beside the truth."""
+        """Print the final heading, compared with simpler estimates and with the truth."""
         report = self.report
         console.print(heading_lead(report), highlight=False)
         table = TextTable("estimate", *score_rows(report)[0][1:], title=f"{report.node} {report.axis}")
@@ -70,55 +78,77 @@ class HeadingTaken:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo heading`."""
-    parser.add_argument("log", type=Path, metavar="LOG", help=f"best begun with a standstill: {LOG_HELP}")
+    """Add the arguments of `hubodo heading`."""
+    parser.add_argument(
+        "log", type=Path, metavar="LOG", help=f"log that preferably begins with a standstill: {LOG_HELP}"
+    )
     add_log_options(parser)
     parser.add_argument("--node", help="name of the node (default: the only one)")
-    parser.add_argument("--axis", choices=("x", "y", "z"), default="z", help="upright gyro axis (default z)")
+    parser.add_argument("--axis", choices=("x", "y", "z"), default="z", help="vertical gyro axis (default z)")
     parser.add_argument(
         "--calibration",
         type=Path,
         metavar="TOML",
-        help="warm-up and scale of the node, as hubodo warmup and hubodo calibrate imu write them",
+        help="warm-up and scale of the node, as written by hubodo warmup and hubodo calibrate imu",
     )
-    parser.add_argument("--age", type=not_negative, help="s since power-on at the first sample (default 0)")
     parser.add_argument(
-        "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
+        "--age", type=non_negative_number, help="time since power-on at the first sample, s (default 0)"
+    )
+    parser.add_argument(
+        "--allan", type=Path, metavar="JSON", help="noise of the axis, as printed by hubodo allan --json"
     )
     parser.add_argument(
         "--rest",
-        type=number(),
+        type=bounded_number(),
         nargs=2,
         action="append",
         metavar=("FROM", "TO"),
-        help="s of the log in which the node stood still, again for each (default: found in the log)",
+        help="span of a standstill, s of the log; repeatable (default: detected)",
     )
     parser.add_argument(
         "--scale-sigma",
-        type=not_negative,
-        help="1 sigma of the scale (default: of the calibration, else 0.01)",
+        type=non_negative_number,
+        help="1σ of the gyro scale, relative (default: from the calibration, else 0.01)",
     )
     parser.add_argument(
         "--lag",
-        type=not_negative,
-        help="s by which the gyro answers late (default: of the calibration, else 0.005), part of sigma",
+        type=non_negative_number,
+        help="delay of the gyro, s; it contributes to sigma (default: from the calibration, else 0.005)",
     )
     parser.add_argument(
-        "--step", type=number(1e-3, 60.0), default=0.1, help="s from row to row (default 0.1)"
+        "--step",
+        type=bounded_number(1e-3, 60.0),
+        default=0.1,
+        help="time step of the output, s (default 0.1)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
     parser.add_argument(
-        "--figure", type=drawing_path, metavar="PNG", help="the course with its sigma: .png, .svg or .pdf"
+        "--figure",
+        type=drawing_path,
+        metavar="PNG",
+        help="write the heading with its sigma as .png, .svg or .pdf",
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
-def run(args: argparse.Namespace) -> HeadingTaken:
-    """Read, take the heading, score it; write course, figure and page where asked."""
+def run(args: argparse.Namespace) -> HeadingResult:
+    """Estimate the heading and score it; write CSV, figure and page where asked.
+
+    Returns
+    -------
+    HeadingResult
+        Heading over time with sigma, and its score if the log holds a true heading.
+
+    Raises
+    ------
+    InputError
+        If the node or an axis is missing, the axis is not vertical, or neither standstill nor calibration
+        gives the bias.
+    """
     recording, node = read_node(args.log, args.node, log_form(args, needed=()))
     check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
-        report = _take(args, recording, node)
+        report = _estimate_heading(args, recording, node)
     except InputError as error:
         raise InputError(f"{args.log}, node {node}, {args.axis}: {error}") from None
     if args.output is not None:
@@ -131,21 +161,21 @@ def run(args: argparse.Namespace) -> HeadingTaken:
         write_atomically(args.report, page(title, heading_lead(report), heading_sections(report)))
     if args.figure is not None:
         heading_figure(report, args.figure, title)
-    return HeadingTaken(str(args.log), None if args.output is None else str(args.output), report)
+    return HeadingResult(str(args.log), None if args.output is None else str(args.output), report)
 
 
-def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingReport:
+def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingReport:
     notes = list(recording.warnings)
     table = recording.nodes[node]
     gyro, accel = table.gyro, table.accel
     rows = np.flatnonzero(np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1))
-    lacking = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
-    if lacking:
+    missing = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
+    if missing:
         raise InputError(
-            f"it has no {', '.join(lacking)}; a heading needs all axes of gyro and accelerometer"
+            f"it has no {', '.join(missing)}; a heading needs all axes of gyro and accelerometer"
         )
     if len(rows) < 100:
-        raise InputError(f"{len(rows)} samples are too few for a heading; record at least some seconds")
+        raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
     t, gyro, accel = table.t[rows], gyro[rows], accel[rows]
     up, note = upright(accel, args.axis)
     notes += [note] if note else []
@@ -159,27 +189,29 @@ def _take(args: argparse.Namespace, recording: Recording, node: str) -> HeadingR
         spans = found_rests(t, gyro, accel, axis.rate, recording.table)
     if not spans and "gyro_bias" not in effects:
         raise InputError(
-            "the node never stood still and no calibration tells its bias; begin with a standstill of some "
-            "ten seconds, say when it stood with --rest, or give --calibration"
+            "neither a standstill nor a calibration gives the bias; begin with a standstill of about ten "
+            "seconds, mark one with --rest, or give --calibration"
         )
     if not spans:
-        notes.append("no standstill: the bias is the calibration's, and sigma what it changes day to day")
+        notes.append(
+            "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"
+        )
     model, sigmas = warmup_upwards(effects, args.axis, up, thermometer=axis.temperature is not None)
     if args.age is None and model.c1:
-        notes.append("taken as switched on at the first sample; if it was on before, say --age")
+        notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
-        notes.append(
-            "no warm-up of this axis is known: soon after power-on its bias drifts by more than sigma"
-        )
-    noise = replace(_noise(args, effects, axis, spans, notes), warmup=sigmas)
+        notes.append("no warm-up model of this axis: soon after power-on its bias drifts by more than sigma")
+    noise = replace(_bias_noise(args, effects, axis, spans, notes), warmup=sigmas)
     scale_sigma = _scale_sigma(args, effects, notes)
-    lag = _lag(args, effects)
+    lag = _gyro_delay(args, effects)
     track = heading_track(
         axis, spans, model, noise, age=args.age or 0.0, scale_sigma=scale_sigma, lag=lag, step=args.step
     )
     if track.gaps:
-        longest = max(b - a for a, b in track.gaps)
-        notes.append(f"{len(track.gaps)} gaps, the longest {longest:.3g} s; sigma holds what turned in them")
+        longest = max(end - start for start, end in track.gaps)
+        notes.append(
+            f"{len(track.gaps)} gaps, the longest {longest:.3g} s; sigma covers the rotation in them"
+        )
     truth = truth_of(recording)
     scored = None if truth is None else score(track, truth)
     rests = tuple((float(t[i]), float(t[j - 1])) for i, j in spans)
@@ -197,38 +229,40 @@ def _effects(path: Path | None, node: str) -> dict[str, CalibratedEffect]:
     return dict(nodes.get(node, NodeCalibration()).effects)
 
 
-def _noise(
+def _bias_noise(
     args: argparse.Namespace, effects: dict[str, CalibratedEffect], axis: Axis, spans: Spans, notes: list[str]
 ) -> BiasNoise:
-    """N, B, K: from `hubodo allan`, else N from the standstills, K from the calibration, B as is usual."""
+    """Return N, B and K: from `--allan`, else N from standstills, K from the calibration and a typical B."""
     walk = effects.get("gyro_rate_random_walk", CalibratedEffect({})).value("k")
     if args.allan is not None:
         noise = noise_of_allan(args.allan)
         return replace(noise, rate_random_walk=noise.rate_random_walk or walk)
-    found = angle_random_walk(axis.t, axis.rate, spans)
-    if found is None:
+    white_noise = angle_random_walk(axis.t, axis.rate, spans)
+    if white_noise is None:
         raise InputError(
-            "no standstill is long enough to show the noise of the axis; give --allan, or --rest with some "
-            "seconds of standstill"
+            "no standstill is long enough to estimate the noise of the axis; give --allan, or --rest with "
+            "several seconds of standstill"
         )
-    notes.append("bias instability taken as 30 °/h, which is usual for MEMS; give --allan to have it right")
-    return BiasNoise(found, USUAL_INSTABILITY, walk)
+    notes.append(
+        "bias instability assumed as 30 °/h, typical of MEMS gyros; give --allan for the actual value"
+    )
+    return BiasNoise(white_noise, TYPICAL_BIAS_INSTABILITY, walk)
 
 
 def _scale_sigma(args: argparse.Namespace, effects: dict[str, CalibratedEffect], notes: list[str]) -> float:
-    """1 sigma of the relative scale: as given, else the calibration's, else that of a gyro off the shelf."""
+    """Return the relative 1σ of the gyro scale: as given, else calibrated, else typical of MEMS gyros."""
     if args.scale_sigma is not None:
         return float(args.scale_sigma)
     scale = effects.get("gyro_scale_factor", CalibratedEffect({})).parameters.get(args.axis)
     if scale is not None:
         return scale.sigma
-    notes.append("the scale is not calibrated: one per cent of the net turn is in sigma for it")
-    return UNCALIBRATED_SCALE
+    notes.append("the scale is not calibrated: sigma includes 1 % of the net rotation for it")
+    return UNCALIBRATED_SCALE_SIGMA
 
 
-def _lag(args: argparse.Namespace, effects: dict[str, CalibratedEffect]) -> float:
-    """s, how late the gyro answers: as given, else the calibration's, else that of a gyro off the shelf."""
+def _gyro_delay(args: argparse.Namespace, effects: dict[str, CalibratedEffect]) -> float:
+    """Return the delay of the gyro in seconds: as given, else calibrated, else typical of MEMS gyros."""
     known = effects.get("gyro_lag", CalibratedEffect({})).parameters.get("time_constant")
     if args.lag is not None:
         return float(args.lag)
-    return USUAL_LAG if known is None else math.hypot(known.value, known.sigma)
+    return TYPICAL_GYRO_LAG if known is None else math.hypot(known.value, known.sigma)

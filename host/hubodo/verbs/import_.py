@@ -1,4 +1,4 @@
-"""`hubodo import`: a CSV folder into a log, or the raw frames of a log into another."""
+"""`hubodo import`: convert CSV files or a rosbag into a log, or decode the raw frames of a log again."""
 
 from __future__ import annotations
 
@@ -27,8 +27,22 @@ EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o aga
 
 
 @dataclass(frozen=True)
-class Imported:
-    """Rows taken from each file, and the account of rows that `--repair` dropped."""
+class ImportResult:
+    """The outcome of an import.
+
+    Attributes
+    ----------
+    log
+        Path of the log.
+    rows
+        Imported rows by file.
+    messages
+        Number of messages written.
+    dropped
+        Rows that `--repair` dropped, by file and reason.
+    warnings
+        One line each.
+    """
 
     log: str
     rows: dict[str, int]
@@ -37,7 +51,7 @@ class Imported:
     warnings: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it."""
+        """Return the JSON result."""
         return {
             "log": self.log,
             "rows": self.rows,
@@ -47,51 +61,56 @@ class Imported:
         }
 
     def render(self, console: Console) -> None:
-        """One line per file."""
+        """Print one line for each file, then the warnings."""
         for name, count in self.rows.items():
             console.print(f"{name}: {count} rows", highlight=False, markup=False)
         for name, kinds in self.dropped.items():
-            account = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
-            console.print(f"{name}: dropped {account}", highlight=False, markup=False)
+            reasons = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+            console.print(f"{name}: dropped {reasons}", highlight=False, markup=False)
         for line in self.warnings:
             console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
         console.print(f"wrote {self.log}: {self.messages} messages", highlight=False, markup=False)
 
 
 @dataclass(frozen=True)
-class Decoded:
-    """What became of the raw frames of a log."""
+class DecodeResult:
+    """The outcome of decoding the raw frames of a log again."""
 
     source: str
-    done: DecodedAgain
+    summary: DecodedAgain
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it."""
-        done = self.done
-        made = {"log": str(done.out), "source": self.source, "nodes": done.nodes, "messages": done.messages}
-        return {**made, "warnings": list(done.warnings)}
+        """Return the JSON result."""
+        done = self.summary
+        summary = {
+            "log": str(done.out),
+            "source": self.source,
+            "nodes": done.nodes,
+            "messages": done.messages,
+        }
+        return {**summary, "warnings": list(done.warnings)}
 
     def render(self, console: Console) -> None:
-        """One line per node."""
+        """Print one line for each node, then the warnings."""
         lines = [
             f"{name}: {node['samples']} samples, {node['samples_lost']} lost, clock {node['clock']['source']}"
             if node["refused"] is None
             else node["refused"]
-            for name, node in self.done.nodes.items()
+            for name, node in self.summary.nodes.items()
         ]
-        lines += [f"warning: {line}" for line in self.done.warnings]
-        for line in [*lines, f"wrote {self.done.out}: {self.done.messages} messages"]:
+        lines += [f"warning: {line}" for line in self.summary.warnings]
+        for line in [*lines, f"wrote {self.summary.out}: {self.summary.messages} messages"]:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo import`."""
+    """Add the arguments of `hubodo import`."""
     parser.add_argument(
         "source",
         metavar="DIR",
         type=Path,
-        help="folder of CSV files (may be gzipped), rosbag or MCAP of another program, one file of numbers, "
-        "or a log whose raw frames this version is to decode",
+        help="folder of CSV files (may be gzipped), rosbag or MCAP of another program, one numeric file, or "
+        "a log whose raw frames are to be decoded again by this version",
     )
     add_log_options(parser)
     add_vehicle_option(parser)
@@ -99,49 +118,62 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--output", metavar="FILE.mcap", type=Path, required=True, help="the log to write"
     )
     parser.add_argument(
-        "--repair", action="store_true", help="drop rows that would be refused, and keep account of them"
+        "--repair",
+        action="store_true",
+        help="drop invalid rows instead of refusing the file, and record how many",
     )
 
 
-def run(args: argparse.Namespace) -> Imported | Decoded:
-    """Read the folder or the frames, write the log."""
+def run(args: argparse.Namespace) -> ImportResult | DecodeResult:
+    """Read the source and write the log.
+
+    Returns
+    -------
+    ImportResult or DecodeResult
+        Rows by file with the dropped ones, or samples by node.
+
+    Raises
+    ------
+    InputError
+        If a file is invalid, the log exists, or `--repair` is given for a log.
+    """
     require_free_path(args.output)
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     form = log_form(args, vehicle)
     file = find_mcap_file(args.source)
     if file is not None and is_hubodo_mcap(file):
         if args.repair:
-            raise InputError("--repair: drops rows of CSV files; a log is repaired by hubodo recover")
+            raise InputError("--repair drops rows of CSV files; repair a log with hubodo recover")
         with progress_line() as show:
-            return Decoded(str(args.source), decode_again(file, args.output, progress=show))
+            return DecodeResult(str(args.source), decode_again(file, args.output, progress=show))
     with progress_line() as show:
         if args.source.is_dir() and not is_rosbag(args.source):
             recording = convert_to_si(read_folder(args.source, repair=args.repair, progress=show), form)
         else:
             recording = read_log(args.source, input_format=form, progress=show, keep_empty=True)
-        _check_whole(args.source, recording)
+        _check_complete(args.source, recording)
         messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)
-    return Imported(
+    return ImportResult(
         log=str(args.output),
         rows={name: len(table) for name, table in recording.files().items()},
         messages=messages,
         dropped={event.source: dict(event.data["dropped"]) for event in recording.events},
-        warnings=(*recording.warnings, *_doubts(recording)),
+        warnings=(*recording.warnings, *_unit_warnings(recording)),
     )
 
 
-def _check_whole(source: Path, recording: Recording) -> None:
-    """Raises InputError for a node without a channel: a log has all six."""
+def _check_complete(source: Path, recording: Recording) -> None:
+    """Raise InputError for a node that lacks a channel: a log holds all six."""
     for name, table in recording.nodes.items():
-        lacking = [channel for channel in IMU_CHANNELS if not np.isfinite(table[channel]).any()]
-        if lacking and len(table):
+        missing = [channel for channel in IMU_CHANNELS if not np.isfinite(table[channel]).any()]
+        if missing and len(table):
             raise InputError(
-                f"{source}: {name} has no {', '.join(lacking)}, and a log holds all six; give the file "
+                f"{source}: {name} has no {', '.join(missing)}, and a log holds all six; give the file "
                 "itself to hubodo allan or warmup"
             )
 
 
-def _doubts(recording: Recording) -> list[str]:
-    """A line for each node whose numbers look to be in other units."""
-    found = {name: explain_suspect_units(table.gyro, table.accel) for name, table in recording.nodes.items()}
-    return [f"{name}: {words}" for name, words in found.items() if words is not None]
+def _unit_warnings(recording: Recording) -> list[str]:
+    """Return a warning for each node whose values are probably not in SI units."""
+    doubts = {name: explain_suspect_units(table.gyro, table.accel) for name, table in recording.nodes.items()}
+    return [f"{name}: {doubt}" for name, doubt in doubts.items() if doubt is not None]

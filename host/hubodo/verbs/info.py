@@ -1,4 +1,4 @@
-"""`hubodo info`: streams, rates, gaps, losses, duration, versions, health of a log."""
+"""`hubodo info`: show streams, rates, gaps, losses, versions and health of a log."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo info drive.mcap"
 
-_SHOWN = 20
-_LONG_VALUE = 100
+_MAX_SHOWN_EVENTS = 20
+_MAX_VALUE_LENGTH = 100
 
 
 @dataclass(frozen=True)
-class Info:
-    """A log's summary, for people and for programs."""
+class LogInfo:
+    """The summary of a log."""
 
     summary: Summary
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it; times in s since t = 0 unless the name ends in `_ns`."""
+        """Return the JSON result; times are in s since t = 0 unless the key ends in `_ns`."""
         s = self.summary
         return {
             "log": str(s.path),
@@ -69,48 +69,56 @@ class Info:
         }
 
     def render(self, console: Console) -> None:
-        """Heading, streams, gaps, events, health, metadata, warnings; empty parts are left out."""
+        """Print heading, streams, gaps, events, health, metadata and warnings; empty parts are omitted."""
         s = self.summary
-        say = _plain(console)
-        state = "whole" if s.complete else "not closed"
+        print_line = _plain_printer(console)
+        state = "complete" if s.complete else "not closed"
         state += f", {s.damaged} damaged places" if s.damaged else ""
-        say(f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}")
+        print_line(
+            f"{s.path}: {s.size} bytes, {state}, {s.duration:.3f} s, written by {s.library or 'unknown'}"
+        )
         if s.start_ns:
-            say(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
-        _clock(s, say)
-        console.print(_streams(s))
+            print_line(f"t = 0 is {datetime.fromtimestamp(s.start_ns / 1e9, UTC).isoformat()}")
+        _print_clock(s, print_line)
+        console.print(_stream_table(s))
         if s.roles:
-            say("read as: " + ", ".join(f"{name} = {topic}" for name, topic in s.roles.items()))
-        _gaps(s, say)
-        _losses(s, say)
-        _events(s, say)
+            print_line("read as: " + ", ".join(f"{name} = {topic}" for name, topic in s.roles.items()))
+        _print_gaps(s, print_line)
+        _print_losses(s, print_line)
+        _print_events(s, print_line)
         for node, values in s.health.items():
-            say(f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node"))
+            print_line(
+                f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node")
+            )
         for node, row in s.bias_filters.items():
-            say(f"bias filter of {node} at t = {row['t']:.3f} s: {filter_words(row)}")
+            print_line(f"bias filter of {node} at t = {row['t']:.3f} s: {filter_words(row)}")
         for key, text in s.metadata.items():
-            shown = text if len(text) <= _LONG_VALUE else f"{text[:_LONG_VALUE]}... (--json shows all)"
-            say(f"{key}: {shown}")
+            shown = (
+                text
+                if len(text) <= _MAX_VALUE_LENGTH
+                else f"{text[:_MAX_VALUE_LENGTH]}... (--json shows all)"
+            )
+            print_line(f"{key}: {shown}")
         for name, size in s.attachments.items():
-            say(f"attachment {name}: {size} bytes")
+            print_line(f"attachment {name}: {size} bytes")
         for line in s.warnings:
-            say(f"warning: {line}")
+            print_line(f"warning: {line}")
 
 
-def _plain(console: Console) -> Any:
+def _plain_printer(console: Console) -> Any:
     return lambda text: console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 
-def _clock(s: Summary, say: Any) -> None:
-    """The wall clock of the computer that recorded, where its times are not those of UTC."""
+def _print_clock(s: Summary, print_line: Any) -> None:
+    """Print when the wall clock of the recording computer deviated from UTC."""
     state, correction = s.metadata.get("clock.state", ""), s.metadata.get("clock.utc_minus_log_s", "")
     if state in ("unset", "unsynchronised"):
-        say(f"the computer's clock was {state}: dates and times of day in this log may be wrong")
+        print_line(f"the computer's clock was {state}: dates and times of day in this log may be wrong")
     if correction and float(correction):
-        say(f"the computer's clock was set while recording: UTC is t {float(correction):+.3f} s")
+        print_line(f"the computer's clock was set while recording: UTC is t {float(correction):+.3f} s")
 
 
-def _streams(s: Summary) -> Table:
+def _stream_table(s: Summary) -> Table:
     table = Table(box=None, pad_edge=False)
     for heading in ("topic", "type"):
         table.add_column(heading, no_wrap=True)
@@ -132,48 +140,52 @@ def _streams(s: Summary) -> Table:
     return table
 
 
-def _gaps(s: Summary, say: Any) -> None:
+def _print_gaps(s: Summary, print_line: Any) -> None:
     if not s.gaps:
         return
     causes = Counter(gap.cause for gap in s.gaps)
-    say(f"{len(s.gaps)} gaps, {sum(gap.missing for gap in s.gaps)} samples missing:")
+    print_line(f"{len(s.gaps)} gaps, {sum(gap.missing for gap in s.gaps)} samples missing:")
     for cause, count in causes.most_common():
         missing = sum(gap.missing for gap in s.gaps if gap.cause == cause)
-        say(f"  {count} times {missing} samples: {cause}")
-    longest = sorted(s.gaps, key=lambda gap: -gap.duration)[:_SHOWN]
+        print_line(f"  {count} times {missing} samples: {cause}")
+    longest = sorted(s.gaps, key=lambda gap: -gap.duration)[:_MAX_SHOWN_EVENTS]
     for gap in sorted(longest, key=lambda gap: gap.t):
-        say(f"  t = {gap.t:.3f} s {gap.topic}: {gap.duration:.4f} s, {gap.missing} samples: {gap.cause}")
-    if len(s.gaps) > _SHOWN:
-        say(f"  and {len(s.gaps) - _SHOWN} shorter ones (--json shows all)")
+        print_line(
+            f"  t = {gap.t:.3f} s {gap.topic}: {gap.duration:.4f} s, {gap.missing} samples: {gap.cause}"
+        )
+    if len(s.gaps) > _MAX_SHOWN_EVENTS:
+        print_line(f"  and {len(s.gaps) - _MAX_SHOWN_EVENTS} shorter ones (--json shows all)")
 
 
-def _losses(s: Summary, say: Any) -> None:
+def _print_losses(s: Summary, print_line: Any) -> None:
     if s.losses:
-        say("recorded losses:")
+        print_line("recorded losses:")
     for loss in s.losses:
-        what = f"{loss.samples} samples" + (f" and {loss.unknown} uncounted gaps" if loss.unknown else "")
+        amount = f"{loss.samples} samples" + (f" and {loss.unknown} uncounted gaps" if loss.unknown else "")
         where = f"{loss.node} {loss.stream}".strip()
         total = f"{loss.frames} frames in {loss.gaps} gaps of {loss.duration:.3f} s"
-        say(f"  {where}: {what}, {total}: {loss.cause}")
+        print_line(f"  {where}: {amount}, {total}: {loss.cause}")
 
 
-def _events(s: Summary, say: Any) -> None:
-    told = [event for event in s.events if event.kind not in ("health", "gap")]
-    if not told:
+def _print_events(s: Summary, print_line: Any) -> None:
+    shown_events = [event for event in s.events if event.kind not in ("health", "gap")]
+    if not shown_events:
         return
-    kinds = Counter(event.kind for event in told)
-    say(f"{len(told)} events: " + ", ".join(f"{count} {kind}" for kind, count in kinds.most_common()))
-    for event in told[:_SHOWN]:
+    kinds = Counter(event.kind for event in shown_events)
+    print_line(
+        f"{len(shown_events)} events: " + ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
+    )
+    for event in shown_events[:_MAX_SHOWN_EVENTS]:
         source = f"{event.source}: " if event.source else ""
-        say(f"  t = {s.seconds(event.t_ns):.3f} s {event.kind}: {source}{event.text}")
-    if len(told) > _SHOWN:
-        say(f"  and {len(told) - _SHOWN} later ones (--json shows all)")
+        print_line(f"  t = {s.seconds(event.t_ns):.3f} s {event.kind}: {source}{event.text}")
+    if len(shown_events) > _MAX_SHOWN_EVENTS:
+        print_line(f"  and {len(shown_events) - _MAX_SHOWN_EVENTS} later ones (--json shows all)")
 
 
 def _filter_json(row: Mapping[str, float]) -> dict[str, Any]:
-    whole = ("state", "samples", "saturations")
+    integers = ("state", "samples", "saturations")
     return {
-        name: None if not math.isfinite(value) else int(value) if name in whole else value
+        name: None if not math.isfinite(value) else int(value) if name in integers else value
         for name, value in row.items()
     }
 
@@ -205,16 +217,27 @@ def _gap_json(gap: SampleGap) -> dict[str, Any]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo info`."""
+    """Add the arguments of `hubodo info`."""
     parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
     add_log_options(parser)
 
 
-def run(args: argparse.Namespace) -> Info:
-    """Describe the log."""
+def run(args: argparse.Namespace) -> LogInfo:
+    """Summarise the log.
+
+    Returns
+    -------
+    LogInfo
+        Streams, gaps, losses, events, health and metadata.
+
+    Raises
+    ------
+    LogError
+        If the file is no log that can be read.
+    """
     form = log_form(args, needed=())
     with progress_line() as show, open_source(args.log) as source:
         if source is not None:
-            return Info(summarise_source(source, form.topic_selection, progress=show))
+            return LogInfo(summarise_source(source, form.topic_selection, progress=show))
     with progress_line() as show, open_as_mcap(args.log, form) as file:
-        return Info(replace(summarise(file, progress=show), path=args.log))
+        return LogInfo(replace(summarise(file, progress=show), path=args.log))

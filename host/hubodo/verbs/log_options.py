@@ -1,4 +1,4 @@
-"""The options by which every verb that reads a log is told what a foreign file does not say itself."""
+"""Options of all verbs that read a log: topics, and metadata that a foreign file lacks."""
 
 from __future__ import annotations
 
@@ -11,79 +11,80 @@ from hubodo.log.number_recording import InputFormat
 from hubodo.log.roles import ALL_ROLES, NODES_ROLE, ROLE_TYPES, TopicSelection
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle
-from hubodo.verbs.numbers import positive
+from hubodo.verbs.numbers import positive_number
 
-LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy)"
+LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one numeric file (CSV, MATLAB, HDF5, NumPy)"
 
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
-    """--topic, --max-memory, --rate, --unit, --columns, --variable."""
+    """Add --topic, --max-memory, --rate, --unit, --columns and --variable."""
     add_topic_option(parser)
-    group = parser.add_argument_group("files that do not say it themselves")
+    group = parser.add_argument_group("files without metadata")
     group.add_argument(
-        "--rate", type=positive, metavar="HZ", help="samples per second, where there are no times"
+        "--rate", type=positive_number, metavar="HZ", help="sample rate of a file without timestamps"
     )
     group.add_argument(
         "--unit",
         action="append",
         default=[],
         metavar="UNIT",
-        help="rad/s, deg/s, mdeg/s, deg/h, m/s^2, g, mg; of a count: '0.00875 deg/s'; once for each sensor",
+        help="rad/s, deg/s, mdeg/s, deg/h, m/s^2, g, mg, or per count: '0.00875 deg/s'; once per sensor",
     )
     group.add_argument(
         "--columns",
         metavar="NAMES",
-        help="what each column is, as in t,gx,gy,gz,-,temperature",
+        help="meaning of each column, such as t,gx,gy,gz,-,temperature",
     )
-    group.add_argument("--variable", metavar="NAMES", help="arrays of a MATLAB, HDF5 or numpy file")
+    group.add_argument("--variable", metavar="NAMES", help="arrays of a MATLAB, HDF5 or NumPy file")
 
 
 def add_topic_option(parser: argparse.ArgumentParser) -> None:
-    """--topic and --max-memory."""
+    """Add --topic and --max-memory."""
     parser.add_argument(
         "--topic",
         action="append",
         default=[],
         metavar="NAME=/TOPIC",
-        help=f"which topic of another program's log is a node, as in left=/imu/left_wheel, or one of "
-        f"{', '.join(ROLE_TYPES)}; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- leaves one out; "
-        "repeatable (default: [topics] of the vehicle file, else by message type)",
+        help=f"topic of a node, such as left=/imu/left_wheel, or of {', '.join(ROLE_TYPES)}, in a log of "
+        "another program; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- ignores one; repeatable (default: "
+        "[topics] of the vehicle file, else by message type)",
     )
     add_memory_option(parser)
 
 
 def add_memory_option(parser: argparse.ArgumentParser) -> None:
-    """Add --max-memory, which `cli` and `batch` apply while a verb runs."""
+    """Add --max-memory; `cli` and `batch` enforce it while a verb runs."""
     parser.add_argument(
         "--max-memory",
         type=_megabytes,
         metavar="MB",
-        help="memory that reading a file may take; a file that claims more is refused (default: a quarter of "
-        "this computer's)",
+        help="memory limit for reading a file; a file that declares more is refused (default: a quarter of "
+        "the memory of this computer)",
     )
 
 
 def _megabytes(text: str) -> int:
-    """Return bytes from a number of megabytes."""
-    return int(positive(text) * 1e6)
+    """Convert a number of megabytes to bytes."""
+    return int(positive_number(text) * 1e6)
 
 
 def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
-    """--vehicle, for verbs that want nothing else of a vehicle."""
+    """Add --vehicle, for verbs that use it only to interpret a foreign log."""
     parser.add_argument(
         "--vehicle",
         type=Path,
         metavar="TOML",
-        help="its [topics], nodes and wheel_radius, for a log of another program",
+        help="vehicle file whose [topics], nodes and wheel_radius interpret a log of another program",
     )
 
 
 def log_form(
     args: argparse.Namespace, vehicle: Vehicle | None = None, *, needed: Iterable[str] = ALL_ROLES
 ) -> InputFormat:
-    """What the options and `[topics]` say. needed: roles without which the verb cannot do its work.
+    """Return the options and `[topics]` as instructions for reading a log.
 
-    Raises InputError for two units of one sensor and for a --topic that is none.
+    needed: roles (node, gnss, ...) that the verb cannot do without. Raises InputError for two units of one
+    sensor and for an invalid --topic.
     """
     columns = () if args.columns is None else tuple(name.strip() for name in args.columns.split(","))
     channel = getattr(args, "channel", None) or "gz"
@@ -98,21 +99,21 @@ def log_form(
 
 
 def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicSelection:
-    """What --topic and `[topics]` say, as `log_form` has it."""
-    said: dict[str, str] = {}
+    """Return the topic of each role from --topic and `[topics]`; parameters as in `log_form`."""
+    given: dict[str, str] = {}
     for text in args.topic:
         name, _, topic = (part.strip() for part in text.partition("="))
         if not name or not topic or name == NODES_ROLE:
-            raise InputError(f"--topic {text}: write NAME=/TOPIC, as in left=/imu/left_wheel or gnss=/fix")
-        if said.setdefault(name, topic) != topic:
-            raise InputError(f"--topic {name}: is {said[name]} and {topic}; say one")
+            raise InputError(f"--topic {text}: write NAME=/TOPIC, such as left=/imu/left_wheel or gnss=/fix")
+        if given.setdefault(name, topic) != topic:
+            raise InputError(f"--topic {name}: is {given[name]} and {topic}; give one")
     if vehicle is None:
-        return TopicSelection(said, required_roles=frozenset(needed))
+        return TopicSelection(given, required_roles=frozenset(needed))
     on_wheels = {name: mount.side is not None for name, mount in vehicle.nodes.items()}
-    return TopicSelection(said, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
+    return TopicSelection(given, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
 
 
 def check_nodes(recording: Recording, log: Path) -> None:
-    """Raises InputError for a log without a node, which is another thing than one of another name."""
+    """Raise InputError for a log without any node."""
     if not recording.nodes:
         raise InputError(f"{log}: holds no samples of an IMU; hubodo info shows what it has")

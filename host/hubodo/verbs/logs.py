@@ -1,4 +1,4 @@
-"""`hubodo logs`: which logs there are, by vehicle, date and what they say, from the index beside them."""
+"""`hubodo logs`: list, search and summarise logs from their index."""
 
 from __future__ import annotations
 
@@ -21,19 +21,29 @@ EXAMPLE = (
     "  hubodo logs index/ --vehicle van-7 --from 2026-06-01 --search reset"
 )
 
-_SHOWN = 40
+_MAX_LISTED_LOGS = 40
 
 
 @dataclass(frozen=True)
-class Listed:
-    """The logs that were asked for. months: name, logs, hours, gaps."""
+class LogListing:
+    """The logs that match a query.
+
+    Attributes
+    ----------
+    index
+        Folder or URL of the index.
+    logs
+        One row for each log, newest first.
+    months
+        Month, number of logs, hours and number of gaps.
+    """
 
     index: str
     logs: pd.DataFrame
     months: Sequence[tuple[str, int, float, int]]
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it; duration in s, start in ISO 8601, null where it is not known."""
+        """Return the JSON result; duration in s, start in ISO 8601, null where unknown."""
         return {
             "index": self.index,
             "logs": len(self.logs),
@@ -49,7 +59,7 @@ class Listed:
                 {
                     "log": row.log,
                     "vehicle": row.vehicle,
-                    "start": _when(row.start) or None,
+                    "start": _iso_text(row.start) or None,
                     "duration": row.duration if row.duration >= 0.0 else None,
                     "gaps": int(row.gaps) if row.gaps >= 0 else None,
                     "nodes": row.nodes.split(),
@@ -61,7 +71,7 @@ class Listed:
         }
 
     def render(self, console: Console) -> None:
-        """The sums, the months, the newest logs."""
+        """Print totals, one row for each month, then the newest logs."""
         logs = self.logs
         hours, size = logs.duration.sum() / 3600.0, logs["size"].sum() / 1e9
         console.print(
@@ -74,43 +84,62 @@ class Listed:
             by_month.add_row(month, str(count), f"{duration:.1f}", str(gaps))
         console.print(by_month)
         table = Table("start", "vehicle", "s", "gaps", "nodes", "log", box=None)
-        for row in logs.head(_SHOWN).itertuples(index=False):
-            good = row.status == "done"
-            numbers = (f"{row.duration:.0f}", f"{row.gaps:.0f}") if good else ("", "")
-            table.add_row(_when(row.start), row.vehicle, *numbers, row.nodes, row.log)
+        for row in logs.head(_MAX_LISTED_LOGS).itertuples(index=False):
+            is_done = row.status == "done"
+            numbers = (f"{row.duration:.0f}", f"{row.gaps:.0f}") if is_done else ("", "")
+            table.add_row(_iso_text(row.start), row.vehicle, *numbers, row.nodes, row.log)
         console.print(table)
-        if len(logs) > _SHOWN:
-            console.print(f"and {len(logs) - _SHOWN} earlier ones (--json shows all)", highlight=False)
+        if len(logs) > _MAX_LISTED_LOGS:
+            console.print(
+                f"and {len(logs) - _MAX_LISTED_LOGS} earlier ones (--json shows all)", highlight=False
+            )
 
 
-def _when(start: pd.Timestamp) -> str:
+def _iso_text(start: pd.Timestamp) -> str:
     return "" if start != start else start.isoformat(timespec="seconds")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo logs`."""
+    """Add the arguments of `hubodo logs`."""
     parser.add_argument("index", metavar="INDEX", help="folder or URL that `hubodo batch info ... -o` wrote")
-    parser.add_argument("--vehicle", metavar="NAME", help="of this vehicle alone")
+    parser.add_argument("--vehicle", metavar="NAME", help="only logs of this vehicle")
     for option, dest, words in (("--from", "first", "not before"), ("--to", "last", "not after")):
         parser.add_argument(
-            option, dest=dest, type=_day, metavar="DATE", help=f"{words} this day, UTC, as 2026-06-30"
+            option,
+            dest=dest,
+            type=_parse_day,
+            metavar="DATE",
+            help=f"{words} this day (UTC), such as 2026-06-30",
         )
     parser.add_argument(
-        "--search", metavar="TEXT", help="in the path or in what info says: nodes, events, causes, metadata"
+        "--search",
+        metavar="TEXT",
+        help="text in the path, or in the nodes, events, gap causes or metadata of the log",
     )
 
 
-def run(args: argparse.Namespace) -> Listed:
-    """Look into the index."""
+def run(args: argparse.Namespace) -> LogListing:
+    """Query the index.
+
+    Returns
+    -------
+    LogListing
+        The matching logs, newest first, and their totals by month.
+
+    Raises
+    ------
+    InputError
+        If there is no index at the given place.
+    """
     require_extra("batch", "hubodo logs", ("fsspec", "pandas", "pyarrow"))
     from hubodo.fleet.index import Wanted, months, read_index
 
     logs = read_index(args.index, Wanted(args.vehicle, args.first, args.last, args.search))
-    return Listed(args.index, logs, tuple(months(logs)))
+    return LogListing(args.index, logs, tuple(months(logs)))
 
 
-def _day(text: str) -> date:
+def _parse_day(text: str) -> date:
     try:
         return date.fromisoformat(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text[:40]}: write a day as 2026-06-30") from None
+        raise argparse.ArgumentTypeError(f"{text[:40]}: write a day such as 2026-06-30") from None

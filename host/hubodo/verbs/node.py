@@ -1,4 +1,4 @@
-"""`hubodo node`: one node asked who it is, told a setting, to find its gyro's bias, or to start anew."""
+"""`hubodo node`: identify a node, store settings, initialise its gyro bias, or restart it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name
 from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
 from hubodo.terminal import SafeConsole
-from hubodo.verbs.numbers import baud, whole
+from hubodo.verbs.numbers import baud_rate, bounded_integer
 from hubodo.verbs.udp_options import add_udp_arguments
 from hubowire import node_name
 from hubowire.budget import UART_BAUD
@@ -43,10 +43,11 @@ EXAMPLE = (
     "  hubodo node /dev/ttyACM0 bias --kind mean\n  hubodo node /dev/ttyACM0 reboot"
 )
 
-_HEALTH_S, _FILTER_S, _HELLO_S = 2.5, 1.5, 15.0
-_LEAST_SAMPLES, _MOST_SAMPLES = 2000, 65535
-_AT_START = (ConfigKey.RATE_HZ, ConfigKey.GYRO_RANGE_DPS, ConfigKey.ACCEL_RANGE_G, ConfigKey.BATCH)
-_NAMED: dict[ConfigKey, type[IntEnum]] = {
+# Longest wait for each message: health and filter state come about once a second, hello after booting.
+_HEALTH_TIMEOUT_S, _FILTER_TIMEOUT_S, _BOOT_TIMEOUT_S = 2.5, 1.5, 15.0
+_MIN_BIAS_SAMPLES, _MAX_BIAS_SAMPLES = 2000, 65535
+_SAMPLING_KEYS = (ConfigKey.RATE_HZ, ConfigKey.GYRO_RANGE_DPS, ConfigKey.ACCEL_RANGE_G, ConfigKey.BATCH)
+_ENUM_OF_KEY: dict[ConfigKey, type[IntEnum]] = {
     ConfigKey.FILTER_KIND: FilterKind,
     ConfigKey.BIAS_KIND: BiasKind,
 }
@@ -54,9 +55,24 @@ _NAMED: dict[ConfigKey, type[IntEnum]] = {
 
 @dataclass(frozen=True)
 class NodeResult:
-    """What a node is after what was done. done: settings as they were stored.
+    """The state of a node after an action.
 
-    bias_filter: its own estimate, rad/s, None while there is none.
+    Attributes
+    ----------
+    port
+        Port as given.
+    action
+        info, set, bias or reboot.
+    node_id
+        Id of the node on the wire.
+    hello
+        Identification: firmware, board, sensor, settings.
+    health
+        Latest health message, if one was received.
+    bias_filter
+        Bias as estimated by the node, rad/s, or None.
+    stored_settings
+        Settings that were stored.
     """
 
     port: str
@@ -65,30 +81,32 @@ class NodeResult:
     hello: Hello
     health: Health | None = None
     bias_filter: dict[str, float] | None = None
-    done: dict[str, int] = field(default_factory=dict)
+    stored_settings: dict[str, int] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         health = None if self.health is None else _fields(self.health)
         return {
             "port": self.port,
             "action": self.action,
             "node_id": self.node_id,
             "node": node_name(self.node_id),
-            "hello": hello_metadata(self.hello) | _named(self.hello),
+            "hello": hello_metadata(self.hello) | _codes_by_name(self.hello),
             "health": health,
             "faults": _faults(self.health),
             "bias_filter": None
             if self.bias_filter is None
             else {key: None if math.isnan(value) else value for key, value in self.bias_filter.items()},
-            "done": self.done,
+            "done": self.stored_settings,
         }
 
     def render(self, console: Console) -> None:
-        for name, value in self.done.items():
+        """Print the stored settings, then identification, faults, health and bias."""
+        for name, value in self.stored_settings.items():
             console.print(f"{name} = {value}: stored", highlight=False, markup=False)
         title = f"node {self.node_id} ({node_name(self.node_id)}) on {self.port}"
         table = Table(title=title, show_header=False)
-        for key, text in (hello_metadata(self.hello) | _named(self.hello)).items():
+        for key, text in (hello_metadata(self.hello) | _codes_by_name(self.hello)).items():
             table.add_row(key, text)
         if self.health is not None:
             table.add_row("faults", ", ".join(_faults(self.health)) or "none")
@@ -101,7 +119,7 @@ class NodeResult:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The port, what to do there, and with what."""
+    """Add the arguments of `hubodo node`."""
     parser.add_argument(
         "port",
         metavar="PORT",
@@ -110,8 +128,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "action",
         choices=("info", "set", "bias", "reboot"),
-        help="info: what it is and how it fares; set: store settings; bias: the gyro's bias, as --kind says; "
-        "reboot: start anew",
+        help="info: show identification and health; set: store settings; bias: initialise the gyro bias by "
+        "the method of --kind; reboot: restart the node",
     )
     parser.add_argument(
         "settings",
@@ -120,78 +138,94 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with set: " + ", ".join(key.name.lower() for key in ConfigKey),
     )
     parser.add_argument(
-        "--node-id", type=whole(0, 255), metavar="N", help="which node, where several share the line"
+        "--node-id",
+        type=bounded_integer(0, 255),
+        metavar="N",
+        help="id of the node, if several share the line",
     )
     parser.add_argument(
-        "--baud", type=baud, default=UART_BAUD, help=f"of a serial port (default {UART_BAUD})"
+        "--baud", type=baud_rate, default=UART_BAUD, help=f"baud rate of a serial port (default {UART_BAUD})"
     )
     parser.add_argument(
         "--kind",
         choices=[kind.name.lower() for kind in BiasKind],
-        help="with bias: what is known of the rate, stored as bias_kind (default: as it is stored)",
+        help="with bias: method, by what is known of the true rate; stored as bias_kind (default: as stored)",
     )
     parser.add_argument(
         "--samples",
-        type=whole(0, 1_000_000_000),
-        default=_LEAST_SAMPLES,
-        help=f"with bias: how many to use, from {_LEAST_SAMPLES} on (default {_LEAST_SAMPLES})",
+        type=bounded_integer(0, 1_000_000_000),
+        default=_MIN_BIAS_SAMPLES,
+        help=f"with bias: number of samples, at least {_MIN_BIAS_SAMPLES} (default {_MIN_BIAS_SAMPLES})",
     )
     add_udp_arguments(parser)
-    parser.add_argument("--repl", action="store_true", help="with reboot: into the MicroPython prompt")
+    parser.add_argument(
+        "--repl", action="store_true", help="with reboot: restart into the MicroPython prompt"
+    )
 
 
 def run(args: argparse.Namespace) -> NodeResult:
-    """Does one thing with one node.
+    """Perform one action on one node.
 
-    Raises InputError for a setting that does not exist or that the node finds bad, NodeRefused where it says
-    no, LinkError where it does not answer.
+    Returns
+    -------
+    NodeResult
+        The state of the node after the action.
+
+    Raises
+    ------
+    InputError
+        If a setting does not exist or the node rejects its value.
+    NodeRefused
+        If the node refuses the action.
+    LinkError
+        If the node does not answer.
     """
-    wanted = _settings(args)
+    requested = _requested_settings(args)
     port = trusted(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
     with Conversation(port, args.baud, args.node_id) as node:
         with SafeConsole(stderr=True).status(f"{args.port}: waiting for the node") as status:
-            met = node.meet()
+            identification = node.meet()
             if args.action == "set":
-                _set(node, wanted)
+                _store_settings(node, requested)
             elif args.action == "bias":
-                for key, value in wanted:
+                for key, value in requested:
                     node.ask(SetConfig(key, value))
-                status.update(f"{args.port}: {args.samples} samples for the bias")
-                _find_bias(node, args.samples)
+                status.update(f"{args.port}: averaging {args.samples} samples for the bias")
+                _initialise_bias(node, args.samples)
             elif args.action == "reboot":
-                status.update(f"{args.port}: waiting for the node to start again")
+                status.update(f"{args.port}: waiting for the node to restart")
                 node.restart(RebootMode.REPL if args.repl else RebootMode.RUN)
                 if not args.repl:
-                    node.again(_HELLO_S, met.boot_id)
+                    node.again(_BOOT_TIMEOUT_S, identification.boot_id)
             if args.action in ("info", "bias"):
-                node.wait(lambda: node.health is not None, _HEALTH_S)
-                node.wait(lambda: node.filter is not None, _FILTER_S)
-        return _result(args, node, {key.name.lower(): value for key, value in wanted})
+                node.wait(lambda: node.health is not None, _HEALTH_TIMEOUT_S)
+                node.wait(lambda: node.filter is not None, _FILTER_TIMEOUT_S)
+        return _result(args, node, {key.name.lower(): value for key, value in requested})
 
 
-def _settings(args: argparse.Namespace) -> list[tuple[ConfigKey, int]]:
+def _requested_settings(args: argparse.Namespace) -> list[tuple[ConfigKey, int]]:
     if args.action == "set" and not args.settings:
-        raise InputError("set: name at least one setting, such as rate_hz=208")
+        raise InputError("set: give at least one setting, such as rate_hz=208")
     if args.action != "set" and args.settings:
         raise InputError(f"{args.action}: takes no settings; they belong to set")
     if args.action != "bias" and args.kind is not None:
         raise InputError("--kind belongs to bias")
     if args.repl and args.action != "reboot":
         raise InputError("--repl belongs to reboot")
-    if not _LEAST_SAMPLES <= args.samples <= _MOST_SAMPLES:
-        raise InputError(f"--samples {args.samples}: from {_LEAST_SAMPLES} to {_MOST_SAMPLES}")
+    if not _MIN_BIAS_SAMPLES <= args.samples <= _MAX_BIAS_SAMPLES:
+        raise InputError(f"--samples {args.samples}: from {_MIN_BIAS_SAMPLES} to {_MAX_BIAS_SAMPLES}")
     if args.kind is not None:
         return [(ConfigKey.BIAS_KIND, BiasKind[args.kind.upper()])]
-    return [_setting(text) for text in args.settings]
+    return [_parse_setting(text) for text in args.settings]
 
 
-def _setting(text: str) -> tuple[ConfigKey, int]:
-    name, found, value = text.partition("=")
+def _parse_setting(text: str) -> tuple[ConfigKey, int]:
+    name, equals, value = text.partition("=")
     key = ConfigKey.__members__.get(name.strip().upper().replace("-", "_"))
-    if key is None or not found:
+    if key is None or not equals:
         known = ", ".join(key.name.lower() for key in ConfigKey)
         raise InputError(f"{text!r}: write KEY=VALUE with one of {known}")
-    words = _NAMED[key].__members__ if key in _NAMED else {}
+    words = _ENUM_OF_KEY[key].__members__ if key in _ENUM_OF_KEY else {}
     if value.strip().upper() in words:
         return key, int(words[value.strip().upper()])
     try:
@@ -204,26 +238,28 @@ def _setting(text: str) -> tuple[ConfigKey, int]:
     return key, number
 
 
-def _set(node: Conversation, wanted: list[tuple[ConfigKey, int]]) -> None:
-    """Stores settings.
+def _store_settings(node: Conversation, requested: list[tuple[ConfigKey, int]]) -> None:
+    """Store settings in the node.
 
-    Those of sampling are put into force by a start, after which the node says what it has taken.
+    Sampling settings take effect at a new start of sampling, after which the node reports what it uses.
     """
-    for key, value in wanted:
+    for key, value in requested:
         node.ask(SetConfig(key, value))
         if key == ConfigKey.NODE_ID:
             node.now_called(value)
-    if any(key in _AT_START for key, _ in wanted):
+    if any(key in _SAMPLING_KEYS for key, _ in requested):
         node.ask(Start())
     node.meet()
 
 
-def _find_bias(node: Conversation, samples: int) -> None:
+def _initialise_bias(node: Conversation, samples: int) -> None:
     hello = node.hello
     rate = hello.rate_mhz / 1000 if hello is not None and hello.rate_mhz else 100.0
     node.ask(BiasInit(samples), seconds=3.0 * samples / rate + 5.0, tries=1)
     node.filter = None
-    node.wait(lambda: node.filter is not None and node.filter.state == FilterState.TRACKING, _FILTER_S)
+    node.wait(
+        lambda: node.filter is not None and node.filter.state == FilterState.TRACKING, _FILTER_TIMEOUT_S
+    )
 
 
 def _result(args: argparse.Namespace, node: Conversation, done: dict[str, int]) -> NodeResult:
@@ -243,8 +279,8 @@ def _faults(health: Health | None) -> list[str]:
     return [] if health is None else [fault.name.lower() for fault in Fault if fault & health.faults]
 
 
-def _named(hello: Hello) -> dict[str, str]:
-    """Codes by name, and what a log has no need to keep."""
+def _codes_by_name(hello: Hello) -> dict[str, str]:
+    """Return enumerated codes by name, and identification fields that a log does not store."""
     return {
         "board": known_name(Board, hello.board),
         "reset_cause": known_name(ResetCause, hello.reset_cause),

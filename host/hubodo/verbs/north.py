@@ -1,4 +1,4 @@
-"""`hubodo north`: the azimuth of a turntable's zero from Earth rate, in logs or live."""
+"""`hubodo north`: find the azimuth of a turntable's zero from Earth rate, in logs or live."""
 
 from __future__ import annotations
 
@@ -31,109 +31,154 @@ from hubodo.sensors.north.seen import METHODS
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
 from hubodo.verbs.log_options import add_log_options, log_form
-from hubodo.verbs.north_live import check_live, run_live
-from hubodo.verbs.north_plan import Planned, run_plan
-from hubodo.verbs.north_result import FoundNorth
-from hubodo.verbs.numbers import not_negative, number, positive, whole
+from hubodo.verbs.north_live import check_live_options, record_live
+from hubodo.verbs.north_plan import StopPlanResult, run_plan
+from hubodo.verbs.north_result import NorthResult
+from hubodo.verbs.numbers import (
+    UNCALIBRATED_SCALE_SIGMA,
+    bounded_integer,
+    bounded_number,
+    non_negative_number,
+    positive_number,
+)
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
-PROGRAMMES = {"maytag": (0.0, 180.0), "maytag4": (0.0, 180.0, 90.0, 270.0), "east": (0.0, 180.0, 90.0, 270.0)}
-UNCALIBRATED_SCALE = 0.01
-"""1 sigma of the scale of a MEMS gyro as it leaves the factory."""
+STOP_ANGLES_DEG = {
+    "maytag": (0.0, 180.0),
+    "maytag4": (0.0, 180.0, 90.0, 270.0),
+    "east": (0.0, 180.0, 90.0, 270.0),
+}
+"""Table angles of the stops of each method, degrees."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo north`."""
+    """Add the arguments of `hubodo north`."""
     add = parser.add_argument
     add(
         "log",
         type=Path,
         nargs="*",
         metavar="LOG",
-        help="MCAP recording or CSV folder; several of one table that was not moved count together",
+        help="MCAP recording or CSV folder; several logs of one table that was not moved are combined",
     )
     add_log_options(parser)
-    add("--latitude-deg", type=number(), required=True, help="north positive")
-    add("--node", action="append", help="node; again for each that is to be fused (default: the only one)")
+    add("--latitude-deg", type=bounded_number(), required=True, help="latitude, north positive")
+    add("--node", action="append", help="node; repeatable, to combine several (default: the only one)")
     add(
         "--axis",
         action="append",
         choices=("x", "y", "z"),
-        help="gyro axis (default x); again to fuse several",
+        help="gyro axis (default x); repeatable, to combine several",
     )
     add("--method", choices=METHODS, default="maytag", help="how the table was moved (default maytag)")
-    add("--near-deg", type=number(), help="about where table zero points; decides between two answers")
-    add("--settle", type=not_negative, help="s cut at both ends of each stop (default: found from the data)")
-    add("--calibration", type=Path, metavar="TOML", help="all that is known of the nodes' errors")
-    _add_found(parser.add_argument_group("stops and angles from the gyro, where there is no table.csv"))
-    _add_live(parser.add_argument_group("live, instead of a LOG"))
-    noise = parser.add_argument_group("the gyro's noise and what it allows")
+    add(
+        "--near-deg", type=bounded_number(), help="approximate azimuth of table zero, to resolve an ambiguity"
+    )
+    add(
+        "--settle",
+        type=non_negative_number,
+        help="time cut off at both ends of each stop, s (default: detected)",
+    )
+    add("--calibration", type=Path, metavar="TOML", help="calibration of the nodes")
+    _add_detection_arguments(parser.add_argument_group("stops and angles from the gyro, without table.csv"))
+    _add_live_arguments(parser.add_argument_group("live, instead of a LOG"))
+    noise = parser.add_argument_group("gyro noise and planning")
     noise.add_argument(
-        "--allan", type=Path, metavar="JSON", help="noise of the axis, as hubodo allan --json prints it"
+        "--allan", type=Path, metavar="JSON", help="noise of the axis, as printed by hubodo allan --json"
     )
     noise.add_argument(
-        "--plan", action="store_true", help="say which stops to make; --allan or a LOG at rest"
+        "--plan", action="store_true", help="plan the stops, from --allan or a LOG of a stationary node"
     )
     noise.add_argument(
         "--sigma-deg",
-        type=number(high=45.0, above=0.0),
-        help="wanted (with --plan default 1; live: stops there)",
+        type=bounded_number(high=45.0, above=0.0),
+        help="requested sigma of the azimuth (default 1 with --plan; a live run ends there)",
     )
     noise.add_argument(
-        "--turn", type=number(0.0, 3600.0), default=2.0, help="s of a turn, for --plan (default 2)"
+        "--turn",
+        type=bounded_number(0.0, 3600.0),
+        default=2.0,
+        help="duration of a turn for --plan, s (default 2)",
     )
     parser.add_argument(
         "--figure",
         type=drawing_path,
         metavar="PNG",
-        help="fit and residuals of the first gyro: .png, .svg, .pdf",
+        help="write fit and residuals of the first gyro as .png, .svg or .pdf",
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
     trial = parser.add_argument_group("simulated")
     trial.add_argument(
         "--simulate-azimuth-deg",
-        type=number(),
-        help="take a record at rest as the gyro's error, on a simulated table whose zero points there",
+        type=bounded_number(),
+        help="simulate a table with this azimuth of its zero, with a static record as the gyro error",
     )
-    trial.add_argument("--stop", type=positive, default=34.0, help="s, simulated and live stops (default 34)")
     trial.add_argument(
-        "--stops", type=whole(1, 1_000_000), default=20, help="how many, simulated or live (default 20)"
+        "--stop",
+        type=positive_number,
+        default=34.0,
+        help="duration of simulated and live stops, s (default 34)",
+    )
+    trial.add_argument(
+        "--stops",
+        type=bounded_integer(1, 1_000_000),
+        default=20,
+        help="number of simulated or live stops (default 20)",
     )
 
 
-def _add_found(found: argparse._ArgumentGroup) -> None:
-    found.add_argument("--find-stops", action="store_true", help="also where there is a table.csv")
-    found.add_argument(
-        "--step-deg", type=number(1.0, 180.0), help="the table stops at multiples of this only"
+def _add_detection_arguments(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--find-stops", action="store_true", help="detect the stops even if there is a table.csv"
     )
-    found.add_argument(
+    group.add_argument(
+        "--step-deg", type=bounded_number(1.0, 180.0), help="the table stops only at multiples of this angle"
+    )
+    group.add_argument(
         "--scale-sigma",
-        type=number(high=0.2, above=0.0),
-        help="1 sigma of the gyro's scale (default: of the calibration, else 0.01)",
+        type=bounded_number(high=0.2, above=0.0),
+        help="1σ of the gyro scale, relative (default: from the calibration, else 0.01)",
     )
 
 
-def _add_live(live: argparse._ArgumentGroup) -> None:
-    live.add_argument("--live", metavar="PORT", help="the port of a node on a table, recorded now")
-    live.add_argument(
-        "--table", metavar="PORT", help="serial port of the table; without, you are told when to turn it"
+def _add_live_arguments(group: argparse._ArgumentGroup) -> None:
+    group.add_argument("--live", metavar="PORT", help="port of a node on a table, to be recorded now")
+    group.add_argument(
+        "--table",
+        metavar="PORT",
+        help="serial port of the table; without it, prompts say when to turn the table by hand",
     )
-    live.add_argument("-o", "--output", type=Path, metavar="FILE.mcap", help="keep the log; must not exist")
-    live.add_argument(
+    group.add_argument(
+        "-o", "--output", type=Path, metavar="FILE.mcap", help="log to write; it must not exist"
+    )
+    group.add_argument(
         "--resume",
         type=Path,
         action="append",
         default=[],
         metavar="LOG",
-        help="go on from the log of a run that was cut short; the table must not have been moved",
+        help="log of an interrupted run to continue; the table must not have been moved",
     )
 
 
-def run(args: argparse.Namespace) -> FoundNorth | Planned:
-    """Read or record, find north with each axis, put them together."""
+def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
+    """Read or record, estimate north with each axis, and combine the axes.
+
+    Returns
+    -------
+    NorthResult or StopPlanResult
+        The azimuth of table zero with its sigma, or with --plan the stops to make.
+
+    Raises
+    ------
+    InputError
+        If options contradict each other, a node is missing, or the stops do not suffice.
+    LinkError
+        If node or table of a live run fail.
+    """
     horizontal_rate(math.radians(args.latitude_deg))
-    _check(args)
+    _check_arguments(args)
     if args.plan:
         return run_plan(args)
     calibration = None if args.calibration is None else read_calibration(args.calibration)
@@ -144,24 +189,24 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
             for log in args.log or args.resume
         ]
     if args.live is not None:
-        check_live(args)
-        earlier = _earlier(args, recordings, calibration)
-        live = run_live(args, tuple(np.radians(PROGRAMMES[args.method])), calibration, earlier)
+        check_live_options(args)
+        earlier = _previous_estimates(args, recordings, calibration)
+        live = record_live(args, tuple(np.radians(STOP_ANGLES_DEG[args.method])), calibration, earlier)
         recordings.append(live.recording)
     with progress_line() as show:
         nodes = args.node or ([live.node] if live is not None else _only_node(args, recordings[0]))
-        gyros, warnings, used = _gyros(args, recordings, nodes, calibration, show)
+        gyros, warnings, used = _estimate_gyros(args, recordings, nodes, calibration, show)
     azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
     if len(gyros) > 1:
-        found = [north for *_, north in gyros]
-        angle_sigma = max(north.angle_sigma for north in found)
-        azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in found], angle_sigma)
+        estimates = [north for *_, north in gyros]
+        angle_sigma = max(north.angle_sigma for north in estimates)
+        azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in estimates], angle_sigma)
     if args.report is not None:
         lead = north_lead(azimuth, sigma)
         write_atomically(args.report, page("North", lead, north_sections(gyros, warnings)))
     if args.figure is not None:
         save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
-    return FoundNorth(
+    return NorthResult(
         args.latitude_deg,
         azimuth,
         sigma,
@@ -175,29 +220,29 @@ def run(args: argparse.Namespace) -> FoundNorth | Planned:
     )
 
 
-def _check(args: argparse.Namespace) -> None:
-    """Raises InputError for arguments that do not go together, or are none."""
+def _check_arguments(args: argparse.Namespace) -> None:
+    """Raise InputError for options that contradict each other or are missing."""
     if args.plan:
         return
     if args.sigma_deg is not None and args.live is None:
         raise InputError("--sigma-deg goes with --plan, and with --live PORT")
     if bool(args.log) == (args.live is not None):
-        raise InputError("give a LOG, or --live PORT for a node on a table, one of the two")
+        raise InputError("give either a LOG, or --live PORT for a node on a table")
     if args.live is None and (args.table is not None or args.output is not None or args.resume):
         raise InputError("--table, -o and --resume go with --live PORT")
 
 
-def _earlier(
+def _previous_estimates(
     args: argparse.Namespace, recordings: Sequence[Recording], calibration: Calibration | None
 ) -> Mapping[str, North]:
-    """What the logs to go on from tell by themselves, by axis; nothing where they have too few stops yet."""
+    """Return the north estimate by axis from the logs to continue; empty if they hold too few stops."""
     if not recordings:
         return {}
     nodes = args.node or _only_node(args, recordings[0])
     try:
-        gyros, *_ = _gyros(args, recordings, nodes, calibration, lambda text, share: None)
+        gyros, *_ = _estimate_gyros(args, recordings, nodes, calibration, lambda text, share: None)
     except InputError as error:
-        print(f"{args.resume[0]}: counts, but tells nothing by itself yet: {error}", file=sys.stderr)
+        print(f"{args.resume[0]}: used, but not yet sufficient by itself: {error}", file=sys.stderr)
         return {}
     return {axis: north for _, axis, north in gyros}
 
@@ -205,57 +250,57 @@ def _earlier(
 def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     nodes = list(recording.nodes)
     if len(nodes) != 1:
-        raise InputError(f"{_name(args, 0)}: say --node with one of: {', '.join(nodes) or 'none'}")
+        raise InputError(f"{_log_name(args, 0)}: give --node with one of: {', '.join(nodes) or 'none'}")
     return nodes
 
 
-Gyros = tuple[tuple[str, str, North], ...]
+GyroEstimates = tuple[tuple[str, str, North], ...]
 
 
-def _gyros(
+def _estimate_gyros(
     args: argparse.Namespace,
     recordings: Sequence[Recording],
     nodes: Sequence[str],
     calibration: Calibration | None,
     show: Callable[[str, float], None],
-) -> tuple[Gyros, tuple[str, ...], Mapping[str, Any]]:
-    """(node, axis, what it found) of each axis asked for, the warnings of all, the calibration as applied."""
-    wanted = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
+) -> tuple[GyroEstimates, tuple[str, ...], Mapping[str, Any]]:
+    """Return (node, axis, estimate) of each requested axis, the warnings, and the calibration as applied."""
+    requested = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
     gyros: list[tuple[str, str, North]] = []
     warnings: list[str] = []
     corrected: list[Mapping[str, Table]] = []
     used: dict[str, Any] = {}
-    for place, recording in enumerate(recordings):
-        check_units(recording, nodes, _name(args, place))
-        tables, applied, said = _corrected(_name(args, place), recording, nodes, calibration)
+    for index, recording in enumerate(recordings):
+        check_units(recording, nodes, _log_name(args, index))
+        tables, applied, notes = _calibrated_tables(_log_name(args, index), recording, nodes, calibration)
         corrected.append(tables)
         used |= applied
-        warnings += said
+        warnings += notes
     drift = None if args.allan is None else drift_of_allan(args.allan)
-    for node, axis in wanted:
-        show(f"{node} {axis}", len(gyros) / len(wanted))
+    for node, axis in requested:
+        show(f"{node} {axis}", len(gyros) / len(requested))
         records = []
         for recording, tables in zip(recordings, corrected, strict=True):
-            record, said = _record(args, recording, tables[node], axis, calibration, node)
+            record, notes = _axis_record(args, recording, tables[node], axis, calibration, node)
             records.append(record)
-            warnings += [f"{node} {axis}: {text}" for text in said]
+            warnings += [f"{node} {axis}: {text}" for text in notes]
         near = None if args.near_deg is None else math.radians(args.near_deg)
         latitude = math.radians(args.latitude_deg)
-        found = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
-        gyros.append((node, axis, found))
-        warnings += [f"{node} {axis}: {text}" for text in found.warnings]
+        estimate = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
+        gyros.append((node, axis, estimate))
+        warnings += [f"{node} {axis}: {text}" for text in estimate.warnings]
     return tuple(gyros), tuple(dict.fromkeys(warnings)), used
 
 
-def _name(args: argparse.Namespace, place: int) -> str:
+def _log_name(args: argparse.Namespace, index: int) -> str:
     logs = args.log or args.resume
-    return str(logs[place]) if place < len(logs) else "the recording"
+    return str(logs[index]) if index < len(logs) else "the recording"
 
 
-def _corrected(
+def _calibrated_tables(
     log: str, recording: Recording, nodes: Sequence[str], calibration: Calibration | None
 ) -> tuple[Mapping[str, Table], Mapping[str, Any], list[str]]:
-    """The nodes asked for with the calibration applied, what of it was, and what must be said."""
+    """Return the calibrated tables of the nodes, the calibration as applied, and warnings."""
     for node in nodes:
         if node not in recording.nodes:
             raise InputError(f"{log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
@@ -275,7 +320,7 @@ def _corrected(
     return applied.nodes, applied.summaries, list(applied.warnings)
 
 
-def _record(
+def _axis_record(
     args: argparse.Namespace,
     recording: Recording,
     node: Table,
@@ -283,42 +328,44 @@ def _record(
     calibration: Calibration | None,
     name: str,
 ) -> tuple[AxisRecord, list[str]]:
-    """One axis of one recording, on its table, on the one found, or on a simulated one."""
+    """Return the record of one axis: with the given table angles, with detected ones, or simulated."""
     if args.simulate_azimuth_deg is not None:
-        return _simulated(args, node, axis)
+        return _simulated_record(args, node, axis)
     latitude = math.radians(args.latitude_deg)
     table = None if args.find_stops else recording.table
     if table is None and args.method == "carousel":
-        raise InputError("a carousel needs table.csv (t,angle,moving): turns alone do not tell its angle")
+        raise InputError(
+            "a carousel needs table.csv (t,angle,moving): the gyro alone does not give its angle"
+        )
     if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
-        raise InputError("several logs count together only where table.csv tells their common angles")
+        raise InputError("several logs can be combined only if table.csv gives their angles")
     step = None if args.step_deg is None else math.radians(args.step_deg)
     ranges = node_ranges(NodeMount(), of_node(recording.metadata, name), recording.nodes[name])
     limit = ranges.limits["gyro_limit"]
-    found = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
-    return axis_record(node, axis, table, latitude, found)
+    detection = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
+    return axis_record(node, axis, table, latitude, detection)
 
 
 def _scale_sigma(args: argparse.Namespace, calibration: Calibration | None, node: str) -> float:
-    """1 sigma of the relative scale: as given, else the calibration's, else that of a gyro off the shelf."""
+    """Return the relative 1σ of the gyro scale: as given, else calibrated, else typical of MEMS gyros."""
     if args.scale_sigma is not None:
         return float(args.scale_sigma)
     if calibration is not None and "gyro_scale_factor" in calibration.nodes[node].effects:
         known = calibration.nodes[node].effects["gyro_scale_factor"].parameters.values()
         return max(quantity.sigma for quantity in known)
-    return UNCALIBRATED_SCALE
+    return UNCALIBRATED_SCALE_SIGMA
 
 
-def _simulated(args: argparse.Namespace, node: Table, axis: str) -> tuple[AxisRecord, list[str]]:
-    """The record at rest as the error of a gyro on a table that makes the method's stops."""
-    if args.method not in PROGRAMMES:
+def _simulated_record(args: argparse.Namespace, node: Table, axis: str) -> tuple[AxisRecord, list[str]]:
+    """Return a simulated record: the static record as gyro error on a table that makes the stops."""
+    if args.method not in STOP_ANGLES_DEG:
         raise InputError(f"--simulate-azimuth-deg makes stops; it cannot be used with --method {args.method}")
-    angles = np.resize(np.radians(PROGRAMMES[args.method]), max(0, args.stops))
+    angles = np.resize(np.radians(STOP_ANGLES_DEG[args.method]), max(0, args.stops))
     if len(angles) < 4 or not args.stop > 1:
-        raise InputError(f"--stops {args.stops} --stop {args.stop}: give 4 stops of more than 1 s at least")
+        raise InputError(f"--stops {args.stops} --stop {args.stop}: give at least 4 stops of more than 1 s")
     mount = mounted(node, axis)
     azimuth = math.radians(args.simulate_azimuth_deg) - mount.mounting
     dt = float(np.median(np.diff(node.t)))
     table = SimulatedTable(node["g" + axis], dt, azimuth, math.radians(args.latitude_deg))
-    t, rate, made = simulate_stops(table, angles, args.stop)
-    return AxisRecord(t, rate, made, mount.mounting), list(mount.warnings)
+    t, rate, stops = simulate_stops(table, angles, args.stop)
+    return AxisRecord(t, rate, stops, mount.mounting), list(mount.warnings)

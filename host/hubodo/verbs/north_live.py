@@ -1,4 +1,4 @@
-"""The live part of `hubodo north`: a table is turned from stop to stop while the node on it is recorded."""
+"""`hubodo north --live`: turn a table from stop to stop while recording the node on it."""
 
 from __future__ import annotations
 
@@ -27,20 +27,32 @@ from hubodo.sensors.north.table import HandTable, SerialTable, Turntable
 from hubodo.sensors.north.tally import Tally
 from hubodo.version import __version__
 
-SETTLE_S = 1.0
-"""After a turn, before a stop counts: the transient of a table on a bench."""
-TABLE_ANSWER_S = 2.0
-"""For a table to answer a line."""
+SETTLE_S = 1.0  # s
+"""Settling time of a bench table after a turn, before a stop counts."""
+TABLE_TIMEOUT_S = 2.0  # s
+"""Longest wait for the answer of a table to a command."""
 _TABLE_BAUD = 115200
-_LOOK_S = 1.0
-_FEWEST_STOPS = 4
-_FEWEST_SAMPLES, _TRIES = 20, 3
-"""Samples that make a stop, and how often it is made again where fewer came."""
+_LEVEL_CHECK_S = 1.0
+_MIN_STOPS = 4
+_MIN_STOP_SAMPLES, _MAX_ATTEMPTS = 20, 3
+"""Fewest samples of a valid stop, and how often a stop is measured before it fails."""
 
 
 @dataclass(frozen=True)
-class LiveProgramme:
-    """What was recorded, the node's name, and where the loop of `east` came to rest (axis frame)."""
+class LiveRecording:
+    """The recording of a live run.
+
+    Attributes
+    ----------
+    recording
+        The recorded log, read again.
+    node
+        Name of the node.
+    east
+        Result of the east-seeking loop, axis frame; None for other methods.
+    east_table_angle
+        Final table angle of the loop, rad.
+    """
 
     recording: Recording
     node: str
@@ -48,11 +60,11 @@ class LiveProgramme:
     east_table_angle: float | None
 
 
-def check_live(args: argparse.Namespace) -> None:
-    """Raises InputError for what cannot be done live, before anything moves."""
+def check_live_options(args: argparse.Namespace) -> None:
+    """Raise InputError for options that do not work live, before the table moves."""
     if args.method == "carousel":
         raise InputError(
-            "--live makes stops; for a carousel record with hubodo record and put table.csv beside it"
+            "--live makes stops; for a carousel use hubodo record and put table.csv beside the log"
         )
     if args.simulate_azimuth_deg is not None:
         raise InputError("--simulate-azimuth-deg goes with a LOG, not with --live")
@@ -60,53 +72,55 @@ def check_live(args: argparse.Namespace) -> None:
         raise InputError("--method east turns one axis to the east; give one --axis")
     if len(args.node or []) > 1:
         raise InputError("--live takes one node; give one --node")
-    if args.stops < _FEWEST_STOPS or not args.stop >= 1.0:
-        raise InputError(f"--stops {args.stops} --stop {args.stop:g}: give 4 stops of 1 s at least")
+    if args.stops < _MIN_STOPS or not args.stop >= 1.0:
+        raise InputError(f"--stops {args.stops} --stop {args.stop:g}: give at least 4 stops of at least 1 s")
     if args.method == "east" and args.stops < FEWEST_STEPS * STOPS_A_STEP:
-        raise InputError(f"--stops {args.stops}: east-seeking takes 12 at least, three for each step")
+        raise InputError(f"--stops {args.stops}: east-seeking needs at least 12, three for each step")
     if args.output is not None and args.output.suffix != ".mcap":
-        raise InputError(f"{args.output}: the log is an MCAP file; choose a name that ends in .mcap")
+        raise InputError(f"{args.output}: the log is an MCAP file; choose a name with the suffix .mcap")
     horizontal_rate(math.radians(args.latitude_deg))
 
 
-def run_live(
+def record_live(
     args: argparse.Namespace,
     angles: tuple[float, ...],
     calibration: Calibration | None,
-    earlier: Mapping[str, North],
-) -> LiveProgramme:
-    """Make the method's stops, record them, and read the record again.
+    previous: Mapping[str, North],
+) -> LiveRecording:
+    """Make the stops of the method, record them, and read the log again.
 
-    angles: rad, of the stops, begun anew when they are through. earlier: by axis, what the records before
-    this one told. Raises InputError and LinkError of node and table; what was recorded until then stays in
-    `--output`.
+    angles: table angles of the stops, rad, repeated in turn. previous: by axis, the north estimate of logs
+    that this run continues. Raises InputError and LinkError of node and table; what was recorded until then
+    stays in `--output`.
     """
     node = args.node[0] if args.node else None
     metadata = {"hubodo": __version__, "verb": "north", "ports": args.live}
     with contextlib.ExitStack() as stack:
-        table = stack.enter_context(_table(args.table))
+        table = stack.enter_context(_open_table(args.table))
         out = args.output
         if out is None:
             out = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-north-"))) / "log.mcap"
-        found = turned = None
-        stream = NodeStream(args.live, out, node=node, metadata=metadata, say=_say)
+        east = table_angle = None
+        stream = NodeStream(args.live, out, node=node, metadata=metadata, say=_print_line)
         try:
             with stream:
-                session = _Session(args, stream, table, calibration, earlier)
+                session = _Session(args, stream, table, calibration, previous)
                 if args.method == "east":
-                    found, turned = session.seek()
+                    east, table_angle = session.seek_east()
                 else:
-                    session.stops(angles)
+                    session.make_stops(angles)
         except BaseException:
             if args.output is not None and out.exists():
-                _say(f"what was recorded is in {out}; go on with --resume {out} and another -o")
+                _print_line(
+                    f"the recording until now is in {out}; continue with --resume {out} and another -o"
+                )
             raise
         assert stream.node is not None
-        return LiveProgramme(read_recording(out), stream.node, found, turned)
+        return LiveRecording(read_recording(out), stream.node, east, table_angle)
 
 
 class _Session:
-    """Turning, waiting and measuring, and the account of it in the log."""
+    """A live session: turns the table, waits, measures, and logs the table angle."""
 
     def __init__(
         self,
@@ -120,54 +134,54 @@ class _Session:
         self._earlier = earlier
         self._axes: list[str] = args.axis or ["x"]
         self._settle = SETTLE_S if args.settle is None else args.settle
-        self._wanted = None if args.sigma_deg is None else math.radians(args.sigma_deg)
-        self._done = 0
-        self._asked = self._angle = math.nan
+        self._target_sigma = None if args.sigma_deg is None else math.radians(args.sigma_deg)
+        self._stop_count = 0
+        self._target = self._angle = math.nan
         self._correction: SampleCorrection | None = None
 
-    def stops(self, angles: tuple[float, ...]) -> None:
-        """One stop at each of `angles`, rad, over and over; at most --stops, or until sigma is reached."""
-        done = max((sum(map(len, north.stops)) for north in self._earlier.values()), default=0)
-        self._turn(angles[done % len(angles)])
+    def make_stops(self, angles: tuple[float, ...]) -> None:
+        """Stop at each of `angles` (rad) in turn, until --stops or the requested sigma is reached."""
+        previous = max((sum(map(len, north.stops)) for north in self._earlier.values()), default=0)
+        self._turn_table(angles[previous % len(angles)])
         mounts = {axis: self._mount(axis) for axis in self._axes}
         tallies = {axis: self._tally(axis, mounts[axis]) for axis in self._axes}
         for count in range(self._args.stops):
-            self._turn(angles[(done + count) % len(angles)])
+            self._turn_table(angles[(previous + count) % len(angles)])
             t, gyro, _ = self._measure(self._args.stop)
             for axis, tally in tallies.items():
                 tally.add(t, gyro[:, "xyz".index(axis)], self._angle + mounts[axis].mounting)
-            if (count + 1) % len(angles) == 0 and self._reached(list(tallies.values())):
+            if (count + 1) % len(angles) == 0 and self._is_sigma_reached(list(tallies.values())):
                 break
 
-    def seek(self) -> tuple[East, float]:
-        """The loop that turns the axis to the east; leaves it there. Gives the table's angle there too."""
+    def seek_east(self) -> tuple[East, float]:
+        """Turn the axis east in a closed loop; return the result and the final table angle, rad."""
         axis = self._axes[0]
-        self._turn(0.0)
+        self._turn_table(0.0)
         mount = self._mount(axis)
         session = self
 
         class AxisTable:
-            """The table in angles of the axis instead of its own."""
+            """The table in axis angles instead of table angles."""
 
             def turn_to(self, angle: float) -> float:
-                session._turn(angle - mount.mounting)
+                session._turn_table(angle - mount.mounting)
                 return session._angle + mount.mounting
 
         def measure(duration: float) -> tuple[Array, Array]:
             t, gyro, _ = session._measure(duration)
             return t, gyro[:, "xyz".index(axis)]
 
-        found = seek_east(
+        east = seek_east(
             AxisTable(),
             measure,
             self._horizontal(mount),
             stop=self._args.stop,
             steps=self._args.stops // STOPS_A_STEP,
-            sigma=self._wanted,
+            sigma=self._target_sigma,
             tally=self._tally(axis, mount),
         )
-        self._turn(found.angle - mount.mounting)
-        return found, self._angle
+        self._turn_table(east.angle - mount.mounting)
+        return east, self._angle
 
     def _horizontal(self, mount: Mount) -> float:
         return horizontal_rate(math.radians(self._args.latitude_deg)) * mount.level
@@ -177,90 +191,94 @@ class _Session:
         near = None if self._args.near_deg is None else math.radians(self._args.near_deg)
         return Tally(self._horizontal(mount), earlier, near)
 
-    def _reached(self, tallies: Sequence[Tally]) -> bool:
-        """Whether the axes together know azimuth as well as asked for; says how well."""
-        if self._wanted is None:
+    def _is_sigma_reached(self, tallies: Sequence[Tally]) -> bool:
+        """Return True if the combined azimuth has the requested sigma; print the estimate so far."""
+        if self._target_sigma is None:
             return False
-        known = [azimuth for azimuth in (tally.azimuth() for tally in tallies) if azimuth is not None]
-        if not known:
+        estimates = [azimuth for azimuth in (tally.azimuth() for tally in tallies) if azimuth is not None]
+        if not estimates:
             return False
-        sigma = sum(sigma**-2 for _, sigma in known) ** -0.5
-        _say(f"azimuth {math.degrees(known[0][0]) % 360:.2f}° ± {math.degrees(sigma):.2f}° so far")
-        return bool(sigma <= self._wanted)
+        sigma = sum(sigma**-2 for _, sigma in estimates) ** -0.5
+        _print_line(f"azimuth {math.degrees(estimates[0][0]) % 360:.2f}° ± {math.degrees(sigma):.2f}° so far")
+        return bool(sigma <= self._target_sigma)
 
     def _mount(self, axis: str) -> Mount:
-        """Raises InputError when the axis is too steep, before the table makes all its stops."""
-        _, gyro, accel = self._measure(_LOOK_S, count=False)
+        """Measure how the axis is mounted; raise InputError early if it is too far from horizontal."""
+        _, gyro, accel = self._measure(_LEVEL_CHECK_S, count=False)
         return mount_of(gyro, accel, axis)
 
-    def _turn(self, angle: float) -> None:
-        """Nothing where the table stands there already; else turns, notes it in the log, lets it settle."""
-        if angle == self._asked:
+    def _turn_table(self, angle: float) -> None:
+        """Turn the table unless it is already there, log the angle, and let it settle."""
+        if angle == self._target:
             return
         if not math.isnan(self._angle):
             self._stream.table(self._angle, moving=True)
         self._angle = self._table.turn_to(angle)
-        self._asked = angle
+        self._target = angle
         self._stream.table(self._angle, moving=False)
         self._stream.measure(self._settle)
 
     def _measure(self, duration: float, *, count: bool = True) -> tuple[Array, Array, Array]:
-        """t (N,) s, gyro (N, 3) rad/s and accel (N, 3) m/s², calibrated."""
+        """Return t (N,) s, gyro (N, 3) rad/s and accel (N, 3) m/s² of one stop, calibrated."""
         if count:
-            self._done += 1
+            self._stop_count += 1
             degrees = math.degrees(self._angle) % 360
-            _say(f"stop {self._done}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table")
+            _print_line(
+                f"stop {self._stop_count}, at {degrees:.1f}°: {duration:.0f} s; do not touch the table"
+            )
         samples = self._samples(duration)
         if self._correction is None:
-            self._correction = self._known()
-        # Neither age nor temperature: they move the bias, which turning about takes out here; the log that is
-        # read in the end has both.
+            self._correction = self._node_correction()
+        # Without age and temperature: they only shift the bias, which reversing the axis cancels; the final
+        # evaluation of the log uses both.
         gyro, accel = self._correction.apply(samples.gyro, samples.accel)
         return samples.t, gyro, accel
 
     def _samples(self, duration: float) -> Samples:
-        """Measured again where a computer that is too busy lost them. Raises LinkError when that goes on."""
-        for left in reversed(range(_TRIES)):
+        """Measure a stop, again if a busy computer lost samples; raise LinkError if that persists."""
+        for attempts_left in reversed(range(_MAX_ATTEMPTS)):
             samples = self._stream.measure(duration)
-            if len(samples.t) >= _FEWEST_SAMPLES:
+            if len(samples.t) >= _MIN_STOP_SAMPLES:
                 return samples
-            if left:
-                _say(f"{len(samples.t)} samples in {duration:g} s: measured again")
+            if attempts_left:
+                _print_line(f"{len(samples.t)} samples in {duration:g} s: measuring again")
         raise LinkError(
-            f"{self._args.live}: {len(samples.t)} samples in {duration:g} s, {_TRIES} times; "
-            "hubodo doctor looks for what loses them"
+            f"{self._args.live}: {len(samples.t)} samples in {duration:g} s, {_MAX_ATTEMPTS} times; "
+            "hubodo doctor finds the cause of the losses"
         )
 
-    def _known(self) -> SampleCorrection:
-        """Raises InputError and CalibrationError for a calibration of another node, before all stops."""
+    def _node_correction(self) -> SampleCorrection:
+        """Return the calibration of the node; raise InputError or CalibrationError if it is another's."""
         if self._calibration is None:
             return SampleCorrection.from_calibration(NodeCalibration())
-        name, known = self._stream.node or "", self._calibration.nodes
-        if name not in known:
-            raise InputError(f"--calibration holds no node {name!r}; it has {', '.join(known) or 'none'}")
-        check_serial(name, known[name], self._stream.serial)
-        return SampleCorrection.from_calibration(known[name])
+        name, nodes = self._stream.node or "", self._calibration.nodes
+        if name not in nodes:
+            raise InputError(f"--calibration holds no node {name!r}; it has {', '.join(nodes) or 'none'}")
+        check_serial(name, nodes[name], self._stream.serial)
+        return SampleCorrection.from_calibration(nodes[name])
 
 
 @contextlib.contextmanager
-def _table(port: str | None) -> Iterator[Turntable]:
-    """The table on a serial port, asked once whether it is one; or one that is turned by hand."""
+def _open_table(port: str | None) -> Iterator[Turntable]:
+    """Open the table on a serial port and check that it answers, or yield one that is turned by hand."""
     if port is None:
-        yield HandTable(_ask)
+        yield HandTable(_prompt)
         return
     try:
-        line = serial.Serial(port, _TABLE_BAUD, timeout=TABLE_ANSWER_S, exclusive=True)
+        line = serial.Serial(port, _TABLE_BAUD, timeout=TABLE_TIMEOUT_S, exclusive=True)
     except (OSError, ValueError) as error:
-        raise LinkError(f"--table {port}: {error}; check the port and who else has it open") from error
+        raise LinkError(
+            f"--table {port}: {error}; check the port and which other program has it open"
+        ) from error
     with line:
         yield SerialTable(line)
 
 
-def _ask(line: str) -> str:
-    """Asks on stderr, as stdout is for the result."""
+def _prompt(line: str) -> str:
+    """Prompt on stderr, as stdout is for the result, and return the answer."""
     print(line, end="", file=sys.stderr, flush=True)
     return input()
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
     print(line, file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`hubodo north --plan`: which stops a gyro needs, from its Allan curve, before a table turns."""
+"""`hubodo north --plan`: plan the stops for a gyro from its Allan deviation, before a table turns."""
 
 from __future__ import annotations
 
@@ -23,8 +23,20 @@ from hubodo.verbs.log_options import log_form
 
 
 @dataclass(frozen=True)
-class Planned:
-    """The programmes of one axis, and what sigma was asked for."""
+class StopPlanResult:
+    """The measurement plans of one axis.
+
+    Attributes
+    ----------
+    latitude_deg
+        Latitude, degrees.
+    sigma_deg
+        Requested sigma of the azimuth, degrees.
+    turn
+        Duration of a turn of the table, s.
+    plan
+        The shortest plan for the requested sigma, and the best plan for each duration.
+    """
 
     latitude_deg: float
     sigma_deg: float
@@ -32,22 +44,22 @@ class Planned:
     plan: StopPlan
 
     def as_json(self) -> dict[str, Any]:
-        """Times in s, angles in degrees, N, B, K in SI."""
+        """Return the JSON result: times in s, angles in degrees, N, B, K in SI units."""
         drift = self.plan.drift
         return {
             "latitude_deg": self.latitude_deg,
             "turn": self.turn,
             "drift": {"N": drift.n, "B": drift.b, "K": drift.k},
             "best": [
-                {**_advice(advice), "white_noise_bound_deg": math.degrees(bound)}
+                {**_advice_json(advice), "white_noise_bound_deg": math.degrees(bound)}
                 for advice, bound in self.plan.best
             ],
             "wanted_sigma_deg": self.sigma_deg,
-            "wanted": None if self.plan.wanted is None else _advice(self.plan.wanted),
+            "wanted": None if self.plan.wanted is None else _advice_json(self.plan.wanted),
         }
 
     def render(self, console: Console) -> None:
-        """What to do for the sigma that was asked for, then the best of each time."""
+        """Print the plan for the requested sigma, then the best plan for each duration."""
         wanted = self.plan.wanted
         console.print(
             f"{self.sigma_deg:g}° cannot be reached within a day with this gyro"
@@ -56,7 +68,7 @@ class Planned:
             f"{wanted.stop:g} s at 0, 180, 90, 270 degrees (sigma {math.degrees(wanted.sigma):.2f}°)",
             highlight=False,
         )
-        table = Table("minutes", "stops", "of, s", "sigma, °", "white noise alone, °")
+        table = Table("minutes", "stops", "stop, s", "sigma, °", "white noise alone, °")
         for advice, bound in self.plan.best:
             table.add_row(
                 f"{advice.time / 60:.0f}",
@@ -68,24 +80,24 @@ class Planned:
         console.print(table)
 
 
-def run_plan(args: argparse.Namespace) -> Planned:
-    """Noise from `--allan`, or from a LOG at rest. Raises InputError without either."""
+def run_plan(args: argparse.Namespace) -> StopPlanResult:
+    """Plan with the noise of `--allan` or of a stationary LOG; raise InputError without either."""
     horizontal = horizontal_rate(math.radians(args.latitude_deg))
     sigma_deg = 1.0 if args.sigma_deg is None else args.sigma_deg
     if args.allan is None and len(args.log) != 1:
-        raise InputError("--plan needs the gyro's noise: give --allan JSON, or one LOG at rest")
-    drift = _at_rest(args) if args.allan is None else drift_of_allan(args.allan)
-    found = plan(drift, horizontal, math.radians(sigma_deg), args.turn)
-    return Planned(args.latitude_deg, sigma_deg, args.turn, found)
+        raise InputError("--plan needs the gyro's noise: give --allan JSON, or one LOG of a stationary node")
+    drift = _drift_from_log(args) if args.allan is None else drift_of_allan(args.allan)
+    stop_plan = plan(drift, horizontal, math.radians(sigma_deg), args.turn)
+    return StopPlanResult(args.latitude_deg, sigma_deg, args.turn, stop_plan)
 
 
-def _at_rest(args: argparse.Namespace) -> Drift:
+def _drift_from_log(args: argparse.Namespace) -> Drift:
     log = args.log[0]
     with progress_line() as show:
         nodes = read_log(log, input_format=log_form(args, needed=()), progress=show).nodes
     name = str(args.node[0]) if args.node else next(iter(nodes)) if len(nodes) == 1 else ""
     if name not in nodes:
-        raise InputError(f"{log}: say --node with one of: {', '.join(nodes) or 'none'}")
+        raise InputError(f"{log}: give --node with one of: {', '.join(nodes) or 'none'}")
     node, axis = nodes[name], (args.axis or ["x"])[0]
     try:
         check_units(node.gyro, node.accel)
@@ -95,7 +107,7 @@ def _at_rest(args: argparse.Namespace) -> Drift:
         raise InputError(f"{log}, {name} g{axis}: {error}") from None
 
 
-def _advice(advice: Advice) -> dict[str, float]:
+def _advice_json(advice: Advice) -> dict[str, float]:
     return {
         "stop": advice.stop,
         "stops": advice.count,

@@ -1,4 +1,4 @@
-"""What `hubodo north` found, as JSON and as words and tables in a terminal."""
+"""The result of `hubodo north`: as JSON, and as text and tables on a terminal."""
 
 from __future__ import annotations
 
@@ -19,8 +19,28 @@ from hubodo.sensors.north.report import advice, advice_words, gyro_json
 
 
 @dataclass(frozen=True)
-class FoundNorth:
-    """Azimuth of table zero: from one axis, or from several together."""
+class NorthResult:
+    """The azimuth of table zero from one axis, or from several axes combined.
+
+    Attributes
+    ----------
+    latitude_deg
+        Latitude, degrees.
+    azimuth, sigma
+        Azimuth of table zero clockwise from north and its sigma, rad.
+    gyros
+        Node, axis and north estimate of each gyro.
+    warnings
+        One line each.
+    calibration
+        Calibration that was applied, by node.
+    simulated_azimuth
+        True azimuth of a simulated table, rad.
+    output
+        Path of the log of a live run.
+    east, east_table_angle
+        Steps of the east-seeking loop, and its final table angle, rad.
+    """
 
     latitude_deg: float
     azimuth: float
@@ -34,9 +54,9 @@ class FoundNorth:
     east_table_angle: float | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """One object; angles in degrees, rates in rad/s, times in s."""
+        """Return the JSON result: angles in degrees, rates in rad/s, times in s."""
         first = self.gyros[0][2]
-        made: dict[str, Any] = {
+        summary: dict[str, Any] = {
             "azimuth_deg": math.degrees(self.azimuth) % 360,
             "sigma_deg": math.degrees(self.sigma),
             "rate": [float(r) for r in first.rates],
@@ -49,11 +69,11 @@ class FoundNorth:
             "advice": advice(first),
         }
         if self.calibration:
-            made["calibration"] = {node: dict(used) for node, used in self.calibration.items()}
+            summary["calibration"] = {node: dict(used) for node, used in self.calibration.items()}
         if self.output is not None:
-            made["output"] = self.output
+            summary["output"] = self.output
         if self.east is not None and self.east_table_angle is not None:
-            made["east"] = {
+            summary["east"] = {
                 "table_angle_deg": math.degrees(self.east_table_angle) % 360,
                 "steps": [
                     {"axis_angle_deg": math.degrees(step.angle), "rate": step.rate}
@@ -61,33 +81,33 @@ class FoundNorth:
                 ],
             }
         if self.simulated_azimuth is not None:
-            made["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
-            made["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
-        return made
+            summary["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
+            summary["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+        return summary
 
     def render(self, console: Console) -> None:
-        """The azimuth, each gyro with the classical filters, and what the next record should be."""
+        """Print the azimuth, each gyro with the classical filters, and advice for the next measurement."""
         console.print(
             f"azimuth of table zero {math.degrees(self.azimuth) % 360:.3f}° ± "
             f"{math.degrees(self.sigma):.3f}° "
             "clockwise from north"
         )
         if self.simulated_azimuth is not None:
-            off = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+            error = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
             console.print(
-                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: off by {off:+.3f}°"
+                f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: error {error:+.3f}°"
             )
         if self.east_table_angle is not None:
             console.print(
                 f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
-                "where it stands now"
+                "its present position"
             )
-        for node, axis, found in self.gyros:
-            drift = found.posterior.drift
-            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {found.method}")
-            rate, spread = found.components()
-            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(found.azimuth))
-            for name, filtered in found.filters.items():
+        for node, axis, north in self.gyros:
+            drift = north.posterior.drift
+            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {north.method}")
+            rate, spread = north.components()
+            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(north.azimuth))
+            for name, filtered in north.filters.items():
                 cells = (
                     _deg_h(np.array(filtered.rate)),
                     _deg_h(np.array(filtered.sigma)),
@@ -96,8 +116,8 @@ class FoundNorth:
                 table.add_row(name.replace("_", " "), *cells)
             console.print(table)
             console.print(
-                f"{found.duration:.0f} s measured in {found.elapsed:.0f} s; white noise alone would leave "
-                f"{math.degrees(found.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
+                f"{north.duration:.0f} s measured in {north.elapsed:.0f} s; white noise alone would give "
+                f"{math.degrees(north.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
                 f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
                 highlight=False,
             )

@@ -1,4 +1,4 @@
-"""Numbers as values of options: finite and within bounds, or refused with what to write."""
+"""Types of numeric options: finite numbers within bounds, with one-line errors."""
 
 from __future__ import annotations
 
@@ -8,33 +8,36 @@ from collections.abc import Callable
 
 from hubodo.toml_file import MAX_TOML_NUMBER
 
+UNCALIBRATED_SCALE_SIGMA = 0.01
+"""1σ of the relative scale error of an uncalibrated MEMS gyro; data sheets state 1 to 3 % tolerance."""
 
-def number(
+
+def bounded_number(
     low: float = -MAX_TOML_NUMBER, high: float = MAX_TOML_NUMBER, *, above: float | None = None
 ) -> Callable[[str], float]:
-    """The type of an option that takes a number from low to high; above: that it must exceed."""
-    words = f"from {low:g} to {high:g}"
+    """Return the type of an option that takes a number from low to high, and strictly above `above`."""
+    bounds = f"from {low:g} to {high:g}"
     if above is not None:
-        words = f"above {above:g}" + (f", {high:g} at most" if high < MAX_TOML_NUMBER else "")
+        bounds = f"above {above:g}" + (f", {high:g} at most" if high < MAX_TOML_NUMBER else "")
     elif high == MAX_TOML_NUMBER:
-        words = "" if low == -MAX_TOML_NUMBER else f"from {low:g} on"
+        bounds = "" if low == -MAX_TOML_NUMBER else f"from {low:g} on"
 
-    def read(text: str) -> float:
+    def parse(text: str) -> float:
         try:
             value = float(text)
         except ValueError:
             value = math.nan
         if not low <= value <= high or (above is not None and value < above + 1.0 / MAX_TOML_NUMBER):
-            raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {words}".rstrip())
+            raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {bounds}".rstrip())
         return value
 
-    return read
+    return parse
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
-    """The type of an option that takes a whole number from low to high."""
+def bounded_integer(low: int, high: int) -> Callable[[str], int]:
+    """Return the type of an option that takes an integer from low to high."""
 
-    def read(text: str) -> int:
+    def parse(text: str) -> int:
         try:
             value = int(text)
         except ValueError:
@@ -43,11 +46,11 @@ def whole(low: int, high: int) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"{text[:40]}: write a whole number from {low} to {high}")
         return value
 
-    return read
+    return parse
 
 
-positive = number(above=0.0)
-not_negative = number(0.0)
-latitude = number(-90.0, 90.0)
-baud = whole(1, 50_000_000)
-seed = whole(0, 2**63 - 1)
+positive_number = bounded_number(above=0.0)
+non_negative_number = bounded_number(0.0)
+latitude = bounded_number(-90.0, 90.0)
+baud_rate = bounded_integer(1, 50_000_000)
+seed = bounded_integer(0, 2**63 - 1)

@@ -1,4 +1,4 @@
-"""The parser of the command line: an error is one line, and exit code 2."""
+"""The command-line parser, which reports errors in one line with exit code 2."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ EXIT_REFUSED = 2
 
 
 class UsageError(SystemExit):
-    """A command line that no verb accepts; ends the program with EXIT_REFUSED where nobody shows it."""
+    """An invalid command line; it exits with EXIT_REFUSED unless it is caught and reported."""
 
     def __init__(self, text: str) -> None:
         super().__init__(EXIT_REFUSED)
@@ -17,9 +17,9 @@ class UsageError(SystemExit):
 
 
 class Parser(argparse.ArgumentParser):
-    """As argparse's, but for how it refuses."""
+    """An ArgumentParser that raises UsageError instead of printing the usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise UsageError with what is wrong and where help is."""
+        """Raise UsageError with the message and a hint at --help."""
         line = " ".join(message.split())
         raise UsageError(f"{self.prog}: {line}; see {self.prog} --help")

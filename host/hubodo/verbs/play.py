@@ -1,4 +1,4 @@
-"""`hubodo play`: a log in its own time, to a live view or onto a pseudo serial port."""
+"""`hubodo play`: replay a log in real time, in a live view or on a pseudo serial port."""
 
 from __future__ import annotations
 
@@ -22,68 +22,97 @@ from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
-from hubodo.verbs.numbers import not_negative, number
-from hubodo.verbs.play_view import Replayed, show
+from hubodo.verbs.numbers import bounded_number, non_negative_number
+from hubodo.verbs.play_view import OdometryReplay, replay_in_terminal
 from hubodo.verbs.web_options import add_foxglove_argument
 
 EXAMPLE = "hubodo play ride.mcap --speed 4\n  hubodo play ride.mcap --to pty --link /tmp/ttyRIDE"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The log, which part of it, how fast, and where to."""
+    """Add the arguments of `hubodo play`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
     parser.add_argument(
-        "--speed", type=not_negative, default=1.0, help="times real time; 0 = as fast as possible (default 1)"
+        "--speed",
+        type=non_negative_number,
+        default=1.0,
+        help="replay speed relative to real time; 0 = as fast as possible (default 1)",
     )
     parser.add_argument(
-        "--start", type=number(), metavar="S", help="from this time of the log, as `hubodo info` shows it"
+        "--start",
+        type=bounded_number(),
+        metavar="S",
+        help="start at this time of the log, s, as shown by `hubodo info`",
     )
-    parser.add_argument("--end", type=number(), metavar="S", help="up to this time")
+    parser.add_argument("--end", type=bounded_number(), metavar="S", help="end at this time of the log, s")
     parser.add_argument(
         "--to",
         choices=("view", "pty"),
         default="view",
-        help="view (default), or pty: the frames on a pseudo serial port; its clock is right at speed 1 only",
-    )
-    parser.add_argument("--link", type=Path, metavar="PATH", help="with --to pty: a symlink to the port")
-    parser.add_argument(
-        "--only", metavar="LINK", help="with --to pty: the frames of this link of the log alone"
+        help="view (default), or pty: frames on a pseudo serial port (realistic timing only at speed 1)",
     )
     parser.add_argument(
-        "--vehicle", type=Path, metavar="TOML", help="with the view: geometry instead of that in the log"
+        "--link", type=Path, metavar="PATH", help="with --to pty: symbolic link to create for the port"
     )
     parser.add_argument(
-        "--calibration", type=Path, metavar="TOML", help="with the view: instead of that in the log"
+        "--only", metavar="LINK", help="with --to pty: only the frames of this link of the log"
+    )
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="TOML",
+        help="with the view: vehicle file to use instead of that in the log",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="TOML",
+        help="with the view: calibration to use instead of that in the log",
     )
     add_foxglove_argument(parser)
 
 
 @dataclass(frozen=True)
 class PlayResult:
-    """What was played.
+    """The outcome of a replay.
 
-    start, end: s of the log. frames: how many, None for the view; unheard: those played to nobody.
-    odometry: None where the log has no vehicle, and in frames.
+    Attributes
+    ----------
+    file
+        Path of the log.
+    start, end
+        Replayed span, s of the log.
+    port
+        Path of the pseudo serial port, or None for the view.
+    n_frames
+        Number of frames sent, or None for the view.
+    n_unread
+        Number of frames sent while no reader was connected.
+    quantisation
+        Rounding of nodes whose frames had to be encoded from samples.
+    odometry
+        The recomputed odometry; None without a vehicle, and for frames.
     """
 
     file: str
     start: float
     end: float
     port: str | None = None
-    frames: int | None = None
-    unheard: int = 0
+    n_frames: int | None = None
+    n_unread: int = 0
     quantisation: tuple[Quantisation, ...] = ()
-    odometry: Replayed | None = None
+    odometry: OdometryReplay | None = None
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {
             "file": self.file,
             "start": self.start,
             "end": self.end,
             "port": self.port,
-            "frames": self.frames,
-            "unheard": self.unheard,
+            "frames": self.n_frames,
+            "unheard": self.n_unread,
             "quantisation": [
                 {"node": q.node, "node_id": q.node_id, "gyro_step": q.gyro_step, "accel_step": q.accel_step}
                 | {"time_error": q.time_error, "temperature": q.temperature}
@@ -93,42 +122,57 @@ class PlayResult:
         }
 
     def render(self, console: Console) -> None:
+        """Print the replayed span and the recomputed odometry."""
         frames = (
-            "" if self.frames is None else f", {self.frames} frames, {self.unheard} while nobody listened"
+            "" if self.n_frames is None else f", {self.n_frames} frames, {self.n_unread} without a reader"
         )
         console.print(f"{self.file}: played {self.start:.2f} s to {self.end:.2f} s{frames}", highlight=False)
-        made = self.odometry
-        if made is not None:
-            words = {True: ", every bit as recorded", False: ", NOT as recorded", None: ""}[made.equal]
+        odometry = self.odometry
+        if odometry is not None:
+            comparison = {
+                True: ", identical to the recorded ones",
+                False: ", DIFFERENT from the recorded ones",
+                None: "",
+            }[odometry.is_equal]
             console.print(
-                f"odometry from {' and '.join(made.nodes) or 'no node'}: {made.poses} poses, "
-                f"{made.located} of them on the map{words}",
+                f"odometry from {' and '.join(odometry.nodes) or 'no node'}: {odometry.n_poses} poses, "
+                f"{odometry.n_located} of them on the map{comparison}",
                 highlight=False,
             )
 
 
 def run(args: argparse.Namespace) -> PlayResult:
-    """Plays until the end of the part, or ctrl-C.
+    """Replay the log until its end, --end or ctrl-C.
 
-    Raises InputError for a speed, part or link that makes no sense, LogError for what is no log.
+    Returns
+    -------
+    PlayResult
+        The replayed span, the frames sent or the recomputed odometry.
+
+    Raises
+    ------
+    InputError
+        If options contradict each other or the link does not exist.
+    LogError
+        If the file is no log that can be read.
     """
     if args.start is not None and args.end is not None and args.end <= args.start:
         raise InputError(f"--end {args.end} is not after --start {args.start}")
     if args.to == "view" and (args.link is not None or args.only is not None):
         raise InputError("--link and --only belong to --to pty; add it")
     if args.to == "pty" and (args.vehicle is not None or args.calibration is not None):
-        raise InputError("--vehicle and --calibration belong to the view; leave --to pty away")
+        raise InputError("--vehicle and --calibration belong to the view; remove --to pty")
     if args.to == "pty" and args.foxglove is not None:
-        raise InputError("--foxglove belongs to the view; leave --to pty away")
+        raise InputError("--foxglove belongs to the view; remove --to pty")
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     form = log_form(args, vehicle, needed=(NODES_ROLE,))
-    play = _to_pty if args.to == "pty" else _to_view
+    play = _play_to_pty if args.to == "pty" else _play_to_view
     with stop_on_signals(threading.Event()) as stopping, open_as_mcap(args.log, form) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file, "named": args.log}), stopping.is_set)
     return replace(played, file=str(args.log))
 
 
-def _to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:
+def _play_to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:
     quantisation: tuple[Quantisation, ...] = ()
     with open_log(args.log) as log:
         t_zero_ns = log.t_zero_ns or 0
@@ -145,14 +189,14 @@ def _to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult
             wanted = [args.only] if args.only is not None else links
             frames = recorded_frames(log, wanted, t_zero_ns, args.start, args.end)
         else:
-            frames, made = made_frames(read_recording(args.log), args.start, args.end)
-            quantisation = tuple(made)
-            for q in made:
-                _say(_quantisation_text(q))
-        span = _Span()
+            frames, rounding = made_frames(read_recording(args.log), args.start, args.end)
+            quantisation = tuple(rounding)
+            for q in rounding:
+                _print_line(_quantisation_text(q))
+        span = _ReplayedSpan()
         with PtyPlayer(args.link, args.speed) as player:
-            _say(f"waiting for a reader: hubodo record {player.path} -o FILE.mcap")
-            player.play(span.over(frames), stopped, span.tick)
+            _print_line(f"waiting for a reader: hubodo record {player.path} -o FILE.mcap")
+            player.play(span.watch(frames), stopped, span.update)
             return PlayResult(
                 str(args.log), span.first, span.last, player.path, player.frames, player.unheard, quantisation
             )
@@ -161,33 +205,33 @@ def _to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult
 def _quantisation_text(q: Quantisation) -> str:
     temperature = "" if q.temperature else "; no temperature in the log: 25 degC is sent"
     return (
-        f"{q.node} has no frames in the log; made as node {q.node_id} in steps of "
+        f"{q.node} has no frames in the log; encoded as node {q.node_id} in steps of "
         f"{math.degrees(q.gyro_step):.2e} deg/s and {q.accel_step:.2e} m/s2, "
         f"times within {q.time_error * 1e6:.0f} us{temperature}"
     )
 
 
-class _Span:
-    """First and newest time played."""
+class _ReplayedSpan:
+    """The first and the latest time replayed, s."""
 
     def __init__(self) -> None:
         self.first = self.last = 0.0
-        self._begun = False
+        self._started = False
 
-    def over(self, frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
+    def watch(self, frames: Iterable[TimedFrame]) -> Iterator[TimedFrame]:
         for frame in frames:
-            if not self._begun:
-                self.first, self._begun = frame.t, True
+            if not self._started:
+                self.first, self._started = frame.t, True
             yield frame
 
-    def tick(self, t: float) -> None:
+    def update(self, t: float) -> None:
         self.last = t
 
 
-def _to_view(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:
-    first, last, odometry = show(args, _say, stopped)
+def _play_to_view(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayResult:
+    first, last, odometry = replay_in_terminal(args, _print_line, stopped)
     return PlayResult(str(args.log), first, last, odometry=odometry)
 
 
-def _say(text: str) -> None:
+def _print_line(text: str) -> None:
     print(f"hubodo play: {text}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""The live view of `hubodo play`: a log's nodes and its odometry, made again, as time goes on."""
+"""The live view of `hubodo play`: the nodes of a log and its recomputed odometry over time."""
 
 from __future__ import annotations
 
@@ -27,43 +27,55 @@ from hubodo.recording import Recording
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
 
-_REFRESH_S = 0.25
-_FOXGLOVE_S = 0.02
-_LINE_S = 10.0
+_REFRESH_PERIOD_S = 0.25
+_FOXGLOVE_PERIOD_S = 0.02
+_LINE_PERIOD_S = 10.0
 _RATE_WINDOW_S = 2.0
 
 
 @dataclass(frozen=True)
-class Replayed:
-    """The odometry made again, and of them `located` on the map.
+class OdometryReplay:
+    """The odometry recomputed from a log.
 
-    equal: whether every row is, to the last bit, the one recorded; None where another vehicle or calibration
-    was given, or the log has no odometry.
+    Attributes
+    ----------
+    nodes
+        Wheel nodes that it uses.
+    n_poses
+        Number of poses.
+    n_located
+        Number of poses on the map.
+    n_recorded
+        Number of poses in the log, or None.
+    is_equal
+        True if every pose is identical to the recorded one, to the last bit; None if another vehicle or
+        calibration was given, or the log has no odometry.
     """
 
     nodes: tuple[str, ...]
-    poses: int
-    located: int
-    recorded: int | None
-    equal: bool | None
+    n_poses: int
+    n_located: int
+    n_recorded: int | None
+    is_equal: bool | None
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {
             "nodes": list(self.nodes),
-            "poses": self.poses,
-            "located": self.located,
-            "recorded": self.recorded,
-            "equal": self.equal,
+            "poses": self.n_poses,
+            "located": self.n_located,
+            "recorded": self.n_recorded,
+            "equal": self.is_equal,
         }
 
 
-def show(
-    args: argparse.Namespace, say: Callable[[str], None], stopped: Callable[[], bool]
-) -> tuple[float, float, Replayed | None]:
-    """Shows the log; the part that was shown, s, and what became of its odometry."""
+def replay_in_terminal(
+    args: argparse.Namespace, print_line: Callable[[str], None], stopped: Callable[[], bool]
+) -> tuple[float, float, OdometryReplay | None]:
+    """Replay the log in the terminal; return the span shown, s, and the recomputed odometry."""
     recording = read_recording(args.log)
     for line in recording.warnings:
-        say(f"warning: {line}")
+        print_line(f"warning: {line}")
     tables = [table.t for table in recording.nodes.values() if len(table)]
     if not tables:
         raise InputError(f"{args.named}: holds no node; there is nothing to show")
@@ -71,134 +83,134 @@ def show(
     last = max(float(t[-1]) for t in tables) if args.end is None else args.end
     if last < first:
         raise InputError(f"{args.named}: nothing between {first:g} s and {last:g} s; see `hubodo info`")
-    again = _Again(args)
+    replay = _OdometryReplayer(args)
     console = SafeConsole(file=sys.stderr)
-    began, now, next_line = time.monotonic(), first, first
+    started, now, next_line = time.monotonic(), first, first
     with (
         Live(console=console, auto_refresh=False) if console.is_terminal else _no_live() as live,
-        _foxglove(args, first, say) as show_to,
+        _foxglove(args, first, print_line) as publish_to,
     ):
         while not stopped() and now < last:
-            elapsed = time.monotonic() - began
+            elapsed = time.monotonic() - started
             now = last if not args.speed else min(last, first + elapsed * args.speed)
-            again.up_to(now)
-            show_to(now)
+            replay.advance_to(now)
+            publish_to(now)
             if live is not None:
-                live.update(_view(recording, again, now, last), refresh=True)
+                live.update(_view(recording, replay, now, last), refresh=True)
             elif now >= next_line:
-                next_line = now + _LINE_S * max(args.speed, 1.0)
-                say(_line(recording, again, now))
+                next_line = now + _LINE_PERIOD_S * max(args.speed, 1.0)
+                print_line(_line(recording, replay, now))
             if now < last:
-                pause = _REFRESH_S if args.foxglove is None else _FOXGLOVE_S
+                pause = _REFRESH_PERIOD_S if args.foxglove is None else _FOXGLOVE_PERIOD_S
                 time.sleep(min(pause, (last - now) / args.speed))
-    for line in again.warnings():
-        say(f"odometry: {line}")
-    return first, now, again.result(recording, whole=args.end is None and now >= last)
+    for line in replay.warnings():
+        print_line(f"odometry: {line}")
+    return first, now, replay.result(recording, is_complete=args.end is None and now >= last)
 
 
-class _Again:
-    """The odometry of the log through the object of a live run, as far as the view has come."""
+class _OdometryReplayer:
+    """The odometry of a log, recomputed by the live odometer up to the time shown."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        self._given = args.vehicle is not None or args.calibration is not None
+        self._has_overrides = args.vehicle is not None or args.calibration is not None
         self._path = args.log
         vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         calibration = None if args.calibration is None else read_calibration(args.calibration)
         self._playback = Playback(args.log, vehicle=vehicle, calibration=calibration)
-        self._coming: Iterator[OdometryRows | Located] = self._playback.publications()
-        self._next: OdometryRows | Located | None = next(self._coming, None)
+        self._pending: Iterator[OdometryRows | Located] = self._playback.publications()
+        self._next: OdometryRows | Located | None = next(self._pending, None)
         self._done: list[OdometryRows | Located] = []
 
     @property
-    def possible(self) -> bool:
-        """Whether the vehicle is known."""
+    def is_available(self) -> bool:
+        """Return True if the vehicle is known, so that odometry can be computed."""
         return self._playback.odometer is not None
 
-    def up_to(self, now: float) -> None:
-        """Takes what came until `now`, s."""
+    def advance_to(self, now: float) -> None:
+        """Compute the odometry up to `now`, s of the log."""
         limit = self._playback.t_zero_ns + round(now * 1e9)
         while self._next is not None and int(self._next.t_ns[0]) <= limit:
             self._done.append(self._next)
-            self._next = next(self._coming, None)
+            self._next = next(self._pending, None)
 
-    def words(self) -> str:
-        """Where the vehicle is."""
+    def motion_text(self) -> str:
+        """Return speed, heading and position as text."""
         if not self._done:
-            return "odometry has not begun"
-        last = next(made for made in reversed(self._done) if isinstance(made, OdometryRows))
-        return _words(*(float(v[-1]) for v in (last.speed, last.heading, *last.position.T)))
+            return "odometry has not started yet"
+        last = next(rows for rows in reversed(self._done) if isinstance(rows, OdometryRows))
+        return _motion_text(*(float(v[-1]) for v in (last.speed, last.heading, *last.position.T)))
 
     def warnings(self) -> list[str]:
-        """What the odometry has to say at the end."""
+        """Return the warnings of the odometry at the end of the log."""
         odometer = self._playback.odometer
         return odometer.warnings(end=True) if odometer is not None and self._next is None else []
 
-    def result(self, recording: Recording, *, whole: bool) -> Replayed | None:
-        """What was made, compared with what was recorded when the whole log was played."""
+    def result(self, recording: Recording, *, is_complete: bool) -> OdometryReplay | None:
+        """Return the recomputed odometry, compared with the recorded one if the whole log was replayed."""
         odometer = self._playback.odometer
         if odometer is None:
             return None
         recorded = None if recording.odometry is None else len(recording.odometry)
         equal = None
-        if whole and recorded is not None and not self._given:
-            equal = self._equal()
-        located = sum(isinstance(made, Located) for made in self._done)
-        poses = sum(len(made.t_ns) for made in self._done) - located
-        return Replayed(odometer.nodes, poses, located, recorded, equal)
+        if is_complete and recorded is not None and not self._has_overrides:
+            equal = self._is_equal_to_recorded()
+        located = sum(isinstance(rows, Located) for rows in self._done)
+        poses = sum(len(rows.t_ns) for rows in self._done) - located
+        return OdometryReplay(odometer.nodes, poses, located, recorded, equal)
 
-    def _equal(self) -> bool:
-        kept, done = recorded_messages(self._path), self._done
-        if not kept[topics.ODOM_MAP]:
-            # Where it was recorded nothing was made of the fixes.
-            kept = recorded_messages(self._path, on_map=False)
-            done = [made for made in done if isinstance(made, OdometryRows)]
-        return as_messages(done, self._playback.t_zero_ns) == kept
+    def _is_equal_to_recorded(self) -> bool:
+        recorded, done = recorded_messages(self._path), self._done
+        if not recorded[topics.ODOM_MAP]:
+            # The recorder did not use the fixes: compare without the map.
+            recorded = recorded_messages(self._path, on_map=False)
+            done = [rows for rows in done if isinstance(rows, OdometryRows)]
+        return as_messages(done, self._playback.t_zero_ns) == recorded
 
 
-def _view(recording: Recording, again: _Again, now: float, last: float) -> Table:
+def _view(recording: Recording, replay: _OdometryReplayer, now: float, last: float) -> Table:
     table = Table(title=f"{now:.1f} of {last:.1f} s")
     for column in ("node", "Hz", "samples", "gx rad/s", "gy rad/s", "gz rad/s"):
         table.add_column(column, justify="left" if column == "node" else "right")
     for name, node in recording.nodes.items():
-        seen = _before(node.t, now)
-        rates = [f"{node[axis][seen - 1]:+.3f}" if seen else "-" for axis in ("gx", "gy", "gz")]
-        table.add_row(name, f"{_rate(node.t, now):.1f}", str(seen), *rates)
-    table.caption = _motion(recording, again, now)
+        count = _count_until(node.t, now)
+        rates = [f"{node[axis][count - 1]:+.3f}" if count else "-" for axis in ("gx", "gy", "gz")]
+        table.add_row(name, f"{_rate(node.t, now):.1f}", str(count), *rates)
+    table.caption = _motion(recording, replay, now)
     return table
 
 
-def _line(recording: Recording, again: _Again, now: float) -> str:
+def _line(recording: Recording, replay: _OdometryReplayer, now: float) -> str:
     rates = ", ".join(f"{name} {_rate(node.t, now):.1f} Hz" for name, node in recording.nodes.items())
-    return f"{now:.1f} s: {rates}; {_motion(recording, again, now)}"
+    return f"{now:.1f} s: {rates}; {_motion(recording, replay, now)}"
 
 
-def _motion(recording: Recording, again: _Again, now: float) -> str:
-    if again.possible:
-        return again.words()
+def _motion(recording: Recording, replay: _OdometryReplayer, now: float) -> str:
+    if replay.is_available:
+        return replay.motion_text()
     odometry = recording.odometry
     if odometry is None:
         return "no odometry in this log: give --vehicle, or see `hubodo fuse`"
-    seen = _before(odometry.t, now)
-    if not seen:
-        return "odometry has not begun"
-    return _words(*(float(odometry[name][seen - 1]) for name in ("speed", "heading", "x", "y")))
+    count = _count_until(odometry.t, now)
+    if not count:
+        return "odometry has not started yet"
+    return _motion_text(*(float(odometry[name][count - 1]) for name in ("speed", "heading", "x", "y")))
 
 
-def _words(speed: float, heading: float, x: float, y: float) -> str:
+def _motion_text(speed: float, heading: float, x: float, y: float) -> str:
     return f"speed {speed:+.2f} m/s, heading {math.degrees(heading):+.1f} deg, x {x:.2f} m, y {y:.2f} m"
 
 
-def _before(t: NDArray[np.float64], now: float) -> int:
+def _count_until(t: NDArray[np.float64], now: float) -> int:
     return int(np.searchsorted(t, now, side="right"))
 
 
 def _rate(t: NDArray[np.float64], now: float) -> float:
-    """Samples a second over the last two seconds, or since the first sample."""
-    seen = _before(t, now)
-    if seen < 2:
+    """Return samples per second over the last two seconds, or since the first sample."""
+    count = _count_until(t, now)
+    if count < 2:
         return 0.0
     window = min(_RATE_WINDOW_S, now - float(t[0])) or _RATE_WINDOW_S
-    return (seen - _before(t, now - window)) / window
+    return (count - _count_until(t, now - window)) / window
 
 
 @contextmanager
@@ -208,9 +220,9 @@ def _no_live() -> Iterator[None]:
 
 @contextmanager
 def _foxglove(
-    args: argparse.Namespace, first: float, say: Callable[[str], None]
+    args: argparse.Namespace, first: float, print_line: Callable[[str], None]
 ) -> Iterator[Callable[[float], None]]:
-    """Gives what sends the messages up to a time, s, to Foxglove; nothing where that was not asked for."""
+    """Yield a function that sends messages up to a time (s) to Foxglove, if --foxglove is given."""
     if args.foxglove is None:
         yield lambda now: None
         return
@@ -220,11 +232,11 @@ def _foxglove(
 
     address = parse_address(args.foxglove, FOXGLOVE_PORT)
     clients = FoxgloveClients(address)
-    say(f"Foxglove: open connection ws://{replace(address, port=clients.port)}")
+    print_line(f"Foxglove: open connection ws://{replace(address, port=clients.port)}")
     try:
         with open_log(args.log) as log:
             zero_ns = log.t_zero_ns or 0
-            played = FoxgloveLog(clients, log, zero_ns + round(first * 1e9))
-            yield lambda now: played.up_to(zero_ns + round(now * 1e9))
+            replayer = FoxgloveLog(clients, log, zero_ns + round(first * 1e9))
+            yield lambda now: replayer.up_to(zero_ns + round(now * 1e9))
     finally:
         clients.finish()

@@ -1,4 +1,4 @@
-"""`hubodo record`: from ports to a log, with live odometry."""
+"""`hubodo record`: record nodes into a log, with live odometry."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hubodo.errors import InputError
 from hubodo.ingest.live.record_config import RecordConfig, check_record_config, load_record_config
 from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.effect_options import add_effects_option, know_effects
-from hubodo.verbs.numbers import baud, positive
+from hubodo.verbs.effect_options import add_effects_option, register_effects
+from hubodo.verbs.numbers import baud_rate, positive_number
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
-from hubodo.verbs.watch_gap import watching_gap
-from hubodo.verbs.web_options import add_web_arguments, watched
+from hubodo.verbs.watch_gap import watch_gap
+from hubodo.verbs.web_options import add_web_arguments, live_views
 from hubodo.version import __version__
 from hubowire import FINGERPRINT
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
@@ -28,7 +28,7 @@ EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelcha
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Ports and everything that hubodo.toml can also say."""
+    """Add the arguments of `hubodo record`, most of which can be set in hubodo.toml too."""
     parser.add_argument(
         "ports",
         nargs="*",
@@ -36,34 +36,41 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="[NAME=]/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen)",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="FILE.mcap", help="the log, which must not exist, or a folder"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE.mcap",
+        help="log to write, which must not exist, or a folder",
     )
     parser.add_argument(
-        "--config", type=Path, metavar="TOML", help="hubodo.toml, for whatever is not given here"
+        "--config", type=Path, metavar="TOML", help="hubodo.toml; options on the command line override it"
     )
-    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry: switches live odometry on")
+    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="vehicle file; enables live odometry")
     parser.add_argument(
-        "--calibration", type=Path, metavar="TOML", help="applied to what the odometry gets; raw is recorded"
+        "--calibration",
+        type=Path,
+        metavar="TOML",
+        help="calibration for the live odometry; the log holds raw samples",
     )
     add_effects_option(parser)
     parser.add_argument(
         "--gnss",
         metavar="PORT",
-        help="a GNSS receiver that speaks NMEA; with --vehicle also where on the map (map → odom)",
+        help="GNSS receiver (NMEA); with --vehicle it places the odometry on the map (map → odom)",
     )
     parser.add_argument(
         "--baud",
-        type=baud,
-        help=f"of the nodes' serial ports (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 on its USB "
-        f"converter; USB of a Pico does not care)",
+        type=baud_rate,
+        help=f"baud rate of the nodes (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 behind a USB "
+        f"converter; irrelevant for the USB port of a Pico)",
     )
-    parser.add_argument("--gnss-baud", type=baud, help="of the receiver's serial port (default 9600)")
-    parser.add_argument("--duration", type=positive, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--gnss-baud", type=baud_rate, help="baud rate of the GNSS receiver (default 9600)")
+    parser.add_argument("--duration", type=positive_number, metavar="S", help="stop after this time, s")
     parser.add_argument(
         "--time-scale",
-        type=positive,
+        type=positive_number,
         metavar="N",
-        help="for emulated nodes: a second of the log takes N seconds",
+        help="for emulated nodes: each second of the log takes N seconds",
     )
     add_web_arguments(parser)
     add_udp_arguments(parser)
@@ -71,45 +78,62 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_log_arguments(parser: argparse.ArgumentParser) -> None:
-    """How the logs follow each other, and what is told meanwhile."""
+    """Add the arguments for log rotation, disk budget and messages."""
     parser.add_argument(
-        "--rotate-after", type=positive, metavar="S", help="begin another log after so many seconds"
+        "--rotate-after", type=positive_number, metavar="S", help="start a new log after this time, s"
     )
-    parser.add_argument("--rotate-at-mb", type=positive, metavar="MB", help="begin another log at this size")
+    parser.add_argument(
+        "--rotate-at-mb", type=positive_number, metavar="MB", help="start a new log at this size"
+    )
     parser.add_argument(
         "--disk-budget-mb",
-        type=positive,
+        type=positive_number,
         metavar="MB",
-        help="of all logs of this name; the oldest go first (default: none is ever removed)",
+        help="disk budget of all logs of this name; the oldest are deleted first (default: none is deleted)",
     )
     parser.add_argument("--metrics", metavar="HOST:PORT", help="serve /metrics for Prometheus, and /healthz")
     parser.add_argument(
         "--wait",
         action="store_true",
-        help="wait for ports that are not there yet, or busy, and for room on the disk",
+        help="wait for missing or busy ports and for free disk space",
     )
     parser.add_argument(
         "--watch-gap",
         action="store_true",
-        help="with --vehicle: read the growing log, and say once what is wrong with a node or a wheel",
+        help="with --vehicle: analyse the growing log and report mounting and wheel errors once",
     )
-    parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still shown")
+    parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still printed")
     parser.add_argument(
         "--log-format",
         choices=("text", "json"),
-        help="of what is told meanwhile on stderr; json: an object a line, for services (default: text)",
+        help="format of the messages on stderr; json: one object per line, for services (default: text)",
     )
 
 
 def run(args: argparse.Namespace) -> RecordResult:
-    """Records; see `hubodo.ingest.live.daemon.record`."""
-    # Not with the options: a shell that completes them need not wait for all of the odometry.
+    """Record until ctrl-C or --duration; see `hubodo.ingest.live.daemon.record`.
+
+    Returns
+    -------
+    RecordResult
+        Rates, losses and clock of each node, with the logs that were written.
+
+    Raises
+    ------
+    InputError
+        If no port or output is given, or an option is invalid.
+    ConfigError
+        If hubodo.toml is invalid.
+    LinkError
+        If a port cannot be opened.
+    """
+    # Imported here, so that shell completion does not wait for the odometry to load.
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
     from hubodo.ingest.live.program_log import program_log
 
     raise_descriptor_limit()
-    know_effects(args)
+    register_effects(args)
     config, folder = RecordConfig(), Path()
     attachments: dict[str, bytes] = {}
     if args.config is not None:
@@ -118,12 +142,12 @@ def run(args: argparse.Namespace) -> RecordResult:
     output = args.output or (folder / config.output if config.output is not None else None)
     vehicle_path = args.vehicle or (folder / config.vehicle if config.vehicle is not None else None)
     config = replace(config, **_options(args))
-    # An error is shown in the same form, wherever that was chosen.
+    # Errors use the same format, whether it was set on the command line or in hubodo.toml.
     args.log_format = config.log_format
     if output is None:
         raise InputError("no output file; give one with -o FILE.mcap")
     if not config.ports and config.gnss is None:
-        raise InputError("no port; name at least one, such as /dev/ttyACM0")
+        raise InputError("no port; give at least one, such as /dev/ttyACM0")
     check_record_config(config, lambda key: f"--{key.replace('_', '-')}")
     vehicle = None
     if vehicle_path is not None:
@@ -136,8 +160,8 @@ def run(args: argparse.Namespace) -> RecordResult:
         attachments["calibration.toml"] = calibration_path.read_bytes()
     with (
         program_log("record", config.log_format),
-        watched(args, output, vehicle) as audience,
-        watching_gap(args.watch_gap, output, vehicle_path) as watch,
+        live_views(args, output, vehicle) as audience,
+        watch_gap(args.watch_gap, output, vehicle_path) as watch,
     ):
         return record(
             config,
@@ -152,7 +176,7 @@ def run(args: argparse.Namespace) -> RecordResult:
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings that are given on the command line."""
+    """Return the settings given on the command line."""
     given: dict[str, Any] = {
         "ports": tuple(args.ports) or None,
         "gnss": args.gnss,
@@ -173,7 +197,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _metadata(config: RecordConfig) -> dict[str, str]:
-    """What made the log."""
+    """Return the metadata of the log: versions, system and ports."""
     metadata = {
         "hubodo": __version__,
         "fingerprint": f"{FINGERPRINT:08x}",

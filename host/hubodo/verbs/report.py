@@ -1,4 +1,4 @@
-"""`hubodo report`: all that a log shows, as one self-contained page."""
+"""`hubodo report`: summarise a log on one self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -21,14 +21,26 @@ from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
-from hubodo.verbs.numbers import positive
+from hubodo.verbs.numbers import positive_number
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
 
 @dataclass(frozen=True)
-class Reported:
-    """Where the page is, what it says, and what the log could not show."""
+class ReportResult:
+    """The report of a log.
+
+    Attributes
+    ----------
+    log, output
+        Paths of the log and of the page.
+    size
+        Size of the page, bytes.
+    facts
+        Main results, one line each.
+    missing
+        Parts that the log does not allow, one line each.
+    """
 
     log: str
     output: str
@@ -37,6 +49,7 @@ class Reported:
     missing: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {
             "log": self.log,
             "output": self.output,
@@ -46,6 +59,7 @@ class Reported:
         }
 
     def render(self, console: Console) -> None:
+        """Print the main results and the missing parts."""
         for line in self.facts:
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         for line in self.missing:
@@ -54,42 +68,57 @@ class Reported:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo report`."""
+    """Add the arguments of `hubodo report`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
     parser.add_argument("-o", "--output", type=Path, default=Path("report.html"), metavar="HTML")
-    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="geometry instead of that in the log")
-    parser.add_argument("--calibration", type=Path, metavar="TOML", help="instead of that in the log")
     parser.add_argument(
-        "--gravity", type=positive, default=9.80665, help="m/s² at the place (default 9.80665)"
+        "--vehicle", type=Path, metavar="TOML", help="vehicle file to use instead of that in the log"
     )
-    parser.add_argument("--force", action="store_true", help="replace a page that is there")
+    parser.add_argument(
+        "--calibration", type=Path, metavar="TOML", help="calibration to use instead of that in the log"
+    )
+    parser.add_argument(
+        "--gravity", type=positive_number, default=9.80665, help="local gravity, m/s² (default 9.80665)"
+    )
+    parser.add_argument("--force", action="store_true", help="replace an existing page")
 
 
-def run(args: argparse.Namespace) -> Reported:
-    """Read, examine, write the page. Raises InputError for nodes whose times cannot be those of one drive."""
+def run(args: argparse.Namespace) -> ReportResult:
+    """Analyse the log and write the page.
+
+    Returns
+    -------
+    ReportResult
+        The page, its main results and the parts that are missing.
+
+    Raises
+    ------
+    InputError
+        If the page exists, or the timestamps of the nodes do not belong to one drive.
+    """
     if args.output.exists() and not args.force:
-        raise InputError(f"{args.output}: exists; name another file or say --force")
+        raise InputError(f"{args.output}: exists; name another file or give --force")
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
-        given = None if args.vehicle is None else load_vehicle(args.vehicle)
-        recording = read_log(args.log, input_format=log_form(args, given, needed=()), progress=show)
-        summary, kept = None, Setup(None, None, None)
+        given_vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+        recording = read_log(args.log, input_format=log_form(args, given_vehicle, needed=()), progress=show)
+        summary, setup = None, Setup(None, None, None)
         with open_source(args.log) as source:
             if source is not None:
                 summary = summarise_source(source)
             if isinstance(source, Log):
-                kept = setup_of(source)
-        vehicle = given or kept.vehicle
+                setup = setup_of(source)
+        vehicle = given_vehicle or setup.vehicle
         if vehicle is not None:
             on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]
             check_times({n: recording.nodes[n] for n in on_wheels if n in recording.nodes}, str(args.log))
-        calibration, where = kept.calibration, "the log"
+        calibration, where = setup.calibration, "the log"
         if args.calibration is not None:
             calibration, where = read_calibration(args.calibration), str(args.calibration)
-        show("examining the sensors", 0.5)
-        made = log_page(
+        show("analysing the sensors", 0.5)
+        report = log_page(
             args.log.name,
             recording,
             summary,
@@ -98,5 +127,7 @@ def run(args: argparse.Namespace) -> Reported:
             calibration_from=where,
             gravity=args.gravity,
         )
-    write_atomically(args.output, made.html)
-    return Reported(str(args.log), str(args.output), args.output.stat().st_size, made.facts, made.missing)
+    write_atomically(args.output, report.html)
+    return ReportResult(
+        str(args.log), str(args.output), args.output.stat().st_size, report.facts, report.missing
+    )

@@ -1,4 +1,4 @@
-"""`hubodo serve`: the recordings of a folder in the browser, their reports, and what a model lacks."""
+"""`hubodo serve`: show the recordings of a folder in the browser, with reports and `gap`."""
 
 from __future__ import annotations
 
@@ -17,24 +17,30 @@ EXAMPLE = (
     "hubodo serve drives/\n  hubodo serve drives/ --at 0.0.0.0:8642 --token-file token.txt\n"
     "  hubodo serve drives/ --config hubodo.toml"
 )
-_LOOK_S = 0.5
+_STOP_POLL_S = 0.5
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The folder, where it is served, and who may see it."""
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="that holds logs (.mcap)")
-    parser.add_argument("--config", type=Path, metavar="TOML", help="hubodo.toml, for [web] of it")
+    """Add the arguments of `hubodo serve`."""
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="folder of logs (.mcap)")
+    parser.add_argument("--config", type=Path, metavar="TOML", help="hubodo.toml, for its table [web]")
     parser.add_argument(
         "--at",
         dest="web",
         metavar="HOST:PORT",
-        help="default 127.0.0.1:8642; others than this computer need a token",
+        help="address to listen on (default 127.0.0.1:8642); other computers need a token",
     )
     add_access_arguments(parser)
 
 
 def run(args: argparse.Namespace) -> None:
-    """Serves until ctrl-C. Raises InputError for a folder that is not there and where it cannot listen."""
+    """Serve the pages until ctrl-C.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist, or the address cannot be used.
+    """
     from hubodo.ingest.live.program_log import program_log
     from hubodo.web.app import make_app
     from hubodo.web.config import make_site
@@ -42,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     from hubodo.web.server import serving
 
     if not args.folder.is_dir():
-        raise InputError(f"{args.folder}: is no folder; name one that holds logs")
+        raise InputError(f"{args.folder}: is no folder; give a folder of logs")
     raise_descriptor_limit()
     config = web_config(args)
     config = replace(config, listen=config.listen or "")
@@ -56,5 +62,5 @@ def run(args: argparse.Namespace) -> None:
     ):
         url = replace(site, address=replace(site.address, port=port)).url
         print(f"hubodo serve: {args.folder} at {url}; stop with ctrl-C", file=sys.stderr, flush=True)
-        while not stopping.wait(_LOOK_S):
+        while not stopping.wait(_STOP_POLL_S):
             pass

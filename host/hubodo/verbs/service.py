@@ -1,4 +1,4 @@
-"""`hubodo service`: the recorder from the start of the computer to its end."""
+"""`hubodo service`: run the recorder as a systemd service."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hubodo.service import place, unit
 from hubodo.service.place import Place
 
 EXAMPLE = "sudo hubodo service install --config hubodo.toml"
-_SHOWN = (
+_STATUS_PROPERTIES = (
     "ActiveState",
     "SubState",
     "StatusText",
@@ -26,67 +26,86 @@ _SHOWN = (
 
 
 @dataclass(frozen=True)
-class Placed:
-    """What was done, or with `dry` would be: files by path, None where one is removed; commands; warnings.
+class ServiceChange:
+    """The changes of an installation or removal; with `dry` they were only planned.
 
-    exposure: of the unit by systemd-analyze, 0 to 10, None where it cannot say.
+    Attributes
+    ----------
+    files
+        Content by path, None for a removed file.
+    commands
+        Commands that were run.
+    warnings
+        One line each.
+    exposure
+        Rating of the unit by systemd-analyze security, 0 (safe) to 10, or None.
+    is_dry_run
+        True if nothing was changed.
+    closing_line
+        Closing line for the terminal.
     """
 
     files: dict[str, str | None]
     commands: tuple[str, ...]
     warnings: tuple[str, ...]
     exposure: float | None
-    dry: bool
-    says: str
+    is_dry_run: bool
+    closing_line: str
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return {
             "files": self.files,
             "commands": list(self.commands),
             "warnings": list(self.warnings),
             "exposure": self.exposure,
-            "dry_run": self.dry,
+            "dry_run": self.is_dry_run,
         }
 
     def render(self, console: Console) -> None:
-        def say(text: str) -> None:
+        """Print files, commands, exposure and warnings."""
+
+        def print_line(text: str) -> None:
             console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-        would = "would " if self.dry else ""
+        would = "would " if self.is_dry_run else ""
         for path, text in self.files.items():
-            say(f"{would}{'remove' if text is None else 'write'} {path}")
-            if self.dry and text is not None:
-                say("\n".join(f"    {line}" for line in text.splitlines()))
+            print_line(f"{would}{'remove' if text is None else 'write'} {path}")
+            if self.is_dry_run and text is not None:
+                print_line("\n".join(f"    {line}" for line in text.splitlines()))
         for command in self.commands:
-            say(f"{would}run {command}")
+            print_line(f"{would}run {command}")
         if self.exposure is not None:
-            say(f"exposure by systemd-analyze security: {self.exposure:.1f} of 10")
+            print_line(f"exposure by systemd-analyze security: {self.exposure:.1f} of 10")
         for line in self.warnings:
-            say(f"warning: {line}")
-        if not self.dry:
-            say(self.says)
+            print_line(f"warning: {line}")
+        if not self.is_dry_run:
+            print_line(self.closing_line)
 
 
 @dataclass(frozen=True)
 class ServiceState:
-    """What systemd knows of the service, by its own names."""
+    """The state of the service, as properties of systemd."""
 
     values: dict[str, str]
 
     @property
     def failed(self) -> bool:
+        """Return True if the service is not active."""
         return self.values.get("ActiveState") != "active"
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON result."""
         return self.values
 
     def render(self, console: Console) -> None:
+        """Print state, process, restarts and memory."""
         now = self.values
         lines = [f"{unit.NAME}: {now.get('ActiveState')} ({now.get('SubState')})"]
         if now.get("ActiveEnterTimestamp"):
             lines[0] += f" since {now['ActiveEnterTimestamp']}"
         lines += [now["StatusText"]] if now.get("StatusText") else []
-        lines.append(f"process {now.get('MainPID')}, started again {now.get('NRestarts')} times")
+        lines.append(f"process {now.get('MainPID')}, restarted {now.get('NRestarts')} times")
         if now.get("MemoryCurrent", "").isdigit():
             lines[-1] += f", {int(now['MemoryCurrent']) / 1e6:.0f} MB"
         lines.append("its messages: journalctl -u hubodo")
@@ -95,27 +114,40 @@ class ServiceState:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What to do, where, and with which settings."""
+    """Add the arguments of `hubodo service`."""
     parser.add_argument(
         "does",
         choices=("install", "status", "uninstall"),
-        help="install: put unit, udev rules and settings in place and start; status: whether it runs and how "
-        "it fares; uninstall: stop and remove, settings and logs stay",
+        help="install: write unit, udev rules and settings, and start; status: show state and health; "
+        "uninstall: stop and remove; settings and logs are kept",
     )
-    parser.add_argument("--config", type=Path, metavar="TOML", help="hubodo.toml to be installed with it")
-    parser.add_argument("--program", type=Path, metavar="PATH", help="the command hubodo (default: this one)")
-    parser.add_argument("--user", action="store_true", help="a service of this user alone, without root")
+    parser.add_argument("--config", type=Path, metavar="TOML", help="hubodo.toml to install")
+    parser.add_argument(
+        "--program", type=Path, metavar="PATH", help="path of the hubodo command (default: this one)"
+    )
+    parser.add_argument("--user", action="store_true", help="install for this user only, without root")
     parser.add_argument(
         "--root",
         type=Path,
         metavar="DIR",
-        help="the files of another system, such as a mounted image; runs nothing",
+        help="root folder of another system, such as a mounted image; nothing is run",
     )
-    parser.add_argument("--dry-run", action="store_true", help="only show what would be done")
+    parser.add_argument("--dry-run", action="store_true", help="only show the changes")
 
 
-def run(args: argparse.Namespace) -> Placed | ServiceState:
-    """Does what is asked for."""
+def run(args: argparse.Namespace) -> ServiceChange | ServiceState:
+    """Install, remove or query the service.
+
+    Returns
+    -------
+    ServiceChange or ServiceState
+        The changed files and the commands that were run, or the state of the service.
+
+    Raises
+    ------
+    InputError
+        If this computer does not run systemd, or a setting is missing.
+    """
     where = Place(args.user, args.root.absolute() if args.root is not None else None)
     quiet = args.dry_run or args.root is not None
     if not quiet:
@@ -126,32 +158,32 @@ def run(args: argparse.Namespace) -> Placed | ServiceState:
     return _install(args, where, quiet) if args.does == "install" else _uninstall(where, quiet, args.dry_run)
 
 
-def _install(args: argparse.Namespace, where: Place, quiet: bool) -> Placed:
+def _install(args: argparse.Namespace, where: Place, quiet: bool) -> ServiceChange:
     program = args.program or place.this_program()
     files = place.planned(where, args.config, program)
     warnings = []
     closed = None if where.user else place.out_of_reach(program)
     if closed is not None:
         warnings.append(
-            f"{program} lies below {closed}, which only its owner may enter: the service runs as a user of "
-            "its own and will not start; install hubodo where all may read it, such as /opt/hubodo, or --user"
+            f"{program} is below {closed}, which only its owner may enter: the service runs as its own user "
+            "and will not start; install hubodo where all can read it, such as /opt/hubodo, or use --user"
         )
     commands = where.commands()
     if not args.dry_run:
         place.write(files)
     if not quiet:
         place.run(commands)
-    return Placed(
+    return ServiceChange(
         {str(path): text for path, text in files.items()},
         () if args.root is not None else tuple(map(" ".join, commands)),
         tuple(warnings),
         unit.exposure(files[where.unit]),
         args.dry_run,
-        f"recording into {where.logs}; how it fares: hubodo service status{' --user' if where.user else ''}",
+        f"recording into {where.logs}; status: hubodo service status{' --user' if where.user else ''}",
     )
 
 
-def _uninstall(where: Place, quiet: bool, dry: bool) -> Placed:
+def _uninstall(where: Place, quiet: bool, dry: bool) -> ServiceChange:
     present = [path for path in (where.unit, where.rules) if path is not None and path.exists()]
     commands = [where.systemctl("disable", "--now", unit.NAME)] if where.unit.exists() else []
     if not quiet:
@@ -161,19 +193,21 @@ def _uninstall(where: Place, quiet: bool, dry: bool) -> Placed:
     after = [where.systemctl("daemon-reload")]
     if not quiet:
         place.run(after)
-    return Placed(
+    return ServiceChange(
         {str(path): None for path in present},
         () if where.root is not None else tuple(map(" ".join, commands + after)),
         (),
         None,
         dry,
-        f"removed; settings in {where.config.parent} and logs in {where.logs} are left",
+        f"removed; settings in {where.config.parent} and logs in {where.logs} are kept",
     )
 
 
 def _state(where: Place) -> ServiceState:
     shown = subprocess.run(
-        where.systemctl("show", unit.NAME, f"--property={','.join(_SHOWN)}"), capture_output=True, text=True
+        where.systemctl("show", unit.NAME, f"--property={','.join(_STATUS_PROPERTIES)}"),
+        capture_output=True,
+        text=True,
     )
     pairs = (line.partition("=") for line in shown.stdout.splitlines())
     return ServiceState({key: value for key, _, value in pairs})

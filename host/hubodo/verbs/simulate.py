@@ -1,4 +1,4 @@
-"""`hubodo simulate`: a model and something to do with it, to a log."""
+"""`hubodo simulate`: simulate a log from a model file."""
 
 import argparse
 import dataclasses
@@ -39,22 +39,42 @@ from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
-from hubodo.verbs.effect_options import add_effects_option, know_effects
+from hubodo.verbs.effect_options import add_effects_option, register_effects
 from hubodo.verbs.log_options import add_topic_option, topic_choice
-from hubodo.verbs.numbers import latitude, number, seed
+from hubodo.verbs.numbers import bounded_number, latitude, seed
 from hubowire.messages import NODE_IDS
 
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
 
 DRIVES = (*experiments.DRIVES, "reference", "gnss")
-_SHORTEST, _LONGEST = 5.0, 36000.0
-_RATES = (1.0, 10000.0)
-_VIRTUAL_RATES = (52, 104, 208, 416)
+_MIN_DURATION_S, _MAX_DURATION_S = 5.0, 36000.0
+_RATE_BOUNDS_HZ = (1.0, 10000.0)
+_VIRTUAL_NODE_RATES_HZ = (52, 104, 208, 416)
 
 
 @dataclass(frozen=True)
-class Simulated:
-    """What was drawn, and where it stands. samples, effects: by node. notes: one line each."""
+class SimulationResult:
+    """The outcome of a simulation.
+
+    Attributes
+    ----------
+    output
+        Path of the log.
+    drive
+        Kind of drive or bench test.
+    seed
+        Seed of drive and noise.
+    duration
+        Duration, s.
+    distance
+        Length of the path, m, or None for a bench test.
+    samples, effects
+        Number of samples and names of the simulated effects, by node.
+    virtual
+        Statistics of the virtual nodes, if there were any.
+    notes
+        One line each.
+    """
 
     output: str
     drive: str
@@ -67,117 +87,156 @@ class Simulated:
     notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` prints it."""
-        made = dataclasses.asdict(self)
-        made["effects"] = {node: list(names) for node, names in self.effects.items()}
-        made["notes"] = list(self.notes)
-        return made
+        """Return the JSON result."""
+        summary = dataclasses.asdict(self)
+        summary["effects"] = {node: list(names) for node, names in self.effects.items()}
+        summary["notes"] = list(self.notes)
+        return summary
 
     def render(self, console: Console) -> None:
-        """A row for each node, then the seed that draws it again."""
+        """Print one row for each node, then the seed that reproduces the log."""
         table = TextTable("node", "samples", "effects", title=f"{self.drive}, {self.duration:.1f} s")
         for node, count in self.samples.items():
             table.add_row(node, str(count), ", ".join(self.effects[node]) or "none")
         console.print(table)
-        far = "" if self.distance is None else f"{self.distance:.1f} m, "
-        console.print(f"{far}seed {self.seed}\nlog: {self.output}", highlight=False, markup=False)
+        distance = "" if self.distance is None else f"{self.distance:.1f} m, "
+        console.print(f"{distance}seed {self.seed}\nlog: {self.output}", highlight=False, markup=False)
         for text in self.notes:
             console.print(f"note: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo simulate`."""
-    parser.add_argument("model", type=Path, metavar="MODEL.toml", help="vehicle, noise, nodes, effects")
+    """Add the arguments of `hubodo simulate`."""
+    parser.add_argument(
+        "model", type=Path, metavar="MODEL.toml", help="model file: vehicle, noise, nodes, effects"
+    )
     parser.add_argument(
         "-o",
         "--output",
         type=Path,
         required=True,
         metavar="OUT",
-        help="log to write; a folder gets CSV files",
+        help="log to write (.mcap), or a folder for CSV files",
     )
     parser.add_argument(
-        "--drive", choices=DRIVES, default="random", help="what is done with the nodes (default: random)"
+        "--drive", choices=DRIVES, default="random", help="drive or bench test (default: random)"
     )
     parser.add_argument(
-        "--from", dest="source", type=Path, metavar="LOG", help="log or CSV folder for reference and gnss"
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="LOG",
+        help="log or CSV folder for --drive reference and gnss",
     )
     add_topic_option(parser)
     parser.add_argument(
-        "--duration", type=number(_SHORTEST, _LONGEST), default=120.0, help="s (default: 120)"
+        "--duration",
+        type=bounded_number(_MIN_DURATION_S, _MAX_DURATION_S),
+        default=120.0,
+        help="duration, s (default: 120)",
     )
     parser.add_argument(
-        "--rate", type=number(*_RATES), help="samples per second (default: 200; --virtual-node: 416)"
+        "--rate",
+        type=bounded_number(*_RATE_BOUNDS_HZ),
+        help="sample rate, Hz (default: 200; with --virtual-node 416)",
     )
     parser.add_argument(
-        "--reference-rate", type=number(*_RATES), default=50.0, help="Hz of reference (default: 50)"
+        "--reference-rate",
+        type=bounded_number(*_RATE_BOUNDS_HZ),
+        default=50.0,
+        help="sample rate of the reference, Hz (default: 50)",
     )
-    parser.add_argument("--seed", type=seed, default=1, help="draws drive and noise (default: 1)")
+    parser.add_argument("--seed", type=seed, default=1, help="seed of drive and noise (default: 1)")
     parser.add_argument(
         "--temperature",
-        type=number(-273.0, 1000.0),
+        type=bounded_number(-273.0, 1000.0),
         nargs="+",
         metavar="DEG_C",
-        help="one, or from first to last evenly",
+        help="one temperature, or the first and the last with a linear change",
     )
     parser.add_argument(
         "--settle",
-        type=number(1e-3),
+        type=bounded_number(1e-3),
         metavar="S",
-        help="with two temperatures: the time constant of a warm-up",
+        help="with two temperatures: time constant of an exponential warm-up, s",
     )
     parser.add_argument(
         "--supply",
-        type=number(0.0, 1000.0),
+        type=bounded_number(0.0, 1000.0),
         nargs="+",
         metavar="V",
-        help="of the nodes: one voltage, or from first to last evenly",
+        help="supply of the nodes: one voltage, or the first and the last with a linear change",
     )
-    parser.add_argument("--calibration", type=Path, metavar="TOML", help="errors of the nodes, as calibrated")
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="TOML",
+        help="calibration file whose errors are added to the nodes",
+    )
     add_effects_option(parser)
-    _add_bench(parser)
+    _add_bench_arguments(parser)
     parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
     add_board_arguments(parser, " of --virtual-node")
 
 
-def _add_bench(parser: argparse.ArgumentParser) -> None:
-    """What a turntable or poses take."""
+def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of a turntable and of static poses."""
     parser.add_argument(
-        "--latitude-deg", type=latitude, metavar="L", help="let the Earth turn under the bench"
+        "--latitude-deg", type=latitude, metavar="L", help="latitude; adds Earth rate to a bench test"
     )
     parser.add_argument(
         "--azimuth-deg",
-        type=number(-360.0, 360.0),
+        type=bounded_number(-360.0, 360.0),
         default=0.0,
         metavar="A",
-        help="of table zero, clockwise from north",
+        help="azimuth of table zero, clockwise from north (default: 0)",
     )
     parser.add_argument(
         "--angles-deg",
-        type=number(-3600.0, 3600.0),
+        type=bounded_number(-3600.0, 3600.0),
         nargs="+",
         default=(0.0, 180.0),
-        help="of the table's stops (0 180)",
+        help="table angles of the stops (default: 0 180)",
     )
     parser.add_argument(
-        "--stop", type=number(1.0, _LONGEST), default=20.0, help="s that the table stands (default: 20)"
+        "--stop",
+        type=bounded_number(1.0, _MAX_DURATION_S),
+        default=20.0,
+        help="duration of a stop, s (default: 20)",
     )
     parser.add_argument(
-        "--turn", type=number(0.1, _LONGEST), default=2.0, help="s that it turns (default: 2)"
+        "--turn",
+        type=bounded_number(0.1, _MAX_DURATION_S),
+        default=2.0,
+        help="duration of a turn, s (default: 2)",
     )
 
 
-def run(args: argparse.Namespace) -> Simulated:
-    know_effects(args)
+def run(args: argparse.Namespace) -> SimulationResult:
+    """Simulate a log and write it.
+
+    Returns
+    -------
+    SimulationResult
+        Samples and effects by node, the path length and the seed.
+
+    Raises
+    ------
+    InputError
+        If options contradict each other, or the output exists.
+    HubodoError
+        If a virtual node fails.
+    """
+    register_effects(args)
     model = read_model(args.model)
-    _check(args, model)
+    _check_arguments(args, model)
     notes: tuple[str, ...] = ()
     if args.calibration:
         model, notes = add_calibration_to_model(model, read_calibration(args.calibration))
     experiment = _experiment(args, model)
     with progress_line() as show:
         if args.virtual_node:
-            recording, virtual = _virtual(args, model, experiment, show)
+            recording, virtual = _record_virtual_nodes(args, model, experiment, show)
         else:
             show("simulating", 0.0)
             rate = 200.0 if args.rate is None else args.rate
@@ -192,7 +251,7 @@ def run(args: argparse.Namespace) -> Simulated:
     if experiment.drives:
         t = np.arange(0.0, experiment.duration, 0.01)
         distance = float(np.sum(np.abs(experiment.inputs.speed(t))) * 0.01)
-    return Simulated(
+    return SimulationResult(
         str(args.output),
         args.drive,
         args.seed,
@@ -208,8 +267,8 @@ def run(args: argparse.Namespace) -> Simulated:
     )
 
 
-def _check(args: argparse.Namespace, model: Model) -> None:
-    """What can be refused before anything is computed."""
+def _check_arguments(args: argparse.Namespace, model: Model) -> None:
+    """Raise InputError for options that contradict each other, before anything is computed."""
     if args.output.exists():
         raise InputError(f"{args.output}: exists already; choose another name, nothing is overwritten")
     if not args.output.absolute().parent.is_dir():
@@ -227,21 +286,21 @@ def _check(args: argparse.Namespace, model: Model) -> None:
         )
     if args.latitude_deg is not None and args.drive not in ("turntable", "poses"):
         raise InputError(
-            "--latitude-deg goes with --drive turntable or poses; a drive hides the Earth's rate"
+            "--latitude-deg goes with --drive turntable or poses; in a drive Earth rate is not simulated"
         )
     if args.virtual_node:
         if args.drive in ("turntable", "poses"):
-            raise InputError(f"--virtual-node drives; it cannot do {args.drive}; leave one of them out")
+            raise InputError(f"--virtual-node drives; it cannot do {args.drive}; remove one of them")
         if args.supply:
-            raise InputError("--virtual-node: its board measures 3.7 V; leave --supply out")
-        strange = [name for name in model.vehicle.nodes if name not in NODE_IDS]
-        if strange:
+            raise InputError("--virtual-node: its board measures 3.7 V; remove --supply")
+        unknown = [name for name in model.vehicle.nodes if name not in NODE_IDS]
+        if unknown:
             raise InputError(
-                f"--virtual-node: no node is called {strange[0]!r} on the wire; use {', '.join(NODE_IDS)}"
+                f"--virtual-node: no node is called {unknown[0]!r} in the protocol; use {', '.join(NODE_IDS)}"
             )
-        if args.rate is not None and args.rate not in _VIRTUAL_RATES:
-            rates = ", ".join(map(str, _VIRTUAL_RATES))
-            raise InputError(f"--rate {args.rate:g}: the chip of a virtual node has {rates} Hz")
+        if args.rate is not None and args.rate not in _VIRTUAL_NODE_RATES_HZ:
+            rates = ", ".join(map(str, _VIRTUAL_NODE_RATES_HZ))
+            raise InputError(f"--rate {args.rate:g}: the sensor of a virtual node supports {rates} Hz")
 
 
 def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
@@ -251,7 +310,7 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
         model,
         args.duration,
         args.seed,
-        driven=None if args.source is None else _driven(args, model.vehicle),
+        driven=None if args.source is None else _inputs_from_log(args, model.vehicle),
         earth=None if latitude is None else Earth(math.radians(latitude), math.radians(args.azimuth_deg)),
         programme=Programme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
         temperature=args.temperature or (),
@@ -260,20 +319,20 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
     )
 
 
-def _driven(args: argparse.Namespace, vehicle: Vehicle) -> Inputs:
-    """The drive of --from."""
+def _inputs_from_log(args: argparse.Namespace, vehicle: Vehicle) -> Inputs:
+    """Return the inputs of a drive that follows the log of --from."""
     needed = ("reference",) if args.drive == "reference" else ("gnss",)
     recording = read_log(
         args.source, input_format=InputFormat(topic_selection=topic_choice(args, vehicle, needed))
     )
-    maker = drive_from_reference if args.drive == "reference" else drive_from_fixes
-    return maker(recording, str(args.source))
+    convert = drive_from_reference if args.drive == "reference" else drive_from_fixes
+    return convert(recording, str(args.source))
 
 
-def _virtual(
+def _record_virtual_nodes(
     args: argparse.Namespace, model: Model, experiment: Experiment, show: Any
 ) -> tuple[Recording, dict[str, Any]]:
-    """The drive through emulated chips, firmware, serial ports and the daemon; reference and truth added."""
+    """Record the drive with emulated sensors, firmware, ports and the daemon; add reference and truth."""
     interpreter = choose_interpreter(args.interpreter, args.image, args.bootrom)
     vehicle = model.vehicle
     riders = {}
@@ -304,15 +363,15 @@ def _virtual(
             pico=PicoSettings(args.image, args.bootrom),
         )
         recorded = read_recording(result.log)
-    begin = (result.start_ns - recorded.t_zero_ns) * 1e-9
+    drive_start = (result.start_ns - recorded.t_zero_ns) * 1e-9
     reference = experiments.reference(model, experiment, args.reference_rate, args.seed)
     recording = dataclasses.replace(
         recorded,
-        reference=_later(reference, begin),
-        truth=_later(experiments.truth(experiment), begin) if experiment.drives else None,
+        reference=_shift_time(reference, drive_start),
+        truth=_shift_time(experiments.truth(experiment), drive_start) if experiment.drives else None,
     )
     return recording, result.nodes
 
 
-def _later(table: Table, by: float) -> Table:
-    return Table({**table.columns, "t": table.t + by})
+def _shift_time(table: Table, delay: float) -> Table:
+    return Table({**table.columns, "t": table.t + delay})

@@ -1,4 +1,4 @@
-"""The options by which a verb that listens on UDP is told whom to trust."""
+"""Options for keys and trust of verbs that receive UDP."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from pathlib import Path
 
 
 def add_udp_arguments(parser: argparse.ArgumentParser) -> None:
-    """--key-file, --insecure-udp."""
+    """Add --key-file and --insecure-udp."""
     parser.add_argument(
         "--key-file",
         type=Path,
         metavar="TOML",
-        help="keys of nodes on UDP, as `hubodo flash --key-file` wrote it: nobody else is heard, nor obeyed "
-        "by the nodes",
+        help="keys of nodes on UDP, as written by `hubodo flash --key-file`; messages without a valid key "
+        "are rejected, by the nodes too",
     )
     parser.add_argument(
         "--insecure-udp",
         action="store_true",
-        help="UDP without keys from other machines too: anybody on the network can then send samples and "
-        "give orders to the nodes (this machine's own, 127.0.0.1, needs neither)",
+        help="accept UDP without keys from other machines: anybody on the network can then send samples and "
+        "commands (not needed for 127.0.0.1)",
     )
 
 
 def udp_settings(args: argparse.Namespace) -> dict[str, object]:
-    """What of `RecordConfig` they say; None where they do not."""
+    """Return the UDP options as settings of `RecordConfig`; None where an option is not given."""
     key_file = None if args.key_file is None else str(args.key_file)
     return {"key_file": key_file, "insecure_udp": args.insecure_udp or None}

@@ -1,4 +1,4 @@
-"""`hubodo warmup`: the bias of a gyro after power-on, as a model that filters use from the first sample."""
+"""`hubodo warmup`: model the bias of a gyro after power-on."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from hubodo.report.warmup_figure import warmup_figure
 from hubodo.sensors.rest_channel import IMU_CHANNELS
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
-from hubodo.verbs.numbers import not_negative
+from hubodo.verbs.numbers import non_negative_number
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
@@ -46,7 +46,21 @@ EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration
 
 @dataclass(frozen=True)
 class WarmedUp:
-    """The result for one gyro axis, and where it was written."""
+    """The warm-up model of one gyro axis.
+
+    Attributes
+    ----------
+    log
+        Path of the log.
+    node
+        Name of the node.
+    output
+        Path of the calibration file, or None.
+    report
+        Models, whiteness tests and forecasts.
+    ages
+        Times since power-on to forecast, s.
+    """
 
     log: str
     node: str
@@ -55,22 +69,24 @@ class WarmedUp:
     ages: tuple[float, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """The fixed form that programs read, with the log and the node."""
-        made = {"log": self.log, "node": self.node, "output": self.output}
-        return made | self.report.as_json(self.ages)
+        """Return the documented JSON result, with the log and the node."""
+        summary = {"log": self.log, "node": self.node, "output": self.output}
+        return summary | self.report.as_json(self.ages)
 
     def render(self, console: Console) -> None:
-        """The accepted model, tests, the bias at other times."""
+        """Print the accepted model, the whiteness tests and the forecast bias."""
         report = self.report
         rows = parameter_rows(report.accepted, report.sigma) if report.accepted is not None else []
         tests = ("test", "result", "verdict")
         kind = "" if report.accepted is None else report.accepted.fit.kind
-        _show(console, f"{self.node} {report.channel}: {kind}", ("parameter", "SI", "customary"), rows)
-        _show(console, "exponential", tests, whiteness_rows(report.first))
+        _print_table(
+            console, f"{self.node} {report.channel}: {kind}", ("parameter", "SI", "common unit"), rows
+        )
+        _print_table(console, "exponential", tests, whiteness_rows(report.first))
         if report.following is not None:
-            _show(console, report.following.fit.kind, tests, whiteness_rows(report.following))
-        heads = ("since power-on", "all forms, deg/s", "accepted model, deg/s")
-        _show(console, "the bias at other times", heads, prediction_rows(report, self.ages))
+            _print_table(console, report.following.fit.kind, tests, whiteness_rows(report.following))
+        headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
+        _print_table(console, "forecast bias", headings, prediction_rows(report, self.ages))
         console.print(warmup_lead(report), highlight=False)
         for line in (*(f"note: {note}" for note in report.notes), *advice(report, self.node)):
             console.print(line, highlight=False)
@@ -78,8 +94,10 @@ class WarmedUp:
             console.print(f"written to {self.output}", highlight=False)
 
 
-def _show(console: Console, title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    table = Table(*heads, title=title)
+def _print_table(
+    console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
+) -> None:
+    table = Table(*headings, title=title)
     for row in rows:
         table.add_row(*row)
     if rows:
@@ -87,30 +105,47 @@ def _show(console: Console, title: str, heads: Sequence[str], rows: Sequence[Seq
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `hubodo warmup`."""
+    """Add the arguments of `hubodo warmup`."""
     add_standstill_arguments(parser, IMU_CHANNELS[:3])
     parser.add_argument(
-        "--age", type=not_negative, default=0.0, help="s since power-on at the first sample (default 0)"
+        "--age",
+        type=non_negative_number,
+        default=0.0,
+        help="time since power-on at the first sample, s (default 0)",
     )
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="TOML", help="calibration file; this axis is added to it"
+        "-o", "--output", type=Path, metavar="TOML", help="calibration file to create or extend by this axis"
     )
     parser.add_argument(
         "--at",
-        type=not_negative,
+        type=non_negative_number,
         action="append",
         default=[],
         metavar="AGE",
-        help="s since power-on for which to forecast the bias, again for each (default: within and after)",
+        help="time since power-on to forecast the bias for, s; repeatable (default: several)",
     )
     parser.add_argument(
-        "--figure", type=drawing_path, metavar="PNG", help="record, models, forecast: .png, .svg or .pdf"
+        "--figure",
+        type=drawing_path,
+        metavar="PNG",
+        help="write record, models and forecast as .png, .svg or .pdf",
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
 def run(args: argparse.Namespace) -> WarmedUp:
-    """Read, check, fit; add to the calibration file and write the page where asked."""
+    """Fit the warm-up models; extend the calibration file and write page and figure where asked.
+
+    Returns
+    -------
+    WarmedUp
+        Models, whiteness tests and forecasts.
+
+    Raises
+    ------
+    InputError
+        If the sensor moved, the record does not suffice, or no model is accepted for the calibration file.
+    """
     data = read_standstill(args)
     try:
         report = characterise_warmup(
@@ -124,13 +159,15 @@ def run(args: argparse.Namespace) -> WarmedUp:
                 span = (float(data.temperature.min()), float(data.temperature.max()))
             date, source = datetime.now(UTC).date().isoformat(), hash_source(args.log)
             effects = {
-                name: merged(
+                name: merge_effects(
                     node.effects.get(name), replace(e, date=date, source_sha256=source, temperature=span)
                 )
                 for name, e in report.effects().items()
             }
             calibration = before.with_node(data.node, effects, data.serial)
-            write_calibration(_without_older(calibration, data.node, effects, data.channel[1]), args.output)
+            write_calibration(
+                _remove_superseded(calibration, data.node, effects, data.channel[1]), args.output
+            )
     except InputError as error:
         raise InputError(f"{args.log}, node {data.node}, {data.channel}: {error}") from None
     title = f"Warm-up of {data.node} {data.channel}"
@@ -143,36 +180,36 @@ def run(args: argparse.Namespace) -> WarmedUp:
     return WarmedUp(str(args.log), data.node, output, report, tuple(args.at))
 
 
-def _without_older(
+def _remove_superseded(
     calibration: Calibration, node: str, effects: Mapping[str, CalibratedEffect], axis: str
 ) -> Calibration:
-    """What an earlier model said of this axis and the accepted one does not, taken out."""
-    kept = dict(calibration.nodes[node].effects)
-    for name in {"gyro_warmup", "gyro_temperature"} & (kept.keys() - effects.keys()):
-        left = {key: q for key, q in kept[name].parameters.items() if key[:1] != axis}
-        if _axes(left):
-            kept[name] = replace(kept[name], parameters=left)
+    """Remove warm-up parameters of this axis that an earlier model had and the accepted one does not have."""
+    remaining = dict(calibration.nodes[node].effects)
+    for name in {"gyro_warmup", "gyro_temperature"} & (remaining.keys() - effects.keys()):
+        other_axes = {key: q for key, q in remaining[name].parameters.items() if key[:1] != axis}
+        if _axes(other_axes):
+            remaining[name] = replace(remaining[name], parameters=other_axes)
         else:
-            del kept[name]
-    changed = replace(calibration.nodes[node], effects=kept)
+            del remaining[name]
+    changed = replace(calibration.nodes[node], effects=remaining)
     return replace(calibration, nodes={**calibration.nodes, node: changed})
 
 
-def merged(old: CalibratedEffect | None, new: CalibratedEffect) -> CalibratedEffect:
-    """The new axis beside the axes there are; a time constant, which all axes share, by its weights.
+def merge_effects(old: CalibratedEffect | None, new: CalibratedEffect) -> CalibratedEffect:
+    """Merge the parameters of a new axis into those of the other axes.
 
-    Raises InputError when the axes' time constants differ by more than 4 sigma: one number cannot stand for
-    both.
+    A shared time constant becomes the mean, weighted by inverse variance. Raises InputError if the time
+    constants differ by more than 4σ, as one number cannot represent both.
     """
     if old is None:
         return new
-    kept = {name: q for name, q in old.parameters.items() if name[:1] not in _axes(new.parameters)}
-    parameters = {**kept, **new.parameters}
-    axes = _axes(kept)
+    existing = {name: q for name, q in old.parameters.items() if name[:1] not in _axes(new.parameters)}
+    parameters = {**existing, **new.parameters}
+    axes = _axes(existing)
     for name in ("time_constant", "time_constant_second"):
-        if not axes or name not in kept or name not in new.parameters:
+        if not axes or name not in existing or name not in new.parameters:
             continue
-        before, after = kept[name], new.parameters[name]
+        before, after = existing[name], new.parameters[name]
         if abs(before.value - after.value) > 4.0 * math.hypot(before.sigma, after.sigma):
             raise InputError(
                 f"the {name} {after.value:.4g} s differs from {before.value:.4g} s of axis "

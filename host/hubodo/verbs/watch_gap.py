@@ -1,8 +1,8 @@
-"""What `hubodo record --watch-gap` runs beside the recording: a process of low priority that reads the log.
+"""A process that `hubodo record --watch-gap` runs beside the recording to analyse the growing log.
 
     python -m hubodo.verbs.watch_gap VEHICLE.toml LOG...
 
-It reads a log that grows, prints a line for each thing that is new, and ends with its standard input.
+It runs at low priority, prints a line for each new finding, and ends when its standard input is closed.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from hubodo.recording import Event
 if TYPE_CHECKING:
     from hubodo.ingest.live.snapshot import Snapshot, Watch
 
-# s between two looks at least; of its time it looks no more than this share.
-_AGAIN, _BUSY = 4.0, 0.2
-# As the jobs of the page: below a recording, above what only waits for an idle computer.
-_NICE = 10
+# Shortest time between two analyses, and the largest share of the time spent on them.
+_MIN_PERIOD_S, _MAX_BUSY_SHARE = 4.0, 0.2
+# The same niceness as the jobs of the web page: below a recording, above idle jobs.
+_NICENESS = 10
 
 
 @contextmanager
-def watching_gap(wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
-    """Yield what `record` is to call each second, which returns what was found meanwhile as events.
+def watch_gap(is_wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
+    """Yield a function for `record` to call each second, which returns new findings as events.
 
-    output: of the recording, a log or a folder. Raises InputError without a vehicle.
+    output: log or folder of the recording. Raises InputError without a vehicle.
     """
-    if not wanted:
+    if not is_wanted:
         yield {}
         return
     if vehicle is None:
-        raise InputError("--watch-gap wants the geometry; give --vehicle TOML")
+        raise InputError("--watch-gap needs the geometry; give --vehicle TOML")
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     command = [sys.executable, "-m", "hubodo.verbs.watch_gap", str(vehicle), str(output)]
     child = subprocess.Popen(
@@ -48,7 +48,7 @@ def watching_gap(wanted: bool, output: Path, vehicle: Path | None) -> Iterator[M
     )
     assert child.stdout is not None
 
-    def listen(source: Iterator[str]) -> None:
+    def read_lines(source: Iterator[str]) -> None:
         for line in source:
             lines.put(line.rstrip("\n"))
 
@@ -57,7 +57,7 @@ def watching_gap(wanted: bool, output: Path, vehicle: Path | None) -> Iterator[M
             while True:
                 yield Event(snapshot.t_ns, "gap_seen", "", lines.get_nowait())
 
-    threading.Thread(target=listen, args=(iter(child.stdout),), daemon=True).start()
+    threading.Thread(target=read_lines, args=(iter(child.stdout),), daemon=True).start()
     try:
         yield {"gap": findings}
     finally:
@@ -66,7 +66,7 @@ def watching_gap(wanted: bool, output: Path, vehicle: Path | None) -> Iterator[M
 
 
 def newest_log(output: Path) -> Path | None:
-    """The log that is being written: the file, or of a folder or a series the one that was written last."""
+    """Return the log that is being written: the file itself, or the latest of a folder or series."""
     if output.is_file():
         return output
     folder = output if output.is_dir() else output.parent
@@ -76,25 +76,25 @@ def newest_log(output: Path) -> Path | None:
 
 
 def main() -> int:
-    """The process beside the recording."""
-    os.nice(_NICE)
-    threading.Thread(target=_end_with_the_recording, daemon=True).start()
-    # Not at the top: whoever records need not wait for all of the gap.
+    """Run the analysis beside the recording."""
+    os.nice(_NICENESS)
+    threading.Thread(target=_exit_with_recording, daemon=True).start()
+    # Imported here, so that a recording does not wait for the gap analysis to load.
     from hubodo.gap.watch import GapWatch
     from hubodo.log.any_log import read_log
     from hubodo.vehicle import load_vehicle
 
     watch, output = GapWatch(load_vehicle(Path(sys.argv[1]))), Path(sys.argv[2])
     while True:
-        path, begun = newest_log(output), time.monotonic()
-        # A log that is read while it is written ends in the middle of something.
+        path, started = newest_log(output), time.monotonic()
+        # A log that is still being written ends mid-record.
         with suppress(HubodoError, OSError):
             for line in watch.look(read_log(path)) if path is not None else []:
                 print(line, flush=True)
-        time.sleep(max(_AGAIN, (time.monotonic() - begun) * (1.0 / _BUSY - 1.0)))
+        time.sleep(max(_MIN_PERIOD_S, (time.monotonic() - started) * (1.0 / _MAX_BUSY_SHARE - 1.0)))
 
 
-def _end_with_the_recording() -> None:
+def _exit_with_recording() -> None:
     sys.stdin.buffer.read()
     os._exit(0)
 

@@ -1,4 +1,4 @@
-"""Options of the verbs that can be watched in a browser or in Foxglove."""
+"""Options of verbs that offer a live page in the browser or a Foxglove connection."""
 
 from __future__ import annotations
 
@@ -15,45 +15,47 @@ if TYPE_CHECKING:
     from hubodo.ingest.live.snapshot import Audience
     from hubodo.web.config import WebConfig
 
-_ANYWHERE = ""
-"""An option without an address: loopback, and the port that it has in `hubodo.web.config`."""
+_DEFAULT_ADDRESS = ""
+"""An option without an address: loopback, at the port defined in `hubodo.web.config`."""
 
 
 def add_web_arguments(parser: argparse.ArgumentParser) -> None:
-    """Where the page is, and who may see it."""
+    """Add --web, the access options and --foxglove."""
     parser.add_argument(
         "--web",
         nargs="?",
-        const=_ANYWHERE,
+        const=_DEFAULT_ADDRESS,
         metavar="HOST:PORT",
-        help="a live page in the browser (default 127.0.0.1:8642); others than this computer need a token",
+        help="serve a live page for the browser (default 127.0.0.1:8642); other computers need a token",
     )
     add_access_arguments(parser)
     add_foxglove_argument(parser)
 
 
 def add_foxglove_argument(parser: argparse.ArgumentParser) -> None:
-    """Where Foxglove finds it."""
+    """Add --foxglove."""
     parser.add_argument(
         "--foxglove",
         nargs="?",
-        const=_ANYWHERE,
+        const=_DEFAULT_ADDRESS,
         metavar="HOST:PORT",
-        help="the same topics for Foxglove's live connection (default 127.0.0.1:8765)",
+        help="serve the topics to the live connection of Foxglove (default 127.0.0.1:8765)",
     )
 
 
 def add_access_arguments(parser: argparse.ArgumentParser) -> None:
-    """Who may see a page."""
+    """Add --token-file, --cert and --key."""
     parser.add_argument(
-        "--token-file", metavar="FILE", help="with the page: its first line is the secret that visitors give"
+        "--token-file",
+        metavar="FILE",
+        help="with the page: file whose first line is the secret that visitors must give",
     )
     parser.add_argument("--cert", metavar="PEM", help="with the page: certificate, for https")
     parser.add_argument("--key", metavar="PEM", help="with the page: its private key")
 
 
 def web_config(args: argparse.Namespace) -> WebConfig:
-    """Return `[web]` of the file of `--config`, with the options of the command line in place of its own."""
+    """Return `[web]` of the file of `--config`, overridden by the command-line options."""
     from hubodo.web.config import WebConfig, load_web_config
 
     config = WebConfig() if args.config is None else load_web_config(args.config)
@@ -63,8 +65,8 @@ def web_config(args: argparse.Namespace) -> WebConfig:
 
 
 @contextlib.contextmanager
-def watched(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> Iterator[Audience | None]:
-    """What the options and the file of `--config` ask for; None where they ask for nothing."""
+def live_views(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> Iterator[Audience | None]:
+    """Serve the live page and Foxglove as requested; yield their audience, or None."""
     if args.web is None and args.foxglove is None and args.config is None:
         yield None
         return
@@ -72,7 +74,7 @@ def watched(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) -> 
     if config.listen is None and config.foxglove is None:
         yield None
         return
-    # What serves pages takes its time to load.
+    # Imported here, as the web server takes time to load.
     from hubodo.web.config import foxglove_address, make_site
     from hubodo.web.live import watching
 

@@ -98,7 +98,7 @@ def names(run):
 def test_a_search_that_is_stopped_leaves_what_it_found_and_says_so(stopped, tmp_path):
     left = stopped(2, tmp_path / "out")
     assert left.code == 130
-    assert "has what was found until then; --resume goes on" in left.err
+    assert "holds the intermediate result; --resume continues" in left.err
     assert left.err.count("\n") == 1
     assert sorted(path.name for path in left.folder.iterdir()) == sorted(LEFT)
     check(left.result)

@@ -107,7 +107,7 @@ def test_a_model_and_a_vehicle_are_one_too_many(nothing, tmp_path):
         words = [str(nothing / "model.toml"), str(nothing), "--vehicle", str(vehicle)]
         code = main(["gap", *words, "-o", str(tmp_path / "out")])
     assert code == 2
-    assert "both say the vehicle" in err.getvalue()
+    assert "both describe the vehicle" in err.getvalue()
 
 
 def test_a_model_alone_still_wants_its_log(nothing, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from hubodo.errors import InputError
 from hubodo.log import input_limits
 from hubodo.log.input_limits import MemoryBudget, check_claim, limit_bytes, memory_limit, open_regular
-from hubodo.verbs import VERBS, load
+from hubodo.verbs import VERBS, load_verb
 from in_process import hubodo
 
 
@@ -67,7 +67,7 @@ def test_every_verb_that_reads_a_log_has_max_memory() -> None:
     reading = set()
     for verb in VERBS:
         parser = argparse.ArgumentParser()
-        load(verb).add_arguments(parser)
+        load_verb(verb).add_arguments(parser)
         words = parser.format_help()
         if verb == "calibrate":
             continue  # a verb of verbs, both of which are below

@@ -156,12 +156,12 @@ def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, t
     "words, text",
     [
         (["--method", "carousel"], "--live makes stops"),
-        (["--stops", 3], "give 4 stops"),
-        (["--stop", 0.5], "give 4 stops of 1 s"),
-        (["--method", "east", "--stops", 11], "12 at least"),
+        (["--stops", 3], "give at least 4 stops"),
+        (["--stop", 0.5], "give at least 4 stops of at least 1 s"),
+        (["--method", "east", "--stops", 11], "at least 12"),
         (["--method", "east", "--axis", "x", "--axis", "y"], "give one --axis"),
         (["--simulate-azimuth-deg", 10], "goes with a LOG"),
-        (["-o", "north.csv"], "ends in .mcap"),
+        (["-o", "north.csv"], "the suffix .mcap"),
         (["--node", "frame"], "carries node 'left', asked for 'frame'"),
         (["--axis", "z"], "degrees from level"),
     ],
@@ -233,7 +233,7 @@ def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
         FineNode(rows=OnTable(table, azimuth, 8), computer=computer) as node,
     ):
         status, err = north(node, capsys, "--table", table.path, *words, "-o", first)
-    assert status == 1 and f"go on with --resume {first}" in err
+    assert status == 1 and f"continue with --resume {first}" in err
     later = VirtualComputer()
     monkeypatch.setattr(node_stream, "ThisComputer", lambda: later)
     with (
@@ -253,7 +253,7 @@ def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
 
 def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path, capsys, monkeypatch):
     out = tmp_path / "north.mcap"
-    monkeypatch.setattr(north_live, "TABLE_ANSWER_S", 0.1)
+    monkeypatch.setattr(north_live, "TABLE_TIMEOUT_S", 0.1)
     with FakeTable(silent=True) as table, FineNode(computer=computer) as node:
         status, err = north(node, capsys, "--table", table.path, "-o", out)
         assert status == 1 and "answered nothing to 'TABLE?'" in err
@@ -275,5 +275,5 @@ def test_a_stop_without_enough_samples_is_made_again_and_the_third_is_the_end(ta
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1, "--stops", 8]
     with FineNode(rows=OnTable(table, 0.0, 1), computer=computer, rate_hz=12.0, batch=2) as node:
         status, err = north(node, capsys, *words)
-    assert status == 1 and err.count("samples in 1 s: measured again") == 2
-    assert "samples in 1 s, 3 times; hubodo doctor looks for what loses them" in err
+    assert status == 1 and err.count("samples in 1 s: measuring again") == 2
+    assert "samples in 1 s, 3 times; hubodo doctor finds the cause of the losses" in err
