@@ -39,7 +39,8 @@ for line in json.loads(sys.argv[1]):
     os.environ.update(COMP_LINE=line, COMP_POINT=str(len(line)))
     out = io.TextIOWrapper(io.BytesIO())
     try:
-        completers.complete_command(build_parser(completers.typed_words()), output_stream=out, exit_method=end)
+        parser = build_parser(completers.typed_words())
+        completers.complete_command(parser, output_stream=out, exit_method=end)
     except Ended:
         said[line] = [word.strip() for word in out.buffer.getvalue().decode().split("\\n") if word]
 print(json.dumps(said))

@@ -33,6 +33,7 @@ from hubodo.fuse.track import Score, error_words
 from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import Summary, summarise
+from hubodo.recording import Recording, Table
 from hubodo.report.log_page import log_page
 from hubodo.report.page import Grid
 from hubodo.safe_text import json_text
@@ -233,6 +234,12 @@ def run(args: argparse.Namespace) -> DemoResult:
         scenario.length(),
         time.monotonic() - started,
     )
+    _write_pages(demo, out, recording, truth, summary)
+    return demo
+
+
+def _write_pages(demo: DemoResult, out: Path, recording: Recording, truth: Table, summary: Summary) -> None:
+    """Write the demo's page, the report of its log, and demo.json."""
     lead = (
         f"{demo.true_length:.0f} m, driven by two virtual wheel nodes running the real firmware; "
         f"the final error of the fused track is "
@@ -240,12 +247,11 @@ def run(args: argparse.Namespace) -> DemoResult:
     )
     facts = facts_grid(demo.headline_figures())
     write_atomically(
-        demo.page, demo_page(lead, facts, fused.track, truth, recording, demo.link_table(), WHEEL_RADIUS)
+        demo.page, demo_page(lead, facts, demo.fused.track, truth, recording, demo.link_table(), WHEEL_RADIUS)
     )
-    report = log_page(result.log.name, recording, summary, vehicle=load_vehicle(result.vehicle))
+    report = log_page(demo.ride.log.name, recording, summary, vehicle=load_vehicle(demo.ride.vehicle))
     write_atomically(demo.report, report.html)
     write_atomically(out / "demo.json", _reproducible_json(demo, out))
-    return demo
 
 
 def _log_warnings(summary: Summary) -> tuple[str, ...]:

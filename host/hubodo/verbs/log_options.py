@@ -46,8 +46,8 @@ def add_topic_option(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=/TOPIC",
         help=f"topic of a node, such as left=/imu/left_wheel, or of {', '.join(ROLE_TYPES)}, in a log of "
-        "another program; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- ignores one; repeatable (default: "
-        "[topics] of the vehicle file, else by message type)",
+        "another program; wheels=/joint_states:LEFT,RIGHT names joints, NAME=- ignores one; repeatable "
+        "(default: [topics] of the vehicle file, else by message type)",
     )
     add_memory_option(parser)
 

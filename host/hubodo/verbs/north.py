@@ -83,24 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--calibration", type=Path, metavar="TOML", help="calibration of the nodes")
     _add_detection_arguments(parser.add_argument_group("stops and angles from the gyro, without table.csv"))
     _add_live_arguments(parser.add_argument_group("live, instead of a LOG"))
-    noise = parser.add_argument_group("gyro noise and planning")
-    noise.add_argument(
-        "--allan", type=Path, metavar="JSON", help="noise of the axis, as printed by hubodo allan --json"
-    )
-    noise.add_argument(
-        "--plan", action="store_true", help="plan the stops, from --allan or a LOG of a stationary node"
-    )
-    noise.add_argument(
-        "--sigma-deg",
-        type=bounded_number(high=45.0, above=0.0),
-        help="requested sigma of the azimuth (default 1 with --plan; a live run ends there)",
-    )
-    noise.add_argument(
-        "--turn",
-        type=bounded_number(0.0, 3600.0),
-        default=2.0,
-        help="duration of a turn for --plan, s (default 2)",
-    )
+    _add_planning_arguments(parser.add_argument_group("gyro noise and planning"))
     parser.add_argument(
         "--figure",
         type=drawing_path,
@@ -108,19 +91,42 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write fit and residuals of the first gyro as .png, .svg or .pdf",
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
-    trial = parser.add_argument_group("simulated")
-    trial.add_argument(
+    _add_simulation_arguments(parser.add_argument_group("simulated and live stops"))
+
+
+def _add_planning_arguments(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--allan", type=Path, metavar="JSON", help="noise of the axis, as printed by hubodo allan --json"
+    )
+    group.add_argument(
+        "--plan", action="store_true", help="plan the stops, from --allan or a LOG of a stationary node"
+    )
+    group.add_argument(
+        "--sigma-deg",
+        type=bounded_number(high=45.0, above=0.0),
+        help="requested sigma of the azimuth (default 1 with --plan; a live run ends there)",
+    )
+    group.add_argument(
+        "--turn",
+        type=bounded_number(0.0, 3600.0),
+        default=2.0,
+        help="duration of a turn for --plan, s (default 2)",
+    )
+
+
+def _add_simulation_arguments(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         "--simulate-azimuth-deg",
         type=bounded_number(),
         help="simulate a table with this azimuth of its zero, with a static record as the gyro error",
     )
-    trial.add_argument(
+    group.add_argument(
         "--stop",
         type=positive_number,
         default=34.0,
         help="duration of simulated and live stops, s (default 34)",
     )
-    trial.add_argument(
+    group.add_argument(
         "--stops",
         type=bounded_integer(1, 1_000_000),
         default=20,

@@ -15,7 +15,7 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
 from hubodo.verbs.numbers import baud_rate, positive_number
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
-from hubodo.verbs.watch_gap import watch_gap
+from hubodo.verbs.watch_gap import run_gap_watch
 from hubodo.verbs.web_options import add_web_arguments, live_views
 from hubodo.version import __version__
 from hubowire import FINGERPRINT
@@ -120,10 +120,8 @@ def run(args: argparse.Namespace) -> RecordResult:
 
     Raises
     ------
-    InputError
-        If no port or output is given, or an option is invalid.
-    ConfigError
-        If hubodo.toml is invalid.
+    InputError, ConfigError
+        If no port or output is given, or an option or hubodo.toml is invalid.
     LinkError
         If a port cannot be opened.
     """
@@ -161,7 +159,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     with (
         program_log("record", config.log_format),
         live_views(args, output, vehicle) as audience,
-        watch_gap(args.watch_gap, output, vehicle_path) as watch,
+        run_gap_watch(args.watch_gap, output, vehicle_path) as watch,
     ):
         return record(
             config,

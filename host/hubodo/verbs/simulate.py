@@ -147,6 +147,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="sample rate of the reference, Hz (default: 50)",
     )
     parser.add_argument("--seed", type=seed, default=1, help="seed of drive and noise (default: 1)")
+    _add_environment_arguments(parser)
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="TOML",
+        help="calibration file whose errors are added to the nodes",
+    )
+    add_effects_option(parser)
+    _add_bench_arguments(parser)
+    parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
+    add_board_arguments(parser, " of --virtual-node")
+
+
+def _add_environment_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments for temperature and supply voltage."""
     parser.add_argument(
         "--temperature",
         type=bounded_number(-273.0, 1000.0),
@@ -167,16 +182,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="V",
         help="supply of the nodes: one voltage, or the first and the last with a linear change",
     )
-    parser.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="TOML",
-        help="calibration file whose errors are added to the nodes",
-    )
-    add_effects_option(parser)
-    _add_bench_arguments(parser)
-    parser.add_argument("--virtual-node", action="store_true", help="run the firmware on virtual boards")
-    add_board_arguments(parser, " of --virtual-node")
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:

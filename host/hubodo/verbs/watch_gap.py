@@ -31,7 +31,7 @@ _NICENESS = 10
 
 
 @contextmanager
-def watch_gap(is_wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
+def run_gap_watch(is_wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
     """Yield a function for `record` to call each second, which returns new findings as events.
 
     output: log or folder of the recording. Raises InputError without a vehicle.

@@ -19,7 +19,7 @@ from hubodo.log.any_log import read_log
 from hubodo.recording import Table
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs import watch_gap
-from hubodo.verbs.watch_gap import newest_log, watch_gap
+from hubodo.verbs.watch_gap import newest_log, run_gap_watch
 
 VEHICLE = """[vehicle]
 wheel_radius = 0.31
@@ -72,7 +72,7 @@ def test_of_a_sound_vehicle_nothing_is_said(drives):
 def first_finding(drives):
     """The first event of the process beside a recording."""
     second, events = SimpleNamespace(t_ns=1_000_000_000), []
-    with watch_gap(True, drives / "arm.mcap", drives / "vehicle.toml") as watch:
+    with run_gap_watch(True, drives / "arm.mcap", drives / "vehicle.toml") as watch:
         end = time.monotonic() + 500.0
         while not events and time.monotonic() < end:
             time.sleep(0.1)
