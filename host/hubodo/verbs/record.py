@@ -125,7 +125,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     LinkError
         If a port cannot be opened.
     """
-    # Imported here, so that shell completion does not wait for the odometry to load.
+    # Imported here: shell completion need not load the odometry.
     from hubodo.calibration.file import read_calibration
     from hubodo.ingest.live.daemon import record
     from hubodo.ingest.live.program_log import program_log
@@ -147,9 +147,8 @@ def run(args: argparse.Namespace) -> RecordResult:
     if not config.ports and config.gnss is None:
         raise InputError("no port; give at least one, such as /dev/ttyACM0")
     check_record_config(config, lambda key: f"--{key.replace('_', '-')}")
-    vehicle = None
+    vehicle = None if vehicle_path is None else load_vehicle(vehicle_path)
     if vehicle_path is not None:
-        vehicle = load_vehicle(vehicle_path)
         attachments["vehicle.toml"] = vehicle_path.read_bytes()
     calibration_path = args.calibration or (folder / config.calibration if config.calibration else None)
     calibration = None
