@@ -193,9 +193,9 @@ def _positions(recording: Recording, vehicle: Vehicle, log: str) -> tuple[str, P
 def _summary_lines(calibration: WheelCalibration, positions: str) -> Iterator[str]:
     """Yield lines about residuals, antenna and the held-out check."""
     yield (
-        f"{calibration.n_positions} positions ({positions}) with {calibration.white_sigma:.2g} m of white noise and "
-        f"{calibration.slow_sigma:.2g} m of slow error (1σ); before calibration the "
-        f"track deviated by {calibration.rms:.2f} m rms"
+        f"{calibration.n_positions} positions ({positions}) with {calibration.white_sigma:.2g} m of white "
+        f"noise and {calibration.slow_sigma:.2g} m of slow error (1σ); before calibration the track "
+        f"deviated by {calibration.rms:.2f} m rms"
     )
     if calibration.n_jumps:
         yield f"the positions jumped {calibration.n_jumps} times; the slow error was reset at each jump"
