@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hubodo.ingest.link.link import Chunk, LinkUp
-from hubodo.ingest.link.ports import Lister, PortName
+from hubodo.ingest.link.ports import DeviceLister, PortName
 from hubodo.ingest.live.host_clock import ClockState
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame
@@ -115,9 +115,9 @@ class SteadyLink:
         self._computer.ask(self.label, self._node, data)
         return True
 
-    def end(self) -> None: ...
+    def request_stop(self) -> None: ...
 
-    def stop(self, patience_s: float = 0.0) -> None: ...
+    def stop(self, timeout_s: float = 0.0) -> None: ...
 
 
 class SteadyComputer:
@@ -146,7 +146,7 @@ class SteadyComputer:
     def put(self, item: Any) -> None:
         self._news.append(item)
 
-    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> SteadyLink:
+    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> SteadyLink:
         return SteadyLink(label, self.nodes[label], self)
 
     def begin(self, label: str, node: SteadyNode) -> None:

@@ -103,7 +103,9 @@ def _run(
     """One recording, with the flood in its middle and a restart of a node in the middle of that."""
     log, to = folder / "drive.mcap", ("127.0.0.1", _free_port())
     ring = KeyRing(folder / "keys.toml", create=True)
-    keys = {bytes.fromhex(serial): ring.key_of(serial) if with_keys else None for serial in _SERIALS}
+    keys = {
+        bytes.fromhex(serial): ring.get_or_create_key(serial) if with_keys else None for serial in _SERIALS
+    }
     words = ["--key-file", str(ring.path)] if with_keys else []
     with _recorder(to[1], log, words) as process:
         with UdpNodes(to, keys) as bank:

@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from faults.line import BATCH, HELLO, Line, Node
-from hubodo.ingest.link.down import LinkDown
+from hubodo.ingest.link.open_link import LinkDown
 from hubodo.ingest.link.link import Chunk
-from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.ports import DeviceFinder, parse_port
 from hubodo.ingest.link.serial_port import SerialTransport
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.gaps import LINK_DOWN
@@ -38,12 +38,12 @@ def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_ca
         kept = line.close()
         lost = 0 if at in (0, length) else BATCH
         halves = 2 if at < length - 1 else 1  # the closing delimiter alone is none
-        assert line.link().cut == (halves if lost else 0), f"byte {at}"
+        assert line.link().frames_cut == (halves if lost else 0), f"byte {at}"
         assert sum(line.link().damage.values()) == 0, f"byte {at}"
         expected = [k for k in range(7 * BATCH) if not (lost and 3 * BATCH <= k < 4 * BATCH)]
         assert kept.numbers() == expected, f"byte {at}"
         assert kept.causes() == [LINK_DOWN] * bool(lost), f"byte {at}"
-        assert line.link().connection.downs == 1
+        assert line.link().connection.disconnections == 1
 
 
 def test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew():
@@ -144,7 +144,7 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
     babble = line.link("usb1")
     logged = sum(len(raw) for label, raw in line.sink.raws if label == "usb1/damaged")
     assert babble.bytes == 15_000_000
-    assert 500_000 < logged < 6 * 200_000 and babble.unlogged > 500_000
+    assert 500_000 < logged < 6 * 200_000 and babble.unlogged_bytes > 500_000
     assert grown < 6_000_000
     assert "no frame" in babble.foreign
     kept = line.close()
@@ -185,7 +185,9 @@ def test_numbers_and_microseconds_that_turn_over_are_no_loss(start):
 @pytest.fixture
 def port():
     master, slave = os.openpty()
-    transport = open_transport(parse_port(os.ttyname(slave)), Finder(parse_port(os.ttyname(slave))), 115200)
+    transport = open_transport(
+        parse_port(os.ttyname(slave)), DeviceFinder(parse_port(os.ttyname(slave))), 115200
+    )
     os.close(slave)
     yield master, transport
     transport.close()

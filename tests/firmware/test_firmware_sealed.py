@@ -11,7 +11,7 @@ from test_firmware_link_memory import FAKES
 import hubowire
 from fakes.sealed_node import SealedNode
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.ingest.link.sealed import Sealer
+from hubodo.ingest.link.sealed import DatagramSealer
 from hubowire import messages as m
 
 # RFC 4231, section 4: (key, data, HMAC-SHA-256); keys of up to 64 bytes.
@@ -89,7 +89,7 @@ SERIAL = "e661410300000001"
 def host(tmp_path):
     ring = KeyRing(tmp_path / "keys.toml", create=True)
     ring.keys[SERIAL] = KEY
-    return Sealer(ring, draw=lambda count: b"\x5a" * count, clock=lambda: 10**12)
+    return DatagramSealer(ring, random_bytes=lambda count: b"\x5a" * count, now_ns=lambda: 10**12)
 
 
 def datagrams_of_a_node(tmp_path, coming):

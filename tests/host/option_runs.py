@@ -236,7 +236,7 @@ def fill(folder: Path) -> None:
     )
     (folder / "fleet.toml").write_text('[nodes]\ne6614103e7452d2f = "left"\n')
     (folder / "token").write_text("correct-horse-battery\n")
-    KeyRing(folder / "keys.toml", create=True).key_of("e6614103e7452d2f")
+    KeyRing(folder / "keys.toml", create=True).get_or_create_key("e6614103e7452d2f")
     _certify(folder)
     for secret in ("token", "key.pem"):
         (folder / secret).chmod(0o600)

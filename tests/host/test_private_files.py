@@ -53,7 +53,7 @@ def test_a_link_under_the_name_that_used_to_be_taken_is_not_written_through(shar
     for name in (f".out.csv.{os.getpid()}.part", f".keys.toml.{os.getpid()}"):
         (shared / name).symlink_to(victim)
     write_atomically(shared / "out.csv", "text")
-    KeyRing(shared / "keys.toml", create=True).key_of("00112233445566aa")
+    KeyRing(shared / "keys.toml", create=True).get_or_create_key("00112233445566aa")
     assert victim.read_text() == "precious"
     assert (shared / "out.csv").read_text() == "text"
     assert (shared / "keys.toml").stat().st_mode & 0o777 == 0o600

@@ -62,7 +62,7 @@ def test_two_nodes_of_one_id_are_recorded_apart_and_what_is_sent_again_or_withou
     nodes = [
         VirtualNode(
             unique_motion(30),
-            Flash(FIRMWARE, config | {"key": ring.key_of(serial).hex()}),
+            Flash(FIRMWARE, config | {"key": ring.get_or_create_key(serial).hex()}),
             board=BoardSettings(unique_id=serial, interpreter="cpython"),
             clock=Clock("paced", ticks_start_us=serial_number * 1_000_000),
             host=Host("udp"),

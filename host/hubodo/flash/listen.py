@@ -6,7 +6,7 @@ import contextlib
 import time
 from dataclasses import dataclass, field
 
-from hubodo.ingest.link.down import LinkDown, Transport
+from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.node.boot import NodeCounts
 from hubodo.ingest.node.decoder import NodeDecoder

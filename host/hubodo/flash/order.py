@@ -41,7 +41,7 @@ class Order:
         """
         made = {**before, **self.settings}
         if self.keys is not None:
-            made["key"] = self.keys.key_of(serial).hex()
+            made["key"] = self.keys.get_or_create_key(serial).hex()
         if self.calibration is None:
             return made
         number = made.get("node_id", 1)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.ingest.link.ports import parse_port, trusted
+from hubodo.ingest.link.ports import parse_port, attach_keys
 from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name
@@ -181,7 +181,7 @@ def run(args: argparse.Namespace) -> NodeResult:
         If the node does not answer.
     """
     requested = _requested_settings(args)
-    port = trusted(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
+    port = attach_keys(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
     with Conversation(port, args.baud, args.node_id) as node:
         with SafeConsole(stderr=True).status(f"{args.port}: waiting for the node") as status:
             identification = node.meet()

@@ -64,10 +64,10 @@ def always(original, fault):
 PARTS = {
     "frames of a node": (NodeSession, "frame", of_left, "node left"),
     "ticks of a node": (NodeSession, "tick", of_left, "node left"),
-    "bytes of a link": (LinkSession, "chunk", of_left, "link left"),
+    "bytes of a link": (LinkSession, "route_frames", of_left, "link left"),
     "ticks of a link": (LinkSession, "tick", of_left, "link left"),
     "odometry": (Odometer, "handle", always, "odometry"),
-    "a receiver": (GnssSession, "chunk", always, "receiver gnss"),
+    "a receiver": (GnssSession, "handle_bytes", always, "receiver gnss"),
     "the graph": (Localizer, "odometry", always, "map"),
     "a table or lines": (view.LineView, "show", always, "terminal"),
     "what is shown at once": (view.LineView, "say", always, "terminal"),

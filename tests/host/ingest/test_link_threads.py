@@ -15,7 +15,7 @@ from faults.line import T0, Kept, Node
 from hubodo.errors import LinkError
 from hubodo.ingest.link import link as link_module
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp, PortLink
-from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.ports import DeviceFinder, parse_port
 from hubodo.ingest.link.retry import Backoff, ValidityCheck
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.link.transport import TcpTransport, UdpTransport
@@ -134,7 +134,7 @@ def test_a_transport_that_hangs_holds_up_neither_who_sends_nor_who_ends_nor_anot
     assert time.monotonic() - begun < 2, "one write is waited for, and for a quarter of a second"
     assert good.send(b"x")
     begun = time.monotonic()
-    bad.end()
+    bad.request_stop()
     bad.stop(0.2)
     assert time.monotonic() - begun < 2
     goes_on(good, seen)
@@ -155,10 +155,10 @@ def test_a_list_of_ports_that_cannot_be_read_is_a_reason_not_an_end(tmp_path):
 
     there = tmp_path / "ttyACM0"
     there.touch()
-    assert Finder(parse_port(str(there)), lister).device() == str(there)
+    assert DeviceFinder(parse_port(str(there)), lister).find_device() == str(there)
     for name in ("E661", str(tmp_path / "none")):
         with pytest.raises(LinkError, match="cannot be listed: OSError: comports failed"):
-            Finder(parse_port(name), lister).device()
+            DeviceFinder(parse_port(name), lister).find_device()
 
 
 @pytest.mark.parametrize("transport", [TcpTransport, UdpTransport])
@@ -237,20 +237,20 @@ def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_l
     sink = Kept()
     session, now = LinkSession("bridge", sink), T0
     for _ in range(450):  # an hour of tries eight seconds apart
-        session.up(LinkUp("bridge", now, "socket://x:1", False))
-        session.lost(LinkLost("bridge", now, "closed by the other side"))
+        session.handle_up(LinkUp("bridge", now, "socket://x:1", False))
+        session.handle_lost(LinkLost("bridge", now, "closed by the other side"))
         list(session.tick(now))
         now += 8 * NS_PER_S
     lost = [event for event in sink.events if event.kind == "disconnected"]
     assert len(sink.events) < 20
     assert sum(event.data["attempts"] for event in lost) > 200, "the others are counted"
     sink.events.clear()
-    session.up(LinkUp("bridge", now, "socket://x:1", False))
+    session.handle_up(LinkUp("bridge", now, "socket://x:1", False))
     assert not sink.events
-    assert list(session.chunk(Chunk("bridge", now, b"\0" + Node().says_hello(), "")))
+    assert list(session.route_frames(Chunk("bridge", now, b"\0" + Node().says_hello(), "")))
     assert [event.kind for event in sink.events] == ["connected"]
     assert sink.events[0] in session.connection.take_notices()
-    session.lost(LinkLost("bridge", now, "unplugged"))
+    session.handle_lost(LinkLost("bridge", now, "unplugged"))
     assert sink.events[-1].kind == "disconnected"
 
 

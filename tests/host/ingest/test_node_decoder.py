@@ -139,8 +139,8 @@ def test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters(bat
     ("link", "flags", "cause"),
     [
         (LinkCounts(damaged=1), 0, DAMAGE),
-        (LinkCounts(downs=1), 0, LINK_DOWN),
-        (LinkCounts(damaged=3, downs=1), 0, LINK_DOWN),
+        (LinkCounts(disconnections=1), 0, LINK_DOWN),
+        (LinkCounts(damaged=3, disconnections=1), 0, LINK_DOWN),
         (QUIET, BatchFlag.FIFO_OVERRUN, OVERRUN),
     ],
 )

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import pytest
 
 from hubodo.errors import InputError, LinkError
-from hubodo.ingest.link.foreign import describe
+from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes
 from hubodo.ingest.link.link import Chunk, LinkUp
-from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.ports import DeviceFinder, parse_port
 from hubodo.ingest.link.session import LinkSession
 from hubodo.units import NS_PER_S
 
@@ -57,18 +57,18 @@ def test_a_device_is_found_again_under_another_name_by_the_serial_number_seen_fi
     first, second = tmp_path / "ttyACM0", tmp_path / "ttyACM1"
     first.touch()
     devices = [Device(str(first), "E661")]
-    finder = Finder(parse_port(str(first)), lambda: devices)
-    assert finder.device() == str(first)
+    finder = DeviceFinder(parse_port(str(first)), lambda: devices)
+    assert finder.find_device() == str(first)
     devices[:] = [Device(str(tmp_path / "ttyUSB9"), None), Device(str(second), "e661")]
-    assert finder.device() == str(second)
+    assert finder.find_device() == str(second)
 
 
 def test_a_missing_device_is_named_with_what_is_there_instead(tmp_path):
-    finder = Finder(parse_port("E661"), lambda: [Device("/dev/ttyUSB3", "A900")])
+    finder = DeviceFinder(parse_port("E661"), lambda: [Device("/dev/ttyUSB3", "A900")])
     with pytest.raises(LinkError, match=r"'E661'.*/dev/ttyUSB3 \(A900\)"):
-        finder.device()
+        finder.find_device()
     with pytest.raises(LinkError, match="no serial port at all"):
-        Finder(parse_port(str(tmp_path / "nope")), list).device()
+        DeviceFinder(parse_port(str(tmp_path / "nope")), list).find_device()
 
 
 @pytest.mark.parametrize(
@@ -85,16 +85,16 @@ def test_a_missing_device_is_named_with_what_is_there_instead(tmp_path):
     ],
 )  # fmt: skip
 def test_strangers_are_told_by_what_they_say(said, heard):
-    assert heard in describe(said, len(said))
+    assert heard in describe_foreign_bytes(said, len(said))
 
 
 def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_named():
     """What 921600 baud looks like at 115200: bytes of no shape, for three seconds."""
     session = LinkSession("left", Discards())
-    session.up(LinkUp("left", 0, "/dev/ttyUSB0", False))
+    session.handle_up(LinkUp("left", 0, "/dev/ttyUSB0", False))
     for i in range(40):
         chunk = Chunk("left", i * 100_000_000, bytes((17 * i + k) % 255 + 1 for k in range(100)), "")
-        assert list(session.chunk(chunk)) == []
+        assert list(session.route_frames(chunk)) == []
     (event,) = session.tick(4_000_000_000)
     line = event.text
     assert "4000 bytes, no frame; is the baud rate right" in line
@@ -103,9 +103,9 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
 
 def test_a_frame_cut_in_two_by_a_standstill_does_not_make_its_node_a_stranger():
     session = LinkSession("left", Discards())
-    session.up(LinkUp("left", 0, "/dev/left", False))
-    list(session.chunk(Chunk("left", NS_PER_S, b"\x05half", "")))
+    session.handle_up(LinkUp("left", 0, "/dev/left", False))
+    list(session.route_frames(Chunk("left", NS_PER_S, b"\x05half", "")))
     assert list(session.tick(2 * NS_PER_S)) == []
-    session.resumed(600 * NS_PER_S)
+    session.restart_timeouts(600 * NS_PER_S)
     assert list(session.tick(600 * NS_PER_S)) == []
     assert list(session.tick(604 * NS_PER_S)) != [], "bytes that are no frame for 3 s after it do"

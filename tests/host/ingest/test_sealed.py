@@ -9,18 +9,18 @@ import pytest
 from fakes.sealed_node import SealedNode, tag
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.ingest.link.ports import parse_port, trusted
-from hubodo.ingest.link.sealed import Opened, Sealer
+from hubodo.ingest.link.ports import parse_port, attach_keys
+from hubodo.ingest.link.sealed import OpenedDatagram, DatagramSealer
 
 SERIALS = ("e661410300000001", "e661410300000002")
-NOTHING = Opened()
+NOTHING = OpenedDatagram()
 
 
 @pytest.fixture
 def ring(tmp_path):
     ring = KeyRing(tmp_path / "keys.toml", create=True)
     for serial in SERIALS:
-        ring.key_of(serial)
+        ring.get_or_create_key(serial)
     return KeyRing(tmp_path / "keys.toml")
 
 
@@ -33,7 +33,7 @@ def meet(sealer, node, address="here 1"):
 
 
 def met(ring, serial=SERIALS[0]):
-    sealer, node = Sealer(ring), SealedNode(ring.keys[serial])
+    sealer, node = DatagramSealer(ring), SealedNode(ring.keys[serial])
     meet(sealer, node)
     return sealer, node
 
@@ -61,7 +61,7 @@ def test_a_datagram_of_which_a_bit_is_changed_is_refused(ring, at):
 
 @pytest.mark.parametrize("at", range(34))
 def test_a_handshake_of_which_a_bit_is_changed_begins_no_session(ring, at):
-    sealer, node = Sealer(ring), SealedNode(ring.keys[SERIALS[0]])
+    sealer, node = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]])
 
     def changed(data):
         data = bytearray(data)
@@ -86,7 +86,7 @@ def test_numbers_count_once_and_may_overtake_each_other(ring):
 
 
 def test_nothing_of_an_earlier_session_counts_neither_openings_nor_proofs_nor_frames(ring):
-    sealer, node = Sealer(ring), SealedNode(ring.keys[SERIALS[0]])
+    sealer, node = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]])
     old = [*meet(sealer, node), node.seal(b"a\0"), node.seal(b"b\0")]
     assert sealer.open(old[2], "here 1").frames
     again = SealedNode(node.key)
@@ -95,7 +95,7 @@ def test_nothing_of_an_earlier_session_counts_neither_openings_nor_proofs_nor_fr
     assert [sealer.open(data, "evil 9").frames for data in old] == [b""] * 4
     assert sealer.open(again.seal(b"d\0"), "here 1").frames, "what is sent again ends no session"
     assert sealer.seal(b"order\0", SERIALS[0])[1] == "here 1"
-    restarted = Sealer(ring)
+    restarted = DatagramSealer(ring)
     assert restarted.open(again.seal(b"e\0"), "here 1") == NOTHING
     assert restarted.open(old[1], "here 1") == NOTHING
     assert restarted.refused == {"of no session": 2}
@@ -114,7 +114,7 @@ def test_the_session_before_stands_until_the_node_uses_the_next(ring):
 
 def test_thousands_of_openings_forged_or_sent_again_store_nothing_and_keep_no_node_out(ring):
     """Between each datagram of a handshake and the next come hundreds of them."""
-    sealer, node, rng = Sealer(ring), SealedNode(ring.keys[SERIALS[0]]), random.Random(1)
+    sealer, node, rng = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]]), random.Random(1)
     recorded = [node.opening()]
     for _ in range(3):
         recorded += meet(sealer, node)
@@ -149,7 +149,7 @@ def test_nothing_in_clear_tells_two_sessions_of_a_board_together(ring):
     """No four bytes of what both sides send occur in two sessions, at unlike times."""
     seen = []
     for now_ns in (0x1112131415161718, 0x2122232425262728):
-        sealer = Sealer(ring, clock=lambda now_ns=now_ns: now_ns)
+        sealer = DatagramSealer(ring, now_ns=lambda now_ns=now_ns: now_ns)
         node = SealedNode(ring.keys[SERIALS[0]])
         sent = [node.opening()]
         sent.append(sealer.open(sent[0], "here 1").answer)
@@ -163,7 +163,7 @@ def test_nothing_in_clear_tells_two_sessions_of_a_board_together(ring):
 
 
 def test_a_node_with_the_first_handshake_is_named_with_what_to_do(ring):
-    sealer = Sealer(ring)
+    sealer = DatagramSealer(ring)
     ident = hashlib.sha256(b"hubodo key" + ring.keys[SERIALS[1]]).digest()[:4]
     assert sealer.open(b"\xfe" + ident + os.urandom(8), "here 1") == NOTHING
     assert sealer.refused == {f"of the older handshake of node {SERIALS[1]}: flash it again": 1}
@@ -190,7 +190,7 @@ def test_who_has_no_key_is_refused_by_cause(ring):
 
 
 def test_a_proof_with_a_key_of_another_board_is_refused(ring):
-    sealer, node = Sealer(ring), SealedNode(ring.keys[SERIALS[0]])
+    sealer, node = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]])
     proof = node.proof(sealer.open(node.opening(), "here 1").answer)
     forged = proof[:26] + tag(ring.keys[SERIALS[1]], b"proof")
     assert sealer.open(forged, "evil 9") == NOTHING
@@ -209,10 +209,10 @@ def test_keys_are_kept_for_their_owner_alone_and_a_wrong_file_is_named(ring, tmp
 
 def test_udp_from_other_machines_wants_keys_or_a_word(ring):
     for host in ("127.0.0.1", "localhost", "[::1]"):
-        assert trusted(parse_port(f"udp://{host}:9"), None, insecure=False).keys is None
+        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=False).keys is None
     for host in ("0.0.0.0", "192.168.1.2", "[::]", "laptop.local"):
         with pytest.raises(InputError, match=r"--key-file.*--insecure-udp"):
-            trusted(parse_port(f"udp://{host}:9"), None, insecure=False)
-        assert trusted(parse_port(f"udp://{host}:9"), None, insecure=True).keys is None
-        assert trusted(parse_port(f"udp://{host}:9"), ring.path, insecure=False).keys.keys == ring.keys
-    assert trusted(parse_port("/dev/ttyACM0"), ring.path, insecure=False).keys is None
+            attach_keys(parse_port(f"udp://{host}:9"), None, insecure=False)
+        assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=True).keys is None
+        assert attach_keys(parse_port(f"udp://{host}:9"), ring.path, insecure=False).keys.keys == ring.keys
+    assert attach_keys(parse_port("/dev/ttyACM0"), ring.path, insecure=False).keys is None

@@ -18,8 +18,8 @@ from fakes.recorder_thread import Device
 from fakes.script import Script
 from hubodo.errors import LinkError
 from hubodo.ingest.link import serial_port, transport
-from hubodo.ingest.link.down import LinkDown
-from hubodo.ingest.link.ports import Finder, parse_port
+from hubodo.ingest.link.open_link import LinkDown
+from hubodo.ingest.link.ports import DeviceFinder, parse_port
 from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
@@ -154,9 +154,9 @@ def test_a_windows_port_is_a_device_that_is_there_when_it_is_listed(text, name, 
     port = parse_port(text)
     assert (port.kind, port.name, port.label) == ("device", name, label)
     listed = [Device(port.where.removeprefix("\\\\.\\").upper(), "E661")]
-    assert Finder(port, lambda: listed).device() == port.where
+    assert DeviceFinder(port, lambda: listed).find_device() == port.where
     with pytest.raises(LinkError, match="no such device"):
-        Finder(port, list).device()
+        DeviceFinder(port, list).find_device()
 
 
 def test_a_loop_and_a_socket_are_read_by_pyserials_urls():

@@ -11,8 +11,8 @@ from hubodo.ingest.node.published import ArrivalOrder
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 
-_TOPIC = "/gnss/nmea"
-_AGREE_NS = 2_000_000_000
+_NMEA_TOPIC = "/gnss/nmea"
+_MAX_CLOCK_DIFFERENCE_NS = 2_000_000_000
 
 
 class GnssSession:
@@ -28,36 +28,36 @@ class GnssSession:
         self.label = label
         self.connection = Connection(label, sink)
         self.decoder = NmeaDecoder()
-        self.last: Fix | None = None
+        self.last_fix: Fix | None = None
         self._sink = sink
         self._order = order or ArrivalOrder()
         self._channel: int | None = None
         self._shift_ns = 0
-        self._off_by: int | None = None
-        self._newest = 0
+        self._first_delay_ns: int | None = None
+        self._newest_ns = 0
 
-    def chunk(self, data: bytes, t_ns: int) -> list[FixSample]:
+    def handle_bytes(self, data: bytes, t_ns: int) -> list[FixSample]:
         """Bytes from the receiver; the fixes that they complete, as a log gives them again."""
         if self._channel is None:
-            self._channel = self._sink.add_channel(_TOPIC, "", "", b"", "nmea")
+            self._channel = self._sink.add_channel(_NMEA_TOPIC, "", "", b"", "nmea")
         self._sink.write(self._channel, t_ns, t_ns, data)
-        before = self.decoder.counts.sentences
-        fixes = list(self._put(self.decoder.feed(data, t_ns)))
-        if self.decoder.counts.sentences > before:
+        sentences_before = self.decoder.counts.sentences
+        fixes = list(self._log_fixes(self.decoder.feed(data, t_ns)))
+        if self.decoder.counts.sentences > sentences_before:
             self.connection.mark_valid()
         return fixes
 
     def close(self) -> list[FixSample]:
         """The last epoch."""
-        return list(self._put(self.decoder.finish()))
+        return list(self._log_fixes(self.decoder.flush()))
 
-    def _put(self, fixes: Iterable[Fix]) -> Iterator[FixSample]:
+    def _log_fixes(self, fixes: Iterable[Fix]) -> Iterator[FixSample]:
         for fix in fixes:
-            self.last = fix
-            t_ns = self._stamp(fix)
-            if t_ns <= self._newest:
+            self.last_fix = fix
+            t_ns = self._host_time_ns(fix)
+            if t_ns <= self._newest_ns:
                 continue
-            self._newest = t_ns
+            self._newest_ns = t_ns
             sigma = None if fix.sigma is None else [fix.sigma]
             self._sink.write_gnss_fix(
                 t_ns,
@@ -69,24 +69,26 @@ class GnssSession:
                 status=fix.status,
             )
             if fix.status >= 0:
-                across = None if fix.sigma is None else horizontal_sigma(fix.sigma[0] ** 2, fix.sigma[1] ** 2)
-                yield FixSample(t_ns, fix.latitude_deg, fix.longitude_deg, across)
+                horizontal = (
+                    None if fix.sigma is None else horizontal_sigma(fix.sigma[0] ** 2, fix.sigma[1] ** 2)
+                )
+                yield FixSample(t_ns, fix.latitude_deg, fix.longitude_deg, horizontal)
 
-    def _stamp(self, fix: Fix) -> int:
+    def _host_time_ns(self, fix: Fix) -> int:
         if fix.utc_ns is None:
             return fix.received_ns
-        late = fix.received_ns - fix.utc_ns
-        if self._off_by is None:
-            self._off_by = late
-            if not -_AGREE_NS < late < _AGREE_NS:
-                self._shift_ns = late
+        delay_ns = fix.received_ns - fix.utc_ns
+        if self._first_delay_ns is None:
+            self._first_delay_ns = delay_ns
+            if not -_MAX_CLOCK_DIFFERENCE_NS < delay_ns < _MAX_CLOCK_DIFFERENCE_NS:
+                self._shift_ns = delay_ns
                 text = (
-                    f"{self.label}: the host's clock is {late * 1e-9:+.1f} s off GNSS time; fixes are put on "
+                    f"{self.label}: the host's clock is {delay_ns * 1e-9:+.1f} s off GNSS time; fixes are put on "
                     "the host's clock, late by the receiver's delay; set the host's clock for better"
                 )
                 self._sink.write_event(
-                    Event(fix.received_ns, "clock", self.label, text, {"offset": late * 1e-9})
+                    Event(fix.received_ns, "clock", self.label, text, {"offset": delay_ns * 1e-9})
                 )
-        elif self._shift_ns and late < self._shift_ns:
-            self._shift_ns = late
+        elif self._shift_ns and delay_ns < self._shift_ns:
+            self._shift_ns = delay_ns
         return fix.utc_ns + self._shift_ns

@@ -44,7 +44,7 @@ class KeyRing:
                 )
             self.keys[serial] = bytes.fromhex(key)
 
-    def key_of(self, serial: str) -> bytes:
+    def get_or_create_key(self, serial: str) -> bytes:
         """The key of a board; one that has none gets a fresh one, and the file has it before it is used."""
         if serial not in self.keys:
             self.keys[serial] = secrets.token_bytes(KEY_BYTES)

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.down import LinkDown, Transport
-from hubodo.ingest.link.ports import Finder, Lister, PortName, list_devices
+from hubodo.ingest.link.open_link import LinkDown, Transport
+from hubodo.ingest.link.ports import DeviceFinder, DeviceLister, PortName, list_devices
 from hubodo.ingest.link.retry import Backoff, ValidityCheck
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.link.writer import LinkWriter
 from hubowire.budget import UART_BAUD
 
-READ_S = 0.1
-_REPORT_NS = 10_000_000_000
+READ_TIMEOUT_S = 0.1
+_REFUSAL_REPORT_INTERVAL_NS = 10_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Chunk:
 
 
 @dataclass(frozen=True, slots=True)
-class Intruders:
+class RefusedDatagrams:
     """Datagrams came that were not let in: how many by cause, since this was last told."""
 
     link: str
@@ -61,13 +61,13 @@ class Intruders:
     refused: dict[str, int]
 
 
-LinkNews = LinkUp | LinkLost | Chunk | Intruders
+LinkReport = LinkUp | LinkLost | Chunk | RefusedDatagrams
 
 
 class Inbox(Protocol):
     """Where links put their news."""
 
-    def put(self, item: LinkNews, /) -> None: ...
+    def put(self, item: LinkReport, /) -> None: ...
 
 
 class PortLink:
@@ -82,23 +82,23 @@ class PortLink:
         self,
         port: PortName,
         label: str,
-        news: Inbox,
+        reports: Inbox,
         now_ns: Callable[[], int],
         *,
         baud: int = UART_BAUD,
-        lister: Lister = list_devices,
+        lister: DeviceLister = list_devices,
     ) -> None:
         self.port = port
         self.label = label
-        self._news = news
+        self._reports = reports
         self._now_ns = now_ns
         self._baud = baud
-        self._finder = Finder(port, lister)
-        self._swap = threading.Lock()  # held while the transport is replaced, never while it works
+        self._finder = DeviceFinder(port, lister)
+        self._transport_lock = threading.Lock()  # held while the transport is replaced, never while it works
         self._transport: Transport | None = None
         self._writer: LinkWriter | None = None
         self._check = ValidityCheck(0)
-        self._report_ns = 0
+        self._next_refusal_report_ns = 0
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"link {label}", daemon=True)
 
@@ -112,7 +112,7 @@ class PortLink:
         except LinkError:
             raise
         except Exception as error:
-            raise LinkError(f"{self.port.text}: cannot be opened: {_in_words(error)}") from error
+            raise LinkError(f"{self.port.text}: cannot be opened: {_describe_error(error)}") from error
 
     def start(self) -> None:
         """Starts reading; a link that is not open yet is waited for."""
@@ -120,19 +120,19 @@ class PortLink:
 
     def send(self, data: bytes, to: str = "") -> bool:
         """Writes at once; False when the link is down or takes nothing in time."""
-        with self._swap:
+        with self._transport_lock:
             writer = self._writer
         return writer is not None and writer.write(data, to)
 
-    def end(self) -> None:
+    def request_stop(self) -> None:
         """Tells the thread to end, without waiting for it."""
         self._stopping.set()
 
-    def stop(self, patience_s: float = 2 * READ_S + 1) -> None:
+    def stop(self, timeout_s: float = 2 * READ_TIMEOUT_S + 1) -> None:
         """Ends the thread and closes the port; a thread that hangs in it is waited for that long."""
-        self.end()
+        self.request_stop()
         if self._thread.is_alive():
-            self._thread.join(patience_s)
+            self._thread.join(timeout_s)
         if self._thread.is_alive():  # a read that hangs may end when its port is closed, which may hang too
             threading.Thread(target=self._close, name=f"close {self.label}", daemon=True).start()
         else:
@@ -140,24 +140,24 @@ class PortLink:
 
     def _open(self) -> None:
         transport = open_transport(self.port, self._finder, self._baud)
-        with self._swap:
+        with self._transport_lock:
             self._transport, self._writer = transport, LinkWriter(transport, self.label)
         self._check = ValidityCheck(self._now_ns())
-        self._news.put(LinkUp(self.label, self._now_ns(), transport.where, transport.datagrams))
+        self._reports.put(LinkUp(self.label, self._now_ns(), transport.where, transport.datagrams))
 
     def _close(self) -> None:
-        with self._swap:
+        with self._transport_lock:
             transport, self._transport = self._transport, None
             writer, self._writer = self._writer, None
         if writer is not None:
-            writer.end()
+            writer.request_stop()
         if transport is None:
             return
         self._report_refused(transport)
         try:
             transport.close()
         except Exception as error:  # noqa: BLE001 the link is tried again all the same
-            self._lost(f"cannot be closed: {_in_words(error)}", unexpected=True)
+            self._report_loss(f"cannot be closed: {_describe_error(error)}", unexpected=True)
 
     def _run(self) -> None:
         backoff = Backoff()
@@ -175,16 +175,16 @@ class PortLink:
             return 0.0
         except LinkError as error:
             if backoff.is_first:
-                self._lost(str(error))
+                self._report_loss(str(error))
             return backoff.pause_after_failed_open()
         except LinkDown as down:
             # Closed before it is looked for: while the old descriptor lives, the kernel gives the device
             # that comes back another name.
             self._close()
-            self._lost(str(down))
+            self._report_loss(str(down))
         except Exception as error:  # noqa: BLE001 a driver may raise anything
             self._close()
-            self._lost(f"unexpected error: {_in_words(error)}", unexpected=True)
+            self._report_loss(f"unexpected error: {_describe_error(error)}", unexpected=True)
         return backoff.pause_after_loss(was_valid=self._check.is_valid(self._now_ns()))
 
     def _read_until_stopped(self) -> None:
@@ -192,22 +192,22 @@ class PortLink:
         while not self._stopping.is_set() and transport is not None and writer is not None:
             if writer.error is not None:
                 raise writer.error
-            data, sender = transport.read(READ_S)
-            if transport.refused and self._now_ns() >= self._report_ns:
+            data, sender = transport.read(READ_TIMEOUT_S)
+            if transport.refused and self._now_ns() >= self._next_refusal_report_ns:
                 self._report_refused(transport)
             if data:
-                self._news.put(Chunk(self.label, self._now_ns(), data, sender))
+                self._reports.put(Chunk(self.label, self._now_ns(), data, sender))
                 self._check.feed(data)
 
-    def _lost(self, text: str, *, unexpected: bool = False) -> None:
-        self._news.put(LinkLost(self.label, self._now_ns(), text, unexpected))
+    def _report_loss(self, text: str, *, unexpected: bool = False) -> None:
+        self._reports.put(LinkLost(self.label, self._now_ns(), text, unexpected))
 
     def _report_refused(self, transport: Transport) -> None:
         if transport.refused:
-            self._report_ns = self._now_ns() + _REPORT_NS
-            self._news.put(Intruders(self.label, self._now_ns(), dict(transport.refused)))
+            self._next_refusal_report_ns = self._now_ns() + _REFUSAL_REPORT_INTERVAL_NS
+            self._reports.put(RefusedDatagrams(self.label, self._now_ns(), dict(transport.refused)))
             transport.refused.clear()
 
 
-def _in_words(error: Exception) -> str:
+def _describe_error(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"

@@ -17,10 +17,10 @@ from serial.tools import list_ports
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.link.keys import KeyRing
 
-_BY_ID = Path("/dev/serial/by-id")
-_NAMED = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
+_BY_ID_FOLDER = Path("/dev/serial/by-id")
+_NAMED_PORT = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
 _SERIAL_NUMBER = re.compile(r"[\w.:-]+")
-_WINDOWS = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
+_WINDOWS_PORT = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
 
 class PortInfo(Protocol):
@@ -30,7 +30,7 @@ class PortInfo(Protocol):
     serial_number: str | None
 
 
-Lister = Callable[[], Iterable[PortInfo]]
+DeviceLister = Callable[[], Iterable[PortInfo]]
 
 
 def list_devices() -> list[PortInfo]:
@@ -73,10 +73,10 @@ def parse_port(text: str) -> PortName:
 
     Raises InputError when it is none of the four kinds.
     """
-    match = _NAMED.fullmatch(text)
+    match = _NAMED_PORT.fullmatch(text)
     name, port = (match["name"], match["port"]) if match else (None, text)
-    scheme, found, _ = port.partition("://")
-    if found:
+    scheme, has_scheme, _ = port.partition("://")
+    if has_scheme:
         kind = {"socket": "tcp", "udp": "udp"}.get(scheme)
         if kind is None:
             raise InputError(
@@ -90,7 +90,7 @@ def parse_port(text: str) -> PortName:
         if host is None or number is None:
             raise InputError(f"port {text!r}: host or port number is missing; write {scheme}://HOST:PORT")
         return PortName(text, name, kind, f"{host}:{number}")
-    if "/" in port or _WINDOWS.fullmatch(port):
+    if "/" in port or _WINDOWS_PORT.fullmatch(port):
         return PortName(text, name, "device", port)
     if port and _SERIAL_NUMBER.fullmatch(port):
         return PortName(text, name, "serial number", port)
@@ -99,7 +99,7 @@ def parse_port(text: str) -> PortName:
     )
 
 
-def trusted(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:
+def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:
     """The port with the keys of its nodes, where it is one for UDP.
 
     Raises InputError for UDP from other machines without keys, unless that is wanted (insecure): anybody on
@@ -109,7 +109,7 @@ def trusted(port: PortName, key_file: Path | None, *, insecure: bool) -> PortNam
         return port
     if key_file is not None:
         return replace(port, keys=KeyRing(key_file))
-    if not insecure and not _loopback(port.address[0]):
+    if not insecure and not _is_loopback(port.address[0]):
         raise InputError(
             f"port {port.text!r}: anybody on the network could send samples there; give the --key-file of "
             "`hubodo flash`, or --insecure-udp to take them from anybody"
@@ -117,80 +117,82 @@ def trusted(port: PortName, key_file: Path | None, *, insecure: bool) -> PortNam
     return port
 
 
-def _loopback(host: str) -> bool:
+def _is_loopback(host: str) -> bool:
     try:
         return ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
 
 
-class Finder:
+class DeviceFinder:
     """Finds the device of a port again after its name has changed.
 
     A port given by path is looked for by that path at first; the USB serial number seen then finds it later.
     """
 
-    def __init__(self, port: PortName, lister: Lister = list_devices) -> None:
+    def __init__(self, port: PortName, lister: DeviceLister = list_devices) -> None:
         self._port = port
         self._lister = lister
-        self._number = port.where if port.kind == "serial number" else None
-        self._trouble = ""
+        self._serial_number = port.where if port.kind == "serial number" else None
+        self._listing_error = ""
 
-    def device(self) -> str:
+    def find_device(self) -> str:
         """The path to open now.
 
         Raises LinkError when the device is not there.
         """
-        if self._number is not None:
-            path = self._by_number(self._number)
+        if self._serial_number is not None:
+            path = self._find_by_serial_number(self._serial_number)
             if path is not None:
                 return path
             if self._port.kind == "serial number":
                 raise LinkError(
-                    f"no device with serial number {self._number!r}; plug it in, "
-                    f"or see what is there: {self._seen()}"
+                    f"no device with serial number {self._serial_number!r}; plug it in, "
+                    f"or see what is there: {self._devices_text()}"
                 )
         path = self._port.where
-        if not self._is_there(path):
-            raise LinkError(f"{path}: no such device; plug it in, or see what is there: {self._seen()}")
-        if self._number is None:
-            self._number = self._number_of(path)
+        if not self._is_present(path):
+            raise LinkError(
+                f"{path}: no such device; plug it in, or see what is there: {self._devices_text()}"
+            )
+        if self._serial_number is None:
+            self._serial_number = self._read_serial_number(path)
         return path
 
-    def _is_there(self, path: str) -> bool:
-        if _WINDOWS.fullmatch(path):  # no file there
+    def _is_present(self, path: str) -> bool:
+        if _WINDOWS_PORT.fullmatch(path):  # no file there
             return any(
-                info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._devices()
+                info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._list_devices()
             )
         return Path(path).exists()
 
-    def _by_number(self, number: str) -> str | None:
-        for info in self._devices():
+    def _find_by_serial_number(self, number: str) -> str | None:
+        for info in self._list_devices():
             if info.serial_number and info.serial_number.lower() == number.lower():
                 return info.device
-        if _BY_ID.is_dir():
+        if _BY_ID_FOLDER.is_dir():
             with contextlib.suppress(OSError):  # the folder goes with its last device
-                for link in sorted(_BY_ID.iterdir()):
+                for link in sorted(_BY_ID_FOLDER.iterdir()):
                     if f"_{number}-".lower() in link.name.lower():
                         return str(link)
         return None
 
-    def _number_of(self, path: str) -> str | None:
+    def _read_serial_number(self, path: str) -> str | None:
         real = os.path.realpath(path)
-        for info in self._devices():
+        for info in self._list_devices():
             if os.path.realpath(info.device) == real:
                 return info.serial_number
         return None
 
-    def _devices(self) -> list[PortInfo]:
+    def _list_devices(self) -> list[PortInfo]:
         """Return the serial ports of this machine; none where the system cannot list them just now."""
-        self._trouble = ""
+        self._listing_error = ""
         try:
             return list(self._lister())
         except Exception as error:  # noqa: BLE001 pyserial lets through what /sys and the registry raise
-            self._trouble = f"the serial ports cannot be listed: {type(error).__name__}: {error}"
+            self._listing_error = f"the serial ports cannot be listed: {type(error).__name__}: {error}"
             return []
 
-    def _seen(self) -> str:
-        seen = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._devices()]
-        return ", ".join(seen) or self._trouble or "no serial port at all"
+    def _devices_text(self) -> str:
+        devices = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._list_devices()]
+        return ", ".join(devices) or self._listing_error or "no serial port at all"

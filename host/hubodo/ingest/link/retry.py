@@ -8,14 +8,14 @@ from operator import xor
 
 from hubowire import FrameDecoder
 
-_FIRST_S = 0.05
-_ABSENT_S = 1.0
+_INITIAL_PAUSE_S = 0.05
+_MAX_ABSENT_PAUSE_S = 1.0
 """Longest pause for a device that is not there: what is plugged in again is opened within a second."""
-_USELESS_S = 8.0
+_MAX_USELESS_PAUSE_S = 8.0
 """Longest pause after connections without a valid frame."""
-_PROVEN_AFTER_NS = 10_000_000_000
-_SEARCHED_BYTES = 65536
-_NMEA = re.compile(rb"\$([^\r\n$*]{5,120})\*([0-9A-Fa-f]{2})")
+_MIN_PROVEN_DURATION_NS = 10_000_000_000
+_MAX_SEARCHED_BYTES = 65536
+_NMEA_SENTENCE = re.compile(rb"\$([^\r\n$*]{5,120})\*([0-9A-Fa-f]{2})")
 
 
 class ValidityCheck:
@@ -23,25 +23,26 @@ class ValidityCheck:
 
     def __init__(self, opened_ns: int) -> None:
         self._opened_ns = opened_ns
-        self._valid = False
-        self._searched = 0
+        self._is_valid = False
+        self._searched_bytes = 0
         self._frames = FrameDecoder()
         self._text = b""
 
     def feed(self, data: bytes) -> None:
         """Bytes as they came; costs nothing after the first valid frame."""
-        if self._valid or self._searched >= _SEARCHED_BYTES:
+        if self._is_valid or self._searched_bytes >= _MAX_SEARCHED_BYTES:
             return
-        self._searched += len(data)
-        self._text = (self._text + data)[-2 * _SEARCHED_BYTES :]
-        self._valid = bool(self._frames.feed(data)) or any(
-            reduce(xor, sentence[1]) == int(sentence[2], 16) for sentence in _NMEA.finditer(self._text)
+        self._searched_bytes += len(data)
+        self._text = (self._text + data)[-2 * _MAX_SEARCHED_BYTES :]
+        self._is_valid = bool(self._frames.feed(data)) or any(
+            reduce(xor, sentence[1]) == int(sentence[2], 16)
+            for sentence in _NMEA_SENTENCE.finditer(self._text)
         )
-        self._text = b"" if self._valid else self._text[-128:]
+        self._text = b"" if self._is_valid else self._text[-128:]
 
     def is_valid(self, now_ns: int) -> bool:
         """Return True after a valid frame or sentence, or when the connection has lasted for 10 s."""
-        return self._valid or now_ns - self._opened_ns >= _PROVEN_AFTER_NS
+        return self._is_valid or now_ns - self._opened_ns >= _MIN_PROVEN_DURATION_NS
 
 
 class Backoff:
@@ -51,25 +52,25 @@ class Backoff:
     """
 
     def __init__(self) -> None:
-        self._absent = 0
-        self._useless = 0
+        self._failed_opens = 0
+        self._useless_connections = 0
 
     @property
     def is_first(self) -> bool:
         """True before the first attempt to open that failed since the last connection."""
-        return not self._absent
+        return not self._failed_opens
 
     def pause_after_failed_open(self) -> float:
         """Return the pause after an attempt to open that failed."""
-        self._absent += 1
-        return _pause(self._absent, _ABSENT_S)
+        self._failed_opens += 1
+        return _pause_after(self._failed_opens, _MAX_ABSENT_PAUSE_S)
 
     def pause_after_loss(self, *, was_valid: bool) -> float:
         """Return the pause after a connection; was_valid: whether it carried something valid."""
-        self._absent = 1
-        self._useless = 0 if was_valid else self._useless + 1
-        return _pause(self._useless, _USELESS_S)
+        self._failed_opens = 1
+        self._useless_connections = 0 if was_valid else self._useless_connections + 1
+        return _pause_after(self._useless_connections, _MAX_USELESS_PAUSE_S)
 
 
-def _pause(failures: int, longest: float) -> float:
-    return min(_FIRST_S * 2.0 ** min(failures, 16), longest)
+def _pause_after(failures: int, max_s: float) -> float:
+    return min(_INITIAL_PAUSE_S * 2.0 ** min(failures, 16), max_s)

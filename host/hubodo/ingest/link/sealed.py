@@ -23,13 +23,13 @@ FROM_NODE, FROM_HOST, DATA = 0xFE, 0xFD, 0xFF
 OPENING, ANSWER, PROOF = 0x21, 0x22, 0x23
 """Second byte of the handshake: its version, then its step."""
 ID_BYTES, NONCE_BYTES, TAG_BYTES = 4, 8, 8
-_HEAD = struct.Struct("<B4sI")
-_TIME = struct.Struct(">Q")
-_CHALLENGE_BYTES = _TIME.size + TAG_BYTES
+_DATA_HEADER = struct.Struct("<B4sI")
+_CHALLENGE_TIME = struct.Struct(">Q")
+_CHALLENGE_BYTES = _CHALLENGE_TIME.size + TAG_BYTES
 _OPENING_BYTES = 2 + NONCE_BYTES + TAG_BYTES
 _PROOF_BYTES = 2 + NONCE_BYTES + _CHALLENGE_BYTES + TAG_BYTES
 _VERSION_1_OPENING_BYTES = 1 + ID_BYTES + NONCE_BYTES
-_WINDOW = 64
+_REPLAY_WINDOW = 64
 
 
 def _tag(key: bytes, *parts: bytes) -> bytes:
@@ -46,7 +46,7 @@ def _version_1_id(key: bytes) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Opened:
+class OpenedDatagram:
     """What a datagram brought. serial: of the board that has proven it; answer: what goes back at once."""
 
     frames: bytes = b""
@@ -59,29 +59,33 @@ class _Session:
 
     def __init__(self, key: bytes, nonce: bytes, challenge: bytes) -> None:
         self.key = _digest(key, b"session", nonce, challenge)
-        self.ident = _digest(self.key, b"id")[:ID_BYTES]
-        self.begun = _TIME.unpack_from(challenge)[0]
-        self.sent = 0
-        self._newest, self._seen = -1, 0
+        self.session_id = _digest(self.key, b"id")[:ID_BYTES]
+        self.challenge_time_ns = _CHALLENGE_TIME.unpack_from(challenge)[0]
+        self.sent_count = 0
+        self._newest_count, self._received_mask = -1, 0
 
-    def proves(self, tag: bytes, *parts: bytes) -> bool:
+    def verifies(self, tag: bytes, *parts: bytes) -> bool:
         return hmac.compare_digest(_tag(self.key, *parts), tag)
 
-    def is_fresh(self, count: int) -> bool:
+    def accept_count(self, count: int) -> bool:
         """Return True when this number comes for the first time, within what may overtake."""
-        ahead = count - self._newest
+        ahead = count - self._newest_count
         if ahead > 0:
-            self._seen = (self._seen << ahead | 1) & ((1 << _WINDOW) - 1) if ahead < _WINDOW else 1
-            self._newest = count
+            self._received_mask = (
+                (self._received_mask << ahead | 1) & ((1 << _REPLAY_WINDOW) - 1)
+                if ahead < _REPLAY_WINDOW
+                else 1
+            )
+            self._newest_count = count
             return True
-        if -ahead >= _WINDOW or self._seen >> -ahead & 1:
+        if -ahead >= _REPLAY_WINDOW or self._received_mask >> -ahead & 1:
             return False
-        self._seen |= 1 << -ahead
+        self._received_mask |= 1 << -ahead
         return True
 
     def seal(self, frames: bytes) -> bytes:
-        self.sent += 1
-        head = _HEAD.pack(DATA, self.ident, self.sent)
+        self.sent_count += 1
+        head = _DATA_HEADER.pack(DATA, self.session_id, self.sent_count)
         return head + frames + _tag(self.key, b"h", head[1 + ID_BYTES :], frames)
 
 
@@ -91,47 +95,52 @@ class _Peer:
     def __init__(self, serial: str, key: bytes) -> None:
         self.serial, self.key = serial, key
         self.session: _Session | None = None
-        self.next: _Session | None = None
+        self.next_session: _Session | None = None
         self.address = ""
 
     @property
-    def newest(self) -> int:
+    def newest_challenge_ns(self) -> int:
         """Time of the newest challenge that this board has proven; -1 before the first."""
         return max(
-            (session.begun for session in (self.session, self.next) if session is not None), default=-1
+            (
+                session.challenge_time_ns
+                for session in (self.session, self.next_session)
+                if session is not None
+            ),
+            default=-1,
         )
 
 
-class Sealer:
+class DatagramSealer:
     """All sessions behind one port. refused: datagrams that were not let in, by cause."""
 
     def __init__(
         self,
         keys: KeyRing,
-        draw: Callable[[int], bytes] = secrets.token_bytes,
-        clock: Callable[[], int] = time.monotonic_ns,
+        random_bytes: Callable[[int], bytes] = secrets.token_bytes,
+        now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         """clock: ns, the times in challenges; each is later than the one before."""
         self.refused: Counter[str] = Counter()
-        self._secret = draw(32)
-        self._clock, self._last = clock, 0
+        self._secret = random_bytes(32)
+        self._now_ns, self._last_challenge_ns = now_ns, 0
         self._peers = {serial: _Peer(serial, key) for serial, key in keys.keys.items()}
         self._sessions: dict[bytes, tuple[_Peer, _Session]] = {}
-        self._version_1 = {_version_1_id(peer.key): serial for serial, peer in self._peers.items()}
+        self._version_1_serials = {_version_1_id(peer.key): serial for serial, peer in self._peers.items()}
 
-    def open(self, data: bytes, address: str) -> Opened:
+    def open(self, data: bytes, address: str) -> OpenedDatagram:
         """A datagram that came from an address."""
         kind = data[0] if data else 0
         if kind == DATA:
-            return self._data(data, address)
+            return self._open_data(data, address)
         if kind != FROM_NODE:
             return self._refuse("without a key")
         head, nonce, tag = data[:2], data[2 : 2 + NONCE_BYTES], data[-TAG_BYTES:]
         if head == bytes([FROM_NODE, OPENING]) and len(data) == _OPENING_BYTES:
-            return self._opening(nonce, tag)
+            return self._answer_opening(nonce, tag)
         if head == bytes([FROM_NODE, PROOF]) and len(data) == _PROOF_BYTES:
-            return self._proof(nonce, data[2 + NONCE_BYTES : -TAG_BYTES], tag)
-        serial = self._version_1.get(data[1 : 1 + ID_BYTES])
+            return self._accept_proof(nonce, data[2 + NONCE_BYTES : -TAG_BYTES], tag)
+        serial = self._version_1_serials.get(data[1 : 1 + ID_BYTES])
         if serial is not None and len(data) == _VERSION_1_OPENING_BYTES:
             return self._refuse(f"of the older handshake of node {serial}: flash it again")
         return self._refuse("malformed")
@@ -143,58 +152,58 @@ class Sealer:
             return None
         return peer.session.seal(frames), peer.address
 
-    def _opening(self, nonce: bytes, tag: bytes) -> Opened:
+    def _answer_opening(self, nonce: bytes, tag: bytes) -> OpenedDatagram:
         """Answer what one of the keys has proven, by a challenge; nothing is stored."""
         for peer in self._peers.values():
             if hmac.compare_digest(_tag(peer.key, b"opening", nonce), tag):
-                self._last = max(self._clock(), self._last + 1)
-                challenge = self._challenge(peer, nonce, _TIME.pack(self._last))
+                self._last_challenge_ns = max(self._now_ns(), self._last_challenge_ns + 1)
+                challenge = self._make_challenge(peer, nonce, _CHALLENGE_TIME.pack(self._last_challenge_ns))
                 proof = _tag(peer.key, b"answer", nonce, challenge)
-                return Opened(answer=bytes([FROM_HOST, ANSWER]) + nonce + challenge + proof)
+                return OpenedDatagram(answer=bytes([FROM_HOST, ANSWER]) + nonce + challenge + proof)
         return self._refuse("of a key that the file does not hold")
 
-    def _challenge(self, peer: _Peer, nonce: bytes, at: bytes) -> bytes:
-        return at + _tag(self._secret, peer.serial.encode(), nonce, at)
+    def _make_challenge(self, peer: _Peer, nonce: bytes, time_bytes: bytes) -> bytes:
+        return time_bytes + _tag(self._secret, peer.serial.encode(), nonce, time_bytes)
 
-    def _proof(self, nonce: bytes, challenge: bytes, tag: bytes) -> Opened:
+    def _accept_proof(self, nonce: bytes, challenge: bytes, tag: bytes) -> OpenedDatagram:
         """Begin a session with who has brought a challenge of ours back, sealed with a key."""
-        at = challenge[: _TIME.size]
+        time_bytes = challenge[: _CHALLENGE_TIME.size]
         for peer in self._peers.values():
-            if hmac.compare_digest(self._challenge(peer, nonce, at), challenge):
+            if hmac.compare_digest(self._make_challenge(peer, nonce, time_bytes), challenge):
                 break
         else:
             return self._refuse("of no session")
         session = _Session(peer.key, nonce, challenge)
-        if not session.proves(tag, b"proof"):
+        if not session.verifies(tag, b"proof"):
             return self._refuse("of a key that the file does not hold")
-        if session.begun <= peer.newest:
+        if session.challenge_time_ns <= peer.newest_challenge_ns:
             return self._refuse("sent again")
-        self._forget(peer.next)
-        peer.next = session
-        self._sessions[session.ident] = peer, session
-        return Opened(answer=session.seal(b""))
+        self._remove_session(peer.next_session)
+        peer.next_session = session
+        self._sessions[session.session_id] = peer, session
+        return OpenedDatagram(answer=session.seal(b""))
 
-    def _data(self, data: bytes, address: str) -> Opened:
-        if len(data) < _HEAD.size + TAG_BYTES:
+    def _open_data(self, data: bytes, address: str) -> OpenedDatagram:
+        if len(data) < _DATA_HEADER.size + TAG_BYTES:
             return self._refuse("malformed")
         known = self._sessions.get(data[1 : 1 + ID_BYTES])
         body, tag = data[1 + ID_BYTES : -TAG_BYTES], data[-TAG_BYTES:]
-        if known is None or not known[1].proves(tag, b"n", body):
+        if known is None or not known[1].verifies(tag, b"n", body):
             # Also what a node sends that does not know yet that this host was started.
             return self._refuse("of no session")
         peer, session = known
-        if not session.is_fresh(struct.unpack_from("<I", body)[0]):
+        if not session.accept_count(struct.unpack_from("<I", body)[0]):
             return self._refuse("sent again")
-        if session is peer.next:
-            self._forget(peer.session)
-            peer.session, peer.next = session, None
+        if session is peer.next_session:
+            self._remove_session(peer.session)
+            peer.session, peer.next_session = session, None
         peer.address = address
-        return Opened(body[4:], peer.serial)
+        return OpenedDatagram(body[4:], peer.serial)
 
-    def _forget(self, session: _Session | None) -> None:
+    def _remove_session(self, session: _Session | None) -> None:
         if session is not None:
-            self._sessions.pop(session.ident, None)
+            self._sessions.pop(session.session_id, None)
 
-    def _refuse(self, why: str) -> Opened:
-        self.refused[why] += 1
-        return Opened()
+    def _refuse(self, cause: str) -> OpenedDatagram:
+        self.refused[cause] += 1
+        return OpenedDatagram()

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import serial
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.down import TerminalError, Transport, down
+from hubodo.ingest.link.open_link import TerminalError, Transport, link_down_on_error
 from hubodo.ingest.readiness import can_read
 
 try:
@@ -31,21 +31,21 @@ def open_serial(path: str, baud: int, *, portable: bool = termios is None) -> Tr
     return PortableSerial(path, baud) if portable else SerialTransport(path, baud)
 
 
-class _Port:
+class _SerialBase:
     """What both ways of reading a port have in common."""
 
     datagrams = False
     refused: Counter[str] = Counter()
 
-    def __init__(self, opened: Callable[..., serial.Serial], where: str, baud: int) -> None:
+    def __init__(self, open_port: Callable[..., serial.Serial], where: str, baud: int) -> None:
         self.where = where
         try:
-            self._port = opened(where, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
+            self._port = open_port(where, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
         except (OSError, TerminalError, ValueError) as error:
-            raise _refusal(where, error) from error
+            raise _open_error(where, error) from error
 
     def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(serial.SerialTimeoutException), down(self.where):
+        with contextlib.suppress(serial.SerialTimeoutException), link_down_on_error(self.where):
             self._port.write(data)
 
     def close(self) -> None:
@@ -53,7 +53,7 @@ class _Port:
             self._port.close()
 
 
-class SerialTransport(_Port):
+class SerialTransport(_SerialBase):
     """A serial device, opened for us alone.
 
     DTR and RTS stay as the kernel raises them on open, both set: a USB node takes DTR for "host is
@@ -73,7 +73,7 @@ class SerialTransport(_Port):
             self._port.set_low_latency_mode(True)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with down(self.where):
+        with link_down_on_error(self.where):
             if not can_read(self._fd, timeout):
                 return b"", ""
             try:
@@ -85,7 +85,7 @@ class SerialTransport(_Port):
             return data, ""
 
 
-class PortableSerial(_Port):
+class PortableSerial(_SerialBase):
     """The same by pyserial's own reading, which blocks until a byte has come: for systems without termios."""
 
     def __init__(self, url: str, baud: int) -> None:
@@ -93,7 +93,7 @@ class PortableSerial(_Port):
         super().__init__(serial.serial_for_url, url, baud)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with down(self.where):
+        with link_down_on_error(self.where):
             if self._port.timeout != timeout:
                 self._port.timeout = timeout  # sets the whole port up again, so not each time
             data = self._port.read(1)
@@ -113,7 +113,7 @@ _ADVICE = {
 }
 
 
-_SIGNS = {
+_PYSERIAL_PHRASES = {
     "lock": errno.EBUSY,
     "FileNotFoundError": errno.ENOENT,
     "PermissionError": errno.EBUSY,
@@ -122,15 +122,15 @@ _SIGNS = {
 """What pyserial says where it gives no number: of its lock, and of all that Windows refuses."""
 
 
-def _refusal(path: str, error: Exception) -> LinkError:
-    number = _errno(error)
+def _open_error(path: str, error: Exception) -> LinkError:
+    number = _find_errno(error)
     if number is None:
-        number = next((number for sign, number in _SIGNS.items() if sign in str(error)), None)
+        number = next((number for phrase, number in _PYSERIAL_PHRASES.items() if phrase in str(error)), None)
     what, remedy = _ADVICE.get(number or 0, (str(error), "check the device"))
     return LinkError(f"{path}: {what}; {remedy}")
 
 
-def _errno(error: BaseException | None) -> int | None:
+def _find_errno(error: BaseException | None) -> int | None:
     """The system's number behind an error; pyserial wraps some of them into text."""
     while error is not None:
         number = error.args[0] if isinstance(error, OSError | TerminalError) and error.args else None

@@ -6,8 +6,8 @@ from collections import OrderedDict
 from collections.abc import Iterator
 
 from hubodo.ingest.link.connection import Connection
-from hubodo.ingest.link.foreign import describe, recognised
-from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkUp
+from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes, is_recognised
+from hubodo.ingest.link.link import Chunk, RefusedDatagrams, LinkLost, LinkUp
 from hubodo.ingest.link.throttle import EventThrottle
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, Route, SenderTable
@@ -16,16 +16,18 @@ from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import Damage, FrameDecoder
 
-DAMAGED = "/damaged"
+DAMAGED_SUFFIX = "/damaged"
 """Behind a link's name in the log: pieces between delimiters that are no frame."""
 
-_FOREIGN_NS = 3 * NS_PER_S
-_SILENT_NS = 5 * NS_PER_S
-_DAMAGE_EVERY_NS = 10 * NS_PER_S
-_SAMPLE_BYTES = 512
-_DAMAGED_BYTES_S = 200_000
-_OWN_TOPICS = 15  # of the first senders of a datagram port; the others share one until they are identified
-_CAUSES = ("crc", "cobs", "short", "oversize")
+_FOREIGN_TIMEOUT_NS = 3 * NS_PER_S
+_SILENCE_TIMEOUT_NS = 5 * NS_PER_S
+_DAMAGE_REPORT_INTERVAL_NS = 10 * NS_PER_S
+_FOREIGN_SAMPLE_BYTES = 512
+_MAX_DAMAGED_BYTES_PER_S = 200_000
+_MAX_SENDER_TOPICS = (
+    15  # of the first senders of a datagram port; the others share one until they are identified
+)
+_DAMAGE_CAUSES = ("crc", "cobs", "short", "oversize")
 
 
 class LinkSession:
@@ -42,133 +44,135 @@ class LinkSession:
         self.datagrams = False
         self.frames = 0
         self.bytes = 0
-        self.cut = 0
-        self.unlogged = 0
+        self.frames_cut = 0
+        self.unlogged_bytes = 0
         """Bytes of damaged frames that were too many to log."""
-        self.refused = 0
+        self.datagrams_refused = 0
         """Datagrams that no key proved."""
         self.foreign: str | None = None
-        self.damage = dict.fromkeys(_CAUSES, 0)
+        self.damage = dict.fromkeys(_DAMAGE_CAUSES, 0)
         self._sink = sink
         self.senders = SenderTable(datagrams=False)
         self._decoders: OrderedDict[str, FrameDecoder] = OrderedDict()
-        self._topics: dict[str, int] = {}
+        self._sender_topics: dict[str, int] = {}
         self._board_topics: dict[tuple[int, int], int] = {}
-        self._fresh: set[str] = set()  # senders of whom no delimiter has been seen yet
-        self._strange = bytearray()
-        self._strange_count = 0
-        self._strange_since: int | None = None
-        self._room, self._room_since = _DAMAGED_BYTES_S, 0
-        self._heard_ns: int | None = None
-        self._reported = 0
-        self._next_report = 0
-        self._silence_said = False
-        self._refusals = EventThrottle()
+        self._awaiting_delimiter: set[str] = set()  # senders of whom no delimiter has been seen yet
+        self._foreign_bytes = bytearray()
+        self._foreign_count = 0
+        self._foreign_since_ns: int | None = None
+        self._damaged_budget, self._budget_since_ns = _MAX_DAMAGED_BYTES_PER_S, 0
+        self._last_received_ns: int | None = None
+        self._damage_reported = 0
+        self._next_damage_report_ns = 0
+        self._silence_reported = False
+        self._refusal_throttle = EventThrottle()
         self._refusals_reported = 0
 
     @property
     def counts(self) -> LinkCounts:
         """What gaps are explained by."""
-        return LinkCounts(sum(self.damage.values()), self.connection.downs)
+        return LinkCounts(sum(self.damage.values()), self.connection.disconnections)
 
     @property
     def where(self) -> str | None:
         """The device of today, None while the link is down."""
         return self.connection.where
 
-    def up(self, news: LinkUp) -> None:
+    def handle_up(self, report: LinkUp) -> None:
         """The link is open."""
-        if self.datagrams != news.datagrams:
-            self.datagrams = news.datagrams
-            self.senders = SenderTable(datagrams=news.datagrams)
-        self.connection.up(news)
-        self._heard_ns, self._silence_said = news.t_ns, False
+        if self.datagrams != report.datagrams:
+            self.datagrams = report.datagrams
+            self.senders = SenderTable(datagrams=report.datagrams)
+        self.connection.handle_up(report)
+        self._last_received_ns, self._silence_reported = report.t_ns, False
 
-    def lost(self, news: LinkLost) -> None:
+    def handle_lost(self, report: LinkLost) -> None:
         """The link has gone."""
-        self.connection.lost(news)
-        self._strange_since = None  # nothing comes: nobody strange speaks
+        self.connection.handle_lost(report)
+        self._foreign_since_ns = None  # nothing comes: nobody strange speaks
         for sender in list(self._decoders):
-            self._end(sender, news.t_ns)
+            self._close_sender(sender, report.t_ns)
 
-    def chunk(self, chunk: Chunk) -> Iterator[Route]:
+    def route_frames(self, chunk: Chunk) -> Iterator[Route]:
         """Log each piece between delimiters and yield where it goes if it is a frame."""
-        self._heard_ns = chunk.t_ns
+        self._last_received_ns = chunk.t_ns
         self.bytes += len(chunk.data)
-        decoder, met = self._decoder(chunk.sender), False
+        decoder, has_frame = self._decoder_of(chunk.sender), False
         for stuffed in decoder.split(chunk.data):
             frame = decoder.decode(stuffed)
-            fresh = chunk.sender in self._fresh
-            self._fresh.discard(chunk.sender)
+            is_first_piece = chunk.sender in self._awaiting_delimiter
+            self._awaiting_delimiter.discard(chunk.sender)
             if frame is None:
-                self._keep_damaged(self._place(chunk.sender), chunk.t_ns, stuffed + b"\0")
-                if fresh:
-                    self.cut += 1
+                self._log_damaged(self._topic_of(chunk.sender), chunk.t_ns, stuffed + b"\0")
+                if is_first_piece:
+                    self.frames_cut += 1
                     decoder.damage = Damage()
-                self._count(decoder)
+                self._count_damage(decoder)
                 continue
             route = self.senders.route((frame, chunk.t_ns, self.counts), chunk.sender)
-            self._sink.write_raw_frame(self._place(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
+            self._sink.write_raw_frame(self._topic_of(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
             self.frames += 1
-            met = True
+            has_frame = True
             self.connection.mark_valid()
-            self._strange.clear()
-            self._strange_count = 0
-            self._strange_since = self.foreign = None
+            self._foreign_bytes.clear()
+            self._foreign_count = 0
+            self._foreign_since_ns = self.foreign = None
             yield route
-        self._count(decoder)
-        if met:
+        self._count_damage(decoder)
+        if has_frame:
             return  # what came behind the last frame is the beginning of the next
-        if self._strange_since is None:
-            self._strange_since = chunk.t_ns
-        self._strange_count += len(chunk.data)
-        if len(self._strange) < _SAMPLE_BYTES:
-            self._strange += chunk.data[: _SAMPLE_BYTES - len(self._strange)]
+        if self._foreign_since_ns is None:
+            self._foreign_since_ns = chunk.t_ns
+        self._foreign_count += len(chunk.data)
+        if len(self._foreign_bytes) < _FOREIGN_SAMPLE_BYTES:
+            self._foreign_bytes += chunk.data[: _FOREIGN_SAMPLE_BYTES - len(self._foreign_bytes)]
 
-    def report_intruders(self, news: Intruders) -> Event:
+    def report_refused(self, report: RefusedDatagrams) -> Event:
         """Count and report datagrams that no key proved."""
-        self.refused += sum(news.refused.values())
-        named = ", ".join(f"{count} {why}" for why, count in news.refused.items())
+        self.datagrams_refused += sum(report.refused.values())
+        named = ", ".join(f"{count} {why}" for why, count in report.refused.items())
         text = f"{self.label}: datagrams refused: {named}"
-        event = Event(news.t_ns, "refused", self.label, text, {"link": self.label, **news.refused})
+        event = Event(report.t_ns, "refused", self.label, text, {"link": self.label, **report.refused})
         self._sink.write_event(event)
         return event
 
-    def keep(self, chunk: Chunk) -> int:
+    def log_undecoded(self, chunk: Chunk) -> int:
         """Logs the pieces without looking into them; how many there were."""
         self.bytes += len(chunk.data)
-        pieces = self._decoder(chunk.sender).split(chunk.data)
+        pieces = self._decoder_of(chunk.sender).split(chunk.data)
         for stuffed in pieces:
             self._sink.write_raw_frame(self.label, chunk.t_ns, stuffed + b"\0")
         return len(pieces)
 
     def tick(self, now_ns: int) -> Iterator[Event]:
         """Yields what the user should see: a stranger on the line, or silence."""
-        if self.foreign is None and self._sounds_strange(now_ns):
-            self.foreign = describe(bytes(self._strange), self._strange_count)
+        if self.foreign is None and self._is_foreign(now_ns):
+            self.foreign = describe_foreign_bytes(bytes(self._foreign_bytes), self._foreign_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
             event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
             self._sink.write_event(event)
             yield event
-        silent = (
-            self.where is not None and self._heard_ns is not None and now_ns - self._heard_ns > _SILENT_NS
+        is_silent = (
+            self.where is not None
+            and self._last_received_ns is not None
+            and now_ns - self._last_received_ns > _SILENCE_TIMEOUT_NS
         )
-        if silent and not self._silence_said:
-            self._silence_said = True
+        if is_silent and not self._silence_reported:
+            self._silence_reported = True
             text = f"{self.label} ({self.where}): open, but nothing has come for 5 s; is the node powered?"
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.write_event(event)
             yield event
         yield from self._report_refusals(now_ns)
-        if now_ns >= self._next_report:
-            self._next_report = now_ns + _DAMAGE_EVERY_NS
-            self._report(now_ns)
+        if now_ns >= self._next_damage_report_ns:
+            self._next_damage_report_ns = now_ns + _DAMAGE_REPORT_INTERVAL_NS
+            self._report_damage(now_ns)
 
     def _report_refusals(self, now_ns: int) -> Iterator[Event]:
         """Report frames of nodes beyond the limit, and senders that were dropped unidentified."""
         senders = self.senders
         total = senders.refused + senders.evicted
-        if total == self._refusals_reported or self._refusals.admit(now_ns) is None:
+        if total == self._refusals_reported or self._refusal_throttle.admit(now_ns) is None:
             return
         self._refusals_reported = total
         text = (
@@ -181,84 +185,86 @@ class LinkSession:
         self._sink.write_event(event)
         yield event
 
-    def resumed(self, now_ns: int) -> None:
+    def restart_timeouts(self, now_ns: int) -> None:
         """Begin the waiting for bytes and for a frame again: the computer stood still until now."""
-        if self._heard_ns is not None:
-            self._heard_ns = now_ns
-        if self._strange_since is not None:
-            self._strange_since = now_ns
+        if self._last_received_ns is not None:
+            self._last_received_ns = now_ns
+        if self._foreign_since_ns is not None:
+            self._foreign_since_ns = now_ns
 
-    def _sounds_strange(self, now_ns: int) -> bool:
+    def _is_foreign(self, now_ns: int) -> bool:
         """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
-        if self._strange_since is None or self._heard_ns is None:
+        if self._foreign_since_ns is None or self._last_received_ns is None:
             return False
-        known = not self.connection.is_valid or recognised(bytes(self._strange))
-        return (now_ns if known else self._heard_ns) - self._strange_since > _FOREIGN_NS
+        can_judge_now = not self.connection.is_valid or is_recognised(bytes(self._foreign_bytes))
+        return (
+            now_ns if can_judge_now else self._last_received_ns
+        ) - self._foreign_since_ns > _FOREIGN_TIMEOUT_NS
 
-    def _keep_damaged(self, place: str, t_ns: int, piece: bytes) -> None:
-        if t_ns - self._room_since >= NS_PER_S:
-            self._room, self._room_since = _DAMAGED_BYTES_S, t_ns
-        if len(piece) > self._room:
-            self.unlogged += len(piece)
+    def _log_damaged(self, topic: str, t_ns: int, piece: bytes) -> None:
+        if t_ns - self._budget_since_ns >= NS_PER_S:
+            self._damaged_budget, self._budget_since_ns = _MAX_DAMAGED_BYTES_PER_S, t_ns
+        if len(piece) > self._damaged_budget:
+            self.unlogged_bytes += len(piece)
             return
-        self._room -= len(piece)
-        self._sink.write_raw_frame(place + DAMAGED, t_ns, piece)
+        self._damaged_budget -= len(piece)
+        self._sink.write_raw_frame(topic + DAMAGED_SUFFIX, t_ns, piece)
 
     def close(self, now_ns: int) -> None:
         """Accounts for what is left."""
         for sender in list(self._decoders):
-            self._end(sender, now_ns)
-        self._report(now_ns)
+            self._close_sender(sender, now_ns)
+        self._report_damage(now_ns)
 
-    def _place(self, sender: str, route: Route | None = None) -> str:
+    def _topic_of(self, sender: str, route: Route | None = None) -> str:
         """Return where in the log the pieces of a sender go: those of the second beside those of the first.
 
         Where more have come than have places of their own, a board has one from its Hello on.
         """
         if not self.datagrams:
             return self.label
-        number = self._topics.get(sender)
-        if number is None and len(self._topics) < _OWN_TOPICS:
-            number = self._topics[sender] = len(self._topics) + 1
+        number = self._sender_topics.get(sender)
+        if number is None and len(self._sender_topics) < _MAX_SENDER_TOPICS:
+            number = self._sender_topics[sender] = len(self._sender_topics) + 1
         if number is None and route is not None and route.board is not None:
-            first = _OWN_TOPICS + 2
+            first = _MAX_SENDER_TOPICS + 2
             board = route.node_id, route.board
             number = self._board_topics.setdefault(board, first + len(self._board_topics))
-        number = number or _OWN_TOPICS + 1
+        number = number or _MAX_SENDER_TOPICS + 1
         return self.label if number == 1 else f"{self.label}/{number}"
 
-    def _decoder(self, sender: str) -> FrameDecoder:
+    def _decoder_of(self, sender: str) -> FrameDecoder:
         decoder = self._decoders.get(sender)
         if decoder is None:
             if len(self._decoders) >= MAX_SENDERS:
                 self._decoders.popitem(last=False)
             decoder = self._decoders[sender] = FrameDecoder()
             if not self.datagrams:
-                self._fresh.add(sender)
+                self._awaiting_delimiter.add(sender)
         elif self.datagrams:
             self._decoders.move_to_end(sender)
         return decoder
 
-    def _count(self, decoder: FrameDecoder) -> None:
+    def _count_damage(self, decoder: FrameDecoder) -> None:
         if decoder.damage.frames:
-            for cause in _CAUSES:
+            for cause in _DAMAGE_CAUSES:
                 self.damage[cause] += getattr(decoder.damage, cause)
             decoder.damage = Damage()
 
-    def _end(self, sender: str, t_ns: int) -> None:
+    def _close_sender(self, sender: str, t_ns: int) -> None:
         decoder = self._decoders.pop(sender)
         for rest in decoder.split(b"\0"):
-            self.cut += 1
-            self._sink.write_raw_frame(self._place(sender) + DAMAGED, t_ns, rest)
-        self._fresh.discard(sender)
+            self.frames_cut += 1
+            self._sink.write_raw_frame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, rest)
+        self._awaiting_delimiter.discard(sender)
 
-    def _report(self, now_ns: int) -> None:
+    def _report_damage(self, now_ns: int) -> None:
         total = sum(self.damage.values())
-        if total == self._reported:
+        if total == self._damage_reported:
             return
-        new, self._reported = total - self._reported, total
+        new, self._damage_reported = total - self._damage_reported, total
         named = ", ".join(f"{cause} {count}" for cause, count in self.damage.items() if count)
         text = f"{self.label}: {new} damaged frames since the last report; in all: {named}"
-        text += f"; {self.unlogged} bytes of them were too many to log" if self.unlogged else ""
-        data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged}
+        text += f"; {self.unlogged_bytes} bytes of them were too many to log" if self.unlogged_bytes else ""
+        data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged_bytes}
         self._sink.write_event(Event(now_ns, "damage", self.label, text, data))

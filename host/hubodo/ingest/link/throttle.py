@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-_FIRST_NS = 10_000_000_000
-_LONGEST_NS = 3_600_000_000_000
+_MIN_INTERVAL_NS = 10_000_000_000
+_MAX_INTERVAL_NS = 3_600_000_000_000
 
 
 class EventThrottle:
@@ -23,7 +23,7 @@ class EventThrottle:
             self._withheld += 1
             return None
         was_quiet = t_ns >= self._next_ns + self._interval_ns
-        self._interval_ns = _FIRST_NS if was_quiet else min(2 * self._interval_ns, _LONGEST_NS)
+        self._interval_ns = _MIN_INTERVAL_NS if was_quiet else min(2 * self._interval_ns, _MAX_INTERVAL_NS)
         self._next_ns = t_ns + self._interval_ns
         withheld, self._withheld = self._withheld, 0
         return withheld

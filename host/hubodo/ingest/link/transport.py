@@ -8,16 +8,16 @@ import socket
 from collections import Counter
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.down import Transport, down
+from hubodo.ingest.link.open_link import Transport, link_down_on_error
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.ingest.link.ports import Finder, PortName
-from hubodo.ingest.link.sealed import Sealer
+from hubodo.ingest.link.ports import DeviceFinder, PortName
+from hubodo.ingest.link.sealed import DatagramSealer
 from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.readiness import can_read
 
 _READ_BYTES = 65536
 _WRITE_S = 0.1
-_CONNECT_S = 3.0
+_CONNECT_TIMEOUT_S = 3.0
 
 
 class TcpTransport:
@@ -30,16 +30,16 @@ class TcpTransport:
         """Raises LinkError when nobody answers there."""
         self.where = f"socket://{host}:{port}"
         try:
-            self._socket = socket.create_connection((host, port), _CONNECT_S)
+            self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT_S)
         except (OSError, UnicodeError) as error:
             raise LinkError(
-                f"{self.where}: {_reason(error)}; check host and port, and that it listens"
+                f"{self.where}: {_error_text(error)}; check host and port, and that it listens"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with down(self.where):
+        with link_down_on_error(self.where):
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             data = self._socket.recv(_READ_BYTES)
@@ -48,7 +48,7 @@ class TcpTransport:
             return data, ""
 
     def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(TimeoutError), down(self.where):
+        with contextlib.suppress(TimeoutError), link_down_on_error(self.where):
             self._socket.settimeout(_WRITE_S)
             self._socket.sendall(data)
 
@@ -74,12 +74,12 @@ class UdpTransport:
         except (OSError, UnicodeError) as error:
             self._socket.close()
             raise LinkError(
-                f"{self.where}: {_reason(error)}; give a free port and an address of this machine, "
+                f"{self.where}: {_error_text(error)}; give a free port and an address of this machine, "
                 "0.0.0.0 for all"
             ) from error
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with down(self.where):
+        with link_down_on_error(self.where):
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             try:
@@ -105,7 +105,7 @@ class SealedTransport:
     datagrams = True
 
     def __init__(self, plain: UdpTransport, keys: KeyRing) -> None:
-        self._plain, self._sealer = plain, Sealer(keys)
+        self._plain, self._sealer = plain, DatagramSealer(keys)
         self.where, self.refused = plain.where, self._sealer.refused
 
     def read(self, timeout: float) -> tuple[bytes, str]:
@@ -126,11 +126,11 @@ class SealedTransport:
         self._plain.close()
 
 
-def _reason(error: OSError | UnicodeError) -> str:
+def _error_text(error: OSError | UnicodeError) -> str:
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
-def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:
+def open_transport(port: PortName, finder: DeviceFinder, baud: int) -> Transport:
     """Opens what a port name stands for.
 
     Raises LinkError with the reason and what to do.
@@ -140,4 +140,4 @@ def open_transport(port: PortName, finder: Finder, baud: int) -> Transport:
     if port.kind == "udp":
         plain = UdpTransport(*port.address)
         return plain if port.keys is None else SealedTransport(plain, port.keys)
-    return open_serial(finder.device(), baud)
+    return open_serial(finder.find_device(), baud)

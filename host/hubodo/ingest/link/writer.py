@@ -6,14 +6,14 @@ import queue
 import threading
 from dataclasses import dataclass, field
 
-from hubodo.ingest.link.down import LinkDown, Transport
+from hubodo.ingest.link.open_link import LinkDown, Transport
 
-_LONGEST_S = 0.25
+_MAX_WRITE_WAIT_S = 0.25
 """Transports give up after 0.1 s by themselves."""
 
 
 @dataclass(slots=True, eq=False)
-class _Job:
+class _WriteJob:
     data: bytes
     to: str
     done: threading.Event = field(default_factory=threading.Event)
@@ -30,8 +30,8 @@ class LinkWriter:
         self.error: Exception | None = None
         """What the transport raised, other than that the link is down."""
         self._transport = transport
-        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._last: _Job | None = None
+        self._jobs: queue.SimpleQueue[_WriteJob | None] = queue.SimpleQueue()
+        self._last: _WriteJob | None = None
         self._thread = threading.Thread(target=self._run, name=f"writer {label}", daemon=True)
 
     def write(self, data: bytes, to: str) -> bool:
@@ -41,7 +41,7 @@ class LinkWriter:
         """
         if self.error is not None or (self._last is not None and not self._last.done.is_set()):
             return False
-        job = _Job(data, to)
+        job = _WriteJob(data, to)
         if self._transport.datagrams:
             self._write(job)
             return job.is_written
@@ -49,9 +49,9 @@ class LinkWriter:
             self._thread.start()
         self._last = job
         self._jobs.put(job)
-        return job.done.wait(_LONGEST_S) and job.is_written
+        return job.done.wait(_MAX_WRITE_WAIT_S) and job.is_written
 
-    def end(self) -> None:
+    def request_stop(self) -> None:
         """Let the thread end once it is through."""
         self._jobs.put(None)
 
@@ -60,7 +60,7 @@ class LinkWriter:
             self._write(job)
             job.done.set()
 
-    def _write(self, job: _Job) -> None:
+    def _write(self, job: _WriteJob) -> None:
         try:
             self._transport.write(job.data, job.to)
             job.is_written = True

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from hubodo.ingest.link.link import PortLink
-from hubodo.ingest.link.ports import Lister, PortName
+from hubodo.ingest.link.ports import DeviceLister, PortName
 from hubodo.ingest.live.host_clock import ClockState, clock_state
 
 
@@ -28,11 +28,11 @@ class Link(Protocol):
         """Whether it went out."""
         ...
 
-    def end(self) -> None:
+    def request_stop(self) -> None:
         """Begins to stop, without waiting."""
         ...
 
-    def stop(self, patience_s: float = ...) -> None:
+    def stop(self, timeout_s: float = ...) -> None:
         """Closes it; a port that hangs is waited for that long."""
         ...
 
@@ -52,7 +52,7 @@ class Computer(Protocol):
         """What is known of the wall clock."""
         ...
 
-    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> Link:
+    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> Link:
         """A port that is neither open nor started yet."""
         ...
 
@@ -79,7 +79,7 @@ class ThisComputer:
         """See `Computer`."""
         return clock_state(self.wall_ns())
 
-    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> PortLink:
+    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> PortLink:
         """See `Computer`."""
         return PortLink(port, label, self, self.now_ns, baud=baud, lister=lister)
 

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError
-from hubodo.ingest.link.ports import Lister, list_devices, parse_port, trusted
+from hubodo.ingest.link.ports import DeviceLister, list_devices, parse_port, attach_keys
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
@@ -41,7 +41,7 @@ def record(
     calibration: Calibration | None = None,
     metadata: Mapping[str, str] | None = None,
     attachments: Mapping[str, bytes] | None = None,
-    lister: Lister = list_devices,
+    lister: DeviceLister = list_devices,
     stop: threading.Event | None = None,
     computer: Computer | None = None,
     console: Console | None = None,
@@ -174,7 +174,7 @@ def _log_now(log: LogWriter, series: LogSeries) -> LogNow:
 
 
 def _links(
-    config: RecordConfig, computer: Computer, lister: Lister
+    config: RecordConfig, computer: Computer, lister: DeviceLister
 ) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
     links: dict[str, Link] = {}
     names: dict[str, str | None] = {}
@@ -183,7 +183,7 @@ def _links(
     wanted += [(config.gnss, config.gnss_baud, True)] if config.gnss is not None else []
     seen: set[tuple[str, str]] = set()
     for text, baud, is_gnss in wanted:
-        port = trusted(parse_port(text), config.key_path, insecure=config.insecure_udp)
+        port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_udp)
         if (port.kind, port.where) in seen:
             raise InputError(f"port {text!r}: named twice; name each port once")
         seen.add((port.kind, port.where))

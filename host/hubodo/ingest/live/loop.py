@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
-from hubodo.ingest.link.link import LinkNews
+from hubodo.ingest.link.link import LinkReport
 from hubodo.ingest.live.bulkheads import PartHung
 from hubodo.ingest.live.computer import Computer, Link
 from hubodo.ingest.live.host_clock import HostClock
@@ -45,7 +45,7 @@ class _Backlog:
         self._recorder = recorder
         self._behind = False
 
-    def take(self, item: LinkNews | Answer) -> None:
+    def take(self, item: LinkReport | Answer) -> None:
         """The next of them."""
         late_ns = 0 if isinstance(item, Answer) else self.now_ns - item.t_ns
         if late_ns > (_NEAR_NS if self._behind else _FAR_NS):
@@ -160,7 +160,7 @@ class Loop:
         hurry = self.stopping.is_set()
         run = self.recorder.bulkheads.run
         for label, link in self.links.items():
-            run(f"link {label}", link.end)
+            run(f"link {label}", link.request_stop)
         join_until = self.clock() + _JOIN_S
         for label, link in self.links.items():
             run(f"link {label}", link.stop, max(join_until - self.clock(), 0.0))
@@ -189,7 +189,7 @@ class Loop:
 def stop(links: Mapping[str, Link]) -> None:
     """Gives the ports back, however far they have come."""
     for link in links.values():
-        link.end()
+        link.request_stop()
     for link in links.values():
         link.stop()
 

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from hubodo.arrays import Array
 from hubodo.errors import HubodoError, InputError, LinkError
-from hubodo.ingest.link.link import LinkNews
-from hubodo.ingest.link.ports import list_devices, parse_port, trusted
+from hubodo.ingest.link.link import LinkReport
+from hubodo.ingest.link.ports import list_devices, parse_port, attach_keys
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.log_writer import LogWriter
@@ -88,7 +88,7 @@ class NodeStream:
         self._say = say
         self._computer = computer or ThisComputer()
         self._zero_ns = self._computer.now_ns() // NS_PER_S * NS_PER_S
-        name = trusted(parse_port(port), None, insecure=False)
+        name = attach_keys(parse_port(port), None, insecure=False)
         self._label = name.label
         self._link = self._computer.link(name, name.label, baud, list_devices)
         try:
@@ -195,7 +195,7 @@ class NodeStream:
         if verdict is not None:
             raise verdict
 
-    def _take(self, item: LinkNews | _TableRow) -> None:
+    def _take(self, item: LinkReport | _TableRow) -> None:
         if isinstance(item, _TableRow):
             row = {"angle": [item.angle], "moving": [float(item.moving)]}
             self._log.write_columns("table", [item.t_ns], item.t_ns, row)

@@ -12,8 +12,8 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
-from hubodo.ingest.link.link import Chunk, Intruders, LinkLost, LinkNews, LinkUp
-from hubodo.ingest.link.session import DAMAGED, LinkSession
+from hubodo.ingest.link.link import Chunk, RefusedDatagrams, LinkLost, LinkReport, LinkUp
+from hubodo.ingest.link.session import DAMAGED_SUFFIX, LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.latency import Latency
 from hubodo.ingest.live.live_map import LiveMap
@@ -86,7 +86,7 @@ class Recorder:
         self._unread = 0
         self._firmware: dict[str, tuple[int, ...]] = {}
 
-    def handle(self, news: LinkNews | Answer) -> None:
+    def handle(self, news: LinkReport | Answer) -> None:
         """One thing that a link reported, or the localizer answered."""
         if isinstance(news, Answer):
             self.bulkheads.run("map", self.map.handle, news)
@@ -102,34 +102,34 @@ class Recorder:
     def _take_bytes(self, action: Callable[[Chunk], None], news: Chunk) -> None:
         """Pass bytes of a link to `action`; where it fails they are logged as they came."""
         if not self.bulkheads.run(f"link {news.link}", action, news, cause=news.data):
-            self._sink.write_raw_frame(news.link + DAMAGED, news.t_ns, news.data)
+            self._sink.write_raw_frame(news.link + DAMAGED_SUFFIX, news.t_ns, news.data)
 
     def _split(self, news: Chunk) -> None:
         link = self.links[news.link]
-        for route in link.chunk(news):
+        for route in link.route_frames(news):
             self._frame(link, route, news)
 
-    def _link_changed(self, link: LinkSession, news: LinkUp | LinkLost | Intruders) -> None:
+    def _link_changed(self, link: LinkSession, news: LinkUp | LinkLost | RefusedDatagrams) -> None:
         match news:
             case LinkUp():
-                link.up(news)
+                link.handle_up(news)
                 for node in self._on(news.link):
                     node.mute()
             case LinkLost():
-                link.lost(news)
-            case Intruders():
-                self.notices.append(link.report_intruders(news))
+                link.handle_lost(news)
+            case RefusedDatagrams():
+                self.notices.append(link.report_refused(news))
         self.notices += link.connection.take_notices()
 
-    def _from_receiver(self, gnss: GnssSession, news: LinkNews) -> None:
+    def _from_receiver(self, gnss: GnssSession, news: LinkReport) -> None:
         """One thing that the link of a GNSS receiver reported."""
         match news:
             case LinkUp():
-                gnss.connection.up(news)
+                gnss.connection.handle_up(news)
             case LinkLost():
-                gnss.connection.lost(news)
+                gnss.connection.handle_lost(news)
             case Chunk():
-                self._locate(gnss.chunk(news.data, news.t_ns), news.t_ns)
+                self._locate(gnss.handle_bytes(news.data, news.t_ns), news.t_ns)
         self.notices += gnss.connection.take_notices()
 
     def tick(self, now_ns: int) -> None:
@@ -171,11 +171,11 @@ class Recorder:
         if begin_ns is None:
             return
         for link in self.links.values():
-            link.resumed(event.t_ns)
+            link.restart_timeouts(event.t_ns)
         for node in self.nodes.values():
             node.resumed(begin_ns, event.t_ns)
 
-    def keep(self, news: LinkNews | Answer) -> None:
+    def keep(self, news: LinkReport | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""
         if isinstance(news, Chunk) and news.link in self.links:
             self._take_bytes(self._keep, news)
@@ -183,7 +183,7 @@ class Recorder:
             self.handle(news)
 
     def _keep(self, news: Chunk) -> None:
-        self._unread += self.links[news.link].keep(news)
+        self._unread += self.links[news.link].log_undecoded(news)
 
     def tell_again(self) -> None:
         """Another log has begun: it is told what the one before knew and no message will say again."""

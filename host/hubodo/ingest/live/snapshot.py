@@ -220,8 +220,8 @@ def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int)
                 label,
                 session.decoder.counts.fixes,
                 session.decoder.counts.checksum_errors,
-                session.last.latitude_deg if session.last is not None else None,
-                session.last.longitude_deg if session.last is not None else None,
+                session.last_fix.latitude_deg if session.last_fix is not None else None,
+                session.last_fix.longitude_deg if session.last_fix is not None else None,
             )
             for label, session in recorder.gnss.items()
         ),
@@ -248,10 +248,10 @@ def _link(link: LinkSession) -> LinkNow:
         link.bytes,
         link.damage["crc"],
         sum(link.damage.values()),
-        link.connection.downs,
+        link.connection.disconnections,
         link.foreign,
         link.connection.faults,
-        link.refused + link.senders.refused,
+        link.datagrams_refused + link.senders.refused,
         link.senders.evicted,
     )
 

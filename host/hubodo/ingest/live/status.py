@@ -169,7 +169,7 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
             "fixes": session.decoder.counts.fixes,
             "sentences": session.decoder.counts.sentences,
             "checksum_errors": session.decoder.counts.checksum_errors,
-            "unread": session.decoder.counts.unread,
+            "unread": session.decoder.counts.unparsed,
         }
         for label, session in recorder.gnss.items()
     }
@@ -234,9 +234,9 @@ def _link_json(link: LinkSession) -> dict[str, Any]:
         "bytes": link.bytes,
         "frames_damaged": sum(link.damage.values()),
         "damage": dict(link.damage),
-        "frames_cut": link.cut,
-        "disconnections": link.connection.downs,
+        "frames_cut": link.frames_cut,
+        "disconnections": link.connection.disconnections,
         "faults": link.connection.faults,
-        "refused": link.refused + link.senders.refused,
+        "refused": link.datagrams_refused + link.senders.refused,
         "senders_evicted": link.senders.evicted,
     }

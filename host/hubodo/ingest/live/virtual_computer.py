@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.down import LinkDown, Transport
+from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
-from hubodo.ingest.link.ports import Finder, Lister, PortName
+from hubodo.ingest.link.ports import DeviceFinder, DeviceLister, PortName
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.live.host_clock import ClockState
 from hubodo.units import NS_PER_S
@@ -91,7 +91,7 @@ class VirtualComputer:
         """See `Computer`."""
         self._news.append(item)
 
-    def link(self, port: PortName, label: str, baud: int, lister: Lister) -> VirtualLink:
+    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> VirtualLink:
         """See `Computer`."""
         link = VirtualLink(port, label, self, baud, lister)
         self._links.append(link)
@@ -135,13 +135,13 @@ class VirtualLink:
     """As `PortLink`, on real ports as well, but read by the computer's steps instead of a thread."""
 
     def __init__(
-        self, port: PortName, label: str, computer: VirtualComputer, baud: int, lister: Lister
+        self, port: PortName, label: str, computer: VirtualComputer, baud: int, lister: DeviceLister
     ) -> None:
         self.device_path = ""
         """Of the device that is open; empty while none is."""
         self._written = 0
         self._port, self._label, self._computer, self._baud = port, label, computer, baud
-        self._finder = Finder(port, lister)
+        self._finder = DeviceFinder(port, lister)
         self._transport: Transport | None = None
         self._started = self._missed = False
         self._retry_ns = 0
@@ -168,10 +168,10 @@ class VirtualLink:
         self._written += len(data)
         return True
 
-    def end(self) -> None:
+    def request_stop(self) -> None:
         """See `Link`."""
 
-    def stop(self, patience_s: float = 0.0) -> None:
+    def stop(self, timeout_s: float = 0.0) -> None:
         """See `Link`."""
         self._started = False
         self._close()

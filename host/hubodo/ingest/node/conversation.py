@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Self
 
 from hubodo.errors import HubodoError, InputError, LinkError, WireMismatch
-from hubodo.ingest.link.down import LinkDown, Transport
-from hubodo.ingest.link.foreign import describe
-from hubodo.ingest.link.ports import Finder, PortName
+from hubodo.ingest.link.open_link import LinkDown, Transport
+from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes
+from hubodo.ingest.link.ports import DeviceFinder, PortName
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.questions import Questions, reason_words
 from hubowire import (
@@ -67,7 +67,7 @@ class Conversation:
         self.health: Health | None = None
         self.filter: Filter | None = None
         self._port, self._baud = port, baud
-        self._finder = Finder(port)
+        self._finder = DeviceFinder(port)
         self._transport: Transport | None = open_transport(port, self._finder, baud)
         self._decoders: dict[str, FrameDecoder] = {}
         self._questions = Questions(node_id or 0)
@@ -178,7 +178,7 @@ class Conversation:
             return f"node {self.node_id} does not speak; there: {ids}"
         if not self._bytes:
             return f"nothing came for {_MEET_S:.0f} s; is the node powered, and its program running?"
-        return describe(bytes(self._strange), self._bytes)
+        return describe_foreign_bytes(bytes(self._strange), self._bytes)
 
     def _send(self, message: Message) -> int:
         seq, data = self._questions.wire(message)

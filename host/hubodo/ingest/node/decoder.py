@@ -195,8 +195,8 @@ class NodeDecoder:
 
     def _alone(self, hello: Hello, t_ns: int, link: LinkCounts) -> Iterator[Output]:
         """Notices two nodes that speak as one: which frame is whose, nobody can tell."""
-        if link.downs != self._downs:
-            self._heard, self._downs = {}, link.downs
+        if link.disconnections != self._downs:
+            self._heard, self._downs = {}, link.disconnections
         self._heard = {serial: at_ns for serial, at_ns in self._heard.items() if t_ns - at_ns < _GONE_NS}
         if len(self._heard) < _MAX_SERIALS or hello.serial in self._heard:
             self._heard[hello.serial] = t_ns

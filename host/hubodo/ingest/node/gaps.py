@@ -33,7 +33,7 @@ class LinkCounts:
     """What had happened on the link until a moment; two of them tell what happened between."""
 
     damaged: int = 0
-    downs: int = 0
+    disconnections: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ class GapLedger:
         """A gap has been seen; yields its event once the cause is plain."""
         if restart:
             yield _event(self._node, gap, RESTART)
-        elif now.downs != before.downs:
+        elif now.disconnections != before.disconnections:
             yield _event(self._node, gap, LINK_DOWN)
         elif now.damaged != before.damaged and gap.frames_lost:
             cause = f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hubodo.atomic_files import atomic_new_file
 from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
-from hubodo.ingest.link.session import DAMAGED
+from hubodo.ingest.link.session import DAMAGED_SUFFIX
 from hubodo.ingest.node.bulk import BulkDecoder
 from hubodo.ingest.node.many_frames import by_node
 from hubodo.ingest.node.naming import free_name
@@ -170,7 +170,9 @@ class _Again:
 
     def _raw(self, name: str, t_ns: int, piece: bytes) -> None:
         self._target.write_raw_frame(name, t_ns, piece)
-        self._link(name.removesuffix(DAMAGED)).piece(piece, t_ns, damaged=name.endswith(DAMAGED))
+        self._link(name.removesuffix(DAMAGED_SUFFIX)).piece(
+            piece, t_ns, damaged=name.endswith(DAMAGED_SUFFIX)
+        )
 
     def _event(self, event: Event) -> None:
         for link in self._beside(event.source):

@@ -6,7 +6,7 @@ import re
 
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
-_SIGNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
+_KNOWN_PATTERNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
     (
         re.compile(rb"\$G[A-Z]{4},|\$P[A-Z]{3,},"),
         "NMEA text of a GNSS receiver",
@@ -30,14 +30,14 @@ _SIGNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
 )
 
 
-def recognised(data: bytes) -> bool:
+def is_recognised(data: bytes) -> bool:
     """Whether these bytes tell what they are, however few."""
-    return any(pattern.search(data) for pattern, _, _ in _SIGNS)
+    return any(pattern.search(data) for pattern, _, _ in _KNOWN_PATTERNS)
 
 
-def describe(data: bytes, count: int) -> str:
+def describe_foreign_bytes(data: bytes, count: int) -> str:
     """What came and what to do about it, for `count` bytes in which no frame was found; data: the first."""
-    for pattern, what, remedy in _SIGNS:
+    for pattern, what, remedy in _KNOWN_PATTERNS:
         if pattern.search(data):
             return f"{what}; {remedy}"
     text = sum(32 <= byte < 127 or byte in b"\r\n\t" for byte in data)

@@ -39,7 +39,7 @@ class Transport(Protocol):
 
 
 @contextlib.contextmanager
-def down(where: str) -> Iterator[None]:
+def link_down_on_error(where: str) -> Iterator[None]:
     """The one place where every way in which a port can die becomes LinkDown.
 
     pyserial lets OSError (EIO from in_waiting), termios.error and TypeError (a port closed under the
