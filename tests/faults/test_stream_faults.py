@@ -9,8 +9,8 @@ from dataclasses import replace
 import pytest
 
 from faults.line import BATCH, HELLO, Line, Node
-from hubodo.ingest.link.open_link import LinkDown
 from hubodo.ingest.link.link import Chunk
+from hubodo.ingest.link.open_link import LinkDown
 from hubodo.ingest.link.ports import DeviceFinder, parse_port
 from hubodo.ingest.link.serial_port import SerialTransport
 from hubodo.ingest.link.transport import open_transport

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.errors import InputError
-from hubodo.ingest.link.ports import parse_port, attach_keys
+from hubodo.ingest.link.ports import attach_keys, parse_port
 from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
 from hubodo.ingest.node.conversation import Conversation
 from hubodo.ingest.node.identity import hello_metadata, known_name

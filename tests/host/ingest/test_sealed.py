@@ -9,8 +9,8 @@ import pytest
 from fakes.sealed_node import SealedNode, tag
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.ingest.link.ports import parse_port, attach_keys
-from hubodo.ingest.link.sealed import OpenedDatagram, DatagramSealer
+from hubodo.ingest.link.ports import attach_keys, parse_port
+from hubodo.ingest.link.sealed import DatagramSealer, OpenedDatagram
 
 SERIALS = ("e661410300000001", "e661410300000002")
 NOTHING = OpenedDatagram()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes, is_recognised
-from hubodo.ingest.link.link import Chunk, RefusedDatagrams, LinkLost, LinkUp
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp, RefusedDatagrams
 from hubodo.ingest.link.throttle import EventThrottle
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, Route, SenderTable

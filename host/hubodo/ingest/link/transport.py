@@ -8,8 +8,8 @@ import socket
 from collections import Counter
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.open_link import Transport, link_down_on_error
 from hubodo.ingest.link.keys import KeyRing
+from hubodo.ingest.link.open_link import Transport, link_down_on_error
 from hubodo.ingest.link.ports import DeviceFinder, PortName
 from hubodo.ingest.link.sealed import DatagramSealer
 from hubodo.ingest.link.serial_port import open_serial

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, LinkError
-from hubodo.ingest.link.ports import DeviceLister, list_devices, parse_port, attach_keys
+from hubodo.ingest.link.ports import DeviceLister, attach_keys, list_devices, parse_port
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread

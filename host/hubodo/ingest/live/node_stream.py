@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from hubodo.arrays import Array
 from hubodo.errors import HubodoError, InputError, LinkError
 from hubodo.ingest.link.link import LinkReport
-from hubodo.ingest.link.ports import list_devices, parse_port, attach_keys
+from hubodo.ingest.link.ports import attach_keys, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.log_writer import LogWriter

@@ -12,7 +12,7 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
-from hubodo.ingest.link.link import Chunk, RefusedDatagrams, LinkLost, LinkReport, LinkUp
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkReport, LinkUp, RefusedDatagrams
 from hubodo.ingest.link.session import DAMAGED_SUFFIX, LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.latency import Latency

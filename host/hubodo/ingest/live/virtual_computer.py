@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
+from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.ports import DeviceFinder, DeviceLister, PortName
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.live.host_clock import ClockState

@@ -9,8 +9,8 @@ from types import TracebackType
 from typing import Self
 
 from hubodo.errors import HubodoError, InputError, LinkError, WireMismatch
-from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes
+from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.ports import DeviceFinder, PortName
 from hubodo.ingest.link.transport import open_transport
 from hubodo.ingest.node.questions import Questions, reason_words
