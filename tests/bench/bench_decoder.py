@@ -33,8 +33,8 @@ from wire_strategies import dirty  # noqa: E402
 from hubodo.ingest.node.bulk import BulkDecoder  # noqa: E402
 from hubodo.ingest.node.decoder import NodeDecoder  # noqa: E402
 from hubodo.ingest.node.gaps import LinkCounts  # noqa: E402
-from hubodo.ingest.node.many_frames import by_node  # noqa: E402
-from hubodo.ingest.node.runs import RunDecoder  # noqa: E402
+from hubodo.ingest.node.node_frames import group_by_node  # noqa: E402
+from hubodo.ingest.node.run_decoder import RunDecoder  # noqa: E402
 from hubowire import FINGERPRINT, Frame, FrameDecoder, encode, encode_frame  # noqa: E402
 from hubowire.messages import Hello, ImuBatch  # noqa: E402
 
@@ -135,9 +135,9 @@ def run_again(stream: bytes, damaged: np.ndarray, portion: int, ns_per_byte: flo
 
     decoder, node = BulkDecoder(), RunDecoder("left")
     for at in range(0, len(stream), portion):
-        for number, some in by_node(decoder.feed(stream[at : at + portion]), arrival).items():
+        for number, some in group_by_node(decoder.feed(stream[at : at + portion]), arrival).items():
             if number == 1:
-                for _ in node.many(some, 0):
+                for _ in node.decode_many(some, 0):
                     pass
     return node.counts.samples // batch
 
@@ -149,7 +149,7 @@ def run_record(stream: bytes, damaged: np.ndarray, portion: int, ns_per_byte: fl
         t_ns = T0 + int((at + portion) * ns_per_byte)
         for frame in decoder.feed(stream[at : at + portion]):
             if frame.node == 1:
-                for _ in node.frame(frame, t_ns, LinkCounts(decoder.damage.frames)):
+                for _ in node.decode_frame(frame, t_ns, LinkCounts(decoder.damage.frames)):
                     pass
     return node.counts.samples // batch
 

@@ -72,7 +72,7 @@ def test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed():
         if k % 20 == 0:
             line.says(one.says_hello() + other.says_hello())
     node = next(iter(line.recorder.nodes.values()))
-    assert node.decoder.counts.frames_unread == 60
+    assert node.decoder.counts.frames_undecoded == 60
     assert sum("serial" in notice.text for notice in line.recorder.notices) == 1
     for _ in range(5):
         line.says(one.says_hello(), seconds=5.0)  # the other was taken away
@@ -207,7 +207,7 @@ def test_a_device_that_is_pulled_ends_the_link(port):
     [
         (OSError(errno.EIO, "Input/output error"), "Input/output error"),
         (OSError(errno.ENODEV, "No such device"), "No such device"),
-        (b"", "read by somebody else"),
+        (b"", "read by another program"),
     ],
 )
 def test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how(port, answer, says, monkeypatch):
@@ -240,6 +240,6 @@ def test_a_line_that_says_ever_other_names_is_one_conflict_of_bounded_length():
         node.hello = replace(node.hello, serial=b"%08d" % number)
         line.says(node.says_hello(), seconds=0.001)
     (decoder,) = (node.decoder for node in line.recorder.nodes.values())
-    assert len(decoder._heard) <= 8
+    assert len(decoder._serials_received) <= 8
     events = [event for event in line.close().events if event.kind == "conflict"]
     assert len(events) == 1

@@ -12,7 +12,7 @@ from hubodo.emulator.board.settings import BoardSettings, SensorBoard
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.samples import HelloSeen, ImuBlock
+from hubodo.ingest.node.outputs import HelloReceived, ImuBlock
 from hubodo.recording import Event
 from hubowire import messages as m
 from virtual_runs import of, run
@@ -43,7 +43,7 @@ def told(sent):
     decoder = NodeDecoder("left")
     out = []
     for k, (frame, _) in enumerate(sent):
-        out += decoder.frame(frame, k * 20_000_000, LinkCounts())
+        out += decoder.decode_frame(frame, k * 20_000_000, LinkCounts())
     return [*out, *decoder.close()], decoder
 
 
@@ -65,7 +65,7 @@ def test_a_node_that_rests_slows_down_and_wakes_within_two_samples_and_nothing_i
     assert not [e for e in items if isinstance(e, Event) and e.kind == "gap"]
     rates = [round(e.data["rate_hz"]) for e in items if isinstance(e, Event) and e.kind == "rate"]
     assert rates[0] == pytest.approx(26, abs=1) and rates[1] == pytest.approx(416, abs=6)
-    assert len([h for h in items if isinstance(h, HelloSeen)]) >= 2
+    assert len([h for h in items if isinstance(h, HelloReceived)]) >= 2
     t = np.concatenate([b.device_ns for b in items if isinstance(b, ImuBlock)]) * 1e-9
     assert np.all(np.diff(t) > 0) and np.diff(t).max() < 0.2
 

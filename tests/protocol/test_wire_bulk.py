@@ -8,7 +8,7 @@ from wire_strategies import dirty, drive, message, message_frames, portions
 
 from hubodo.ingest.node import bulk
 from hubodo.ingest.node.bulk import BulkDecoder, FrameGroup
-from hubodo.ingest.node.many_frames import by_node
+from hubodo.ingest.node.node_frames import group_by_node
 from hubowire import Frame, FrameDecoder, PayloadError, decode, encode, encode_frame
 from hubowire.messages import ImuBatch
 
@@ -18,7 +18,7 @@ def frames_of(groups: list[FrameGroup]) -> list[Frame]:
     rows = [
         (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
         for group in groups
-        for end, seq, payload in zip(group.end, group.seq, group.payload, strict=True)
+        for end, seq, payload in zip(group.end_offset, group.seq, group.payload, strict=True)
     ]
     return [frame for _, frame in sorted(rows, key=lambda row: row[0])]
 
@@ -50,7 +50,7 @@ def test_a_busy_dirty_link_gives_the_same_frames_and_counters(
     share: float, size: int, count: int, monkeypatch
 ):
     # Small pieces put many piece edges into the stream.
-    monkeypatch.setattr(bulk, "_PIECE", 30_000)
+    monkeypatch.setattr(bulk, "_MAX_PIECE_BYTES", 30_000)
     print("seeds 11, 12")
     stream = dirty(drive(np.random.default_rng(11), count), np.random.default_rng(12), share)
     one, many = FrameDecoder(), BulkDecoder()
@@ -70,10 +70,10 @@ def test_the_end_of_each_frame_is_where_its_delimiter_stands_in_the_stream():
     decoder = BulkDecoder()
     groups = [group for at in range(0, len(stream), 33) for group in decoder.feed(stream[at : at + 33])]
     for group in groups:
-        for end, payload in zip(group.end, group.payload, strict=True):
+        for end, payload in zip(group.end_offset, group.payload, strict=True):
             length = len(payload) + 8
             assert FrameDecoder().feed(stream[end - length : end])[0].payload == payload.tobytes()
-    assert sum(len(group.end) for group in groups) == 40
+    assert sum(len(group.end_offset) for group in groups) == 40
 
 
 def no_times(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -91,17 +91,17 @@ def is_sound_batch(frame: Frame) -> bool:
 
 def check_by_node(frames: list[Frame], groups: list[FrameGroup]) -> None:
     """Batches and other frames of each node are the frames, in their order."""
-    found = by_node(groups, no_times)
+    found = group_by_node(groups, no_times)
     assert set(found) == {frame.node for frame in frames}
     for node, some in found.items():
         own = [frame for frame in frames if frame.node == node]
         batches = [decode(frame.type_id, frame.payload) for frame in own if is_sound_batch(frame)]
         assert [frame.seq for frame in own if is_sound_batch(frame)] == some.batches.seq.tolist()
-        again = [some.batch(k) for k in range(len(some.batches))]
+        again = [some.batch_frame(k) for k in range(len(some.batches))]
         assert [decode(frame.type_id, frame.payload) for frame in again] == batches
         assert [other.frame for other in some.others] == [f for f in own if not is_sound_batch(f)]
-        ends = [other.end for other in some.others]
-        assert ends == sorted(ends) and bool((np.diff(some.batches.end) > 0).all())
+        ends = [other.end_offset for other in some.others]
+        assert ends == sorted(ends) and bool((np.diff(some.batches.end_offset) > 0).all())
 
 
 def test_batches_and_other_frames_of_each_node_are_those_of_the_messages():

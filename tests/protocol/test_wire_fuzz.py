@@ -8,7 +8,7 @@ import pytest
 from wire_strategies import dirty, drive
 
 from hubodo.ingest.node.bulk import BulkDecoder
-from hubodo.ingest.node.many_frames import by_node
+from hubodo.ingest.node.node_frames import group_by_node
 from hubowire import Damage, FrameDecoder, PayloadError, decode
 
 TOTAL = 10_000_000
@@ -24,7 +24,7 @@ def streaming(decoder: FrameDecoder, data: bytes) -> None:
 
 
 def in_bulk(decoder: BulkDecoder, data: bytes) -> None:
-    by_node(decoder.feed(data), lambda end: (end, np.zeros_like(end)))
+    group_by_node(decoder.feed(data), lambda end: (end, np.zeros_like(end)))
 
 
 def portions(seed: int):

@@ -65,7 +65,7 @@ def test_bulk_decoder_gives_what_the_vector_says_in_portions_of_any_size(vector:
     found = [
         (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
         for group in groups
-        for end, seq, payload in zip(group.end, group.seq, group.payload, strict=True)
+        for end, seq, payload in zip(group.end_offset, group.seq, group.payload, strict=True)
     ]
     assert [frame for _, frame in sorted(found, key=lambda row: row[0])] == expected_frames(vector)
     assert dataclasses.asdict(decoder.damage) == vector["damage"]

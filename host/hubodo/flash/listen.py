@@ -11,7 +11,7 @@ from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.node.boot import NodeCounts
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.samples import HealthSeen, ImuBlock, TimeReplySeen
+from hubodo.ingest.node.outputs import HealthReceived, ImuBlock, TimeReplyReceived
 from hubodo.units import NS_PER_S
 from hubowire import FrameDecoder, Message, encode, encode_frame
 from hubowire.framing import Frame
@@ -91,7 +91,7 @@ class _Listener:
                 break
         for item in self._node.close():
             self._keep(item)
-        heard.counts, heard.refusal = self._node.counts, self._node.refusal
+        heard.counts, heard.refusal = self._node.counts, self._node.mismatch_text
 
     def _take(self, data: bytes, now: int) -> None:
         heard = self._heard
@@ -101,17 +101,21 @@ class _Listener:
             heard.frames += 1
             heard.node = frame.node if heard.node is None else heard.node
             if frame.node == heard.node:
-                for item in self._node.frame(frame, now, LinkCounts(self._damaged())):
+                for item in self._node.decode_frame(frame, now, LinkCounts(self._damaged())):
                     self._keep(item)
-        heard.hello, heard.refusal, heard.damaged = self._node.hello, self._node.refusal, self._damaged()
+        heard.hello, heard.refusal, heard.damaged = (
+            self._node.hello,
+            self._node.mismatch_text,
+            self._damaged(),
+        )
         heard.prompt = heard.tail.endswith(_PROMPTS)
 
     def _keep(self, item: object) -> None:
         if isinstance(item, ImuBlock):
             self._heard.blocks.append(item)
-        elif isinstance(item, HealthSeen):
+        elif isinstance(item, HealthReceived):
             self._heard.reports.append(item.health)
-        elif isinstance(item, TimeReplySeen) and item.token in self._sent_ns:
+        elif isinstance(item, TimeReplyReceived) and item.token in self._sent_ns:
             sent = self._sent_ns.pop(item.token)
             node_ns = (item.received_us + item.sent_us) * 500
             trip = item.arrived_ns - sent - (item.sent_us - item.received_us) * 1000

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.flash.check_result import CheckResult, ok, unknown, wrong
 from hubodo.flash.listen import Heard
 from hubodo.flash.wires import chip_name
-from hubodo.ingest.node.scale import G
 from hubowire.messages import Board, Fault, Health, Hello, Part, ResetCause, node_name
 
 RATE_TOLERANCE = 0.12
@@ -149,7 +149,7 @@ def _rest(heard: Heard) -> CheckResult:
         f"gravity {size:.2f} m/s² ({axes}), gyro {' '.join(f'{value:+.2f}' for value in rate)} deg/s, "
         f"{degrees:.1f} °C"
     )
-    if abs(size / G - 1) > _GRAVITY_TOLERANCE:
+    if abs(size / STANDARD_GRAVITY - 1) > _GRAVITY_TOLERANCE:
         remedy = "an axis is dead, or the scale is that of another chip: turn it by 90 degrees and look again"
         return wrong("rest", text, remedy)
     if np.abs(rate).max() > np.degrees(_ZERO_RATE):

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from hubodo.ingest.node.bias_filter import filter_words
+from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.recording import Table
 from hubodo.report.curves import Curve, curves
 from hubodo.report.drawing import Drawing
@@ -26,7 +26,7 @@ def bias_filter_section(node: str, table: Table) -> tuple[Section | None, str]:
     if not known.any():
         return None, f"{node}: its own filter never had a bias: no initialisation, and none in its settings"
     last = {name: float(table[name][known][-1]) for name in table}
-    fact = f"{node}: its own filter's bias, at the end {filter_words(last)}"
+    fact = f"{node}: its own filter's bias, at the end {describe_filter_row(last)}"
     text = (
         "Each axis with 1 sigma of the initial bias where the node knows it. Rate and bias are seen only as "
         "their sum: what an axis follows beyond its initialisation and the warm-up rests on the node's gains."

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hubodo.ingest.node.bias_filter import filter_words
+from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.log.any_log import open_as_mcap, open_source
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
 from hubodo.progress import progress_line
@@ -91,7 +91,7 @@ class LogInfo:
                 f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node")
             )
         for node, row in s.bias_filters.items():
-            print_line(f"bias filter of {node} at t = {row['t']:.3f} s: {filter_words(row)}")
+            print_line(f"bias filter of {node} at t = {row['t']:.3f} s: {describe_filter_row(row)}")
         for key, text in s.metadata.items():
             shown = (
                 text

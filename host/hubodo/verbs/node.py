@@ -13,10 +13,10 @@ from rich.table import Table
 
 from hubodo.errors import InputError
 from hubodo.ingest.link.ports import attach_keys, parse_port
-from hubodo.ingest.node.bias_filter import filter_seen, filter_words, seen_row
+from hubodo.ingest.node.bias_filter import decode_filter_report, describe_filter_row, filter_report_row
 from hubodo.ingest.node.conversation import Conversation
-from hubodo.ingest.node.identity import hello_metadata, known_name
-from hubodo.ingest.node.scale import RAD_PER_NANO_DEG
+from hubodo.ingest.node.identity import code_name, hello_metadata
+from hubodo.ingest.node.wire_batch import RAD_PER_NANO_DEG
 from hubodo.terminal import SafeConsole
 from hubodo.verbs.numbers import baud_rate, bounded_integer
 from hubodo.verbs.udp_options import add_udp_arguments
@@ -114,7 +114,7 @@ class NodeResult:
                 if key not in ("faults", "reset_cause", "stamp_bound_us"):
                     table.add_row(key, str(value))
         if self.bias_filter is not None:
-            table.add_row("bias", filter_words(self.bias_filter))
+            table.add_row("bias", describe_filter_row(self.bias_filter))
         console.print(table, highlight=False)
 
 
@@ -184,22 +184,22 @@ def run(args: argparse.Namespace) -> NodeResult:
     port = attach_keys(parse_port(args.port), args.key_file, insecure=args.insecure_udp)
     with Conversation(port, args.baud, args.node_id) as node:
         with SafeConsole(stderr=True).status(f"{args.port}: waiting for the node") as status:
-            identification = node.meet()
+            identification = node.identify()
             if args.action == "set":
                 _store_settings(node, requested)
             elif args.action == "bias":
                 for key, value in requested:
-                    node.ask(SetConfig(key, value))
+                    node.request(SetConfig(key, value))
                 status.update(f"{args.port}: averaging {args.samples} samples for the bias")
                 _initialise_bias(node, args.samples)
             elif args.action == "reboot":
                 status.update(f"{args.port}: waiting for the node to restart")
-                node.restart(RebootMode.REPL if args.repl else RebootMode.RUN)
+                node.restart_node(RebootMode.REPL if args.repl else RebootMode.RUN)
                 if not args.repl:
-                    node.again(_BOOT_TIMEOUT_S, identification.boot_id)
+                    node.wait_for_restart(_BOOT_TIMEOUT_S, identification.boot_id)
             if args.action in ("info", "bias"):
-                node.wait(lambda: node.health is not None, _HEALTH_TIMEOUT_S)
-                node.wait(lambda: node.filter is not None, _FILTER_TIMEOUT_S)
+                node.wait_until(lambda: node.health is not None, _HEALTH_TIMEOUT_S)
+                node.wait_until(lambda: node.filter is not None, _FILTER_TIMEOUT_S)
         return _result(args, node, {key.name.lower(): value for key, value in requested})
 
 
@@ -244,20 +244,20 @@ def _store_settings(node: Conversation, requested: list[tuple[ConfigKey, int]]) 
     Sampling settings take effect at a new start of sampling, after which the node reports what it uses.
     """
     for key, value in requested:
-        node.ask(SetConfig(key, value))
+        node.request(SetConfig(key, value))
         if key == ConfigKey.NODE_ID:
-            node.now_called(value)
+            node.set_node_id(value)
     if any(key in _SAMPLING_KEYS for key, _ in requested):
-        node.ask(Start())
-    node.meet()
+        node.request(Start())
+    node.identify()
 
 
 def _initialise_bias(node: Conversation, samples: int) -> None:
     hello = node.hello
     rate = hello.rate_mhz / 1000 if hello is not None and hello.rate_mhz else 100.0
-    node.ask(BiasInit(samples), seconds=3.0 * samples / rate + 5.0, tries=1)
+    node.request(BiasInit(samples), timeout_s=3.0 * samples / rate + 5.0, attempts=1)
     node.filter = None
-    node.wait(
+    node.wait_until(
         lambda: node.filter is not None and node.filter.state == FilterState.TRACKING, _FILTER_TIMEOUT_S
     )
 
@@ -267,7 +267,7 @@ def _result(args: argparse.Namespace, node: Conversation, done: dict[str, int]) 
     step = node.hello.gyro_lsb_ndps * RAD_PER_NANO_DEG
     row = None
     if node.filter is not None and step:
-        row = seen_row(filter_seen(node.filter, 0, step, 0))
+        row = filter_report_row(decode_filter_report(node.filter, 0, step, 0))
     return NodeResult(args.port, args.action, node.node_id, node.hello, node.health, row, done)
 
 
@@ -282,9 +282,9 @@ def _faults(health: Health | None) -> list[str]:
 def _codes_by_name(hello: Hello) -> dict[str, str]:
     """Return enumerated codes by name, and identification fields that a log does not store."""
     return {
-        "board": known_name(Board, hello.board),
-        "reset_cause": known_name(ResetCause, hello.reset_cause),
-        "filter_kind": known_name(FilterKind, hello.filter_kind),
+        "board": code_name(Board, hello.board),
+        "reset_cause": code_name(ResetCause, hello.reset_cause),
+        "filter_kind": code_name(FilterKind, hello.filter_kind),
         "batch": str(hello.batch),
         "stamp_bound_us": str(hello.stamp_bound_us),
     }

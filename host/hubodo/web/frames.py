@@ -15,7 +15,7 @@ from typing import Any
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import NodeNow, Snapshot
-from hubodo.ingest.node.bias_filter import filter_json
+from hubodo.ingest.node.bias_filter import filter_report_json
 from hubodo.ingest.node.session import NodeSession
 from hubodo.recording import Event
 from hubodo.vehicle import facing_sign
@@ -110,7 +110,7 @@ def _node(now: NodeNow, session: NodeSession, bias: tuple[Sequence[float], Seque
         "battery": now.battery,
         "faults": [] if health is None else [f.name.lower() for f in Fault if f & health.faults],
         "temperature": None if now.temperature is None else round(now.temperature, 2),
-        "bias": _rounded(filter_json(session.filter)),
+        "bias": _rounded(filter_report_json(session.filter_report)),
         "host_bias": None if bias is None else {"bias": _six(bias[0]), "sigma": _six(bias[1])},
     }
 

@@ -62,7 +62,7 @@ def always(original, fault):
 
 
 PARTS = {
-    "frames of a node": (NodeSession, "frame", of_left, "node left"),
+    "frames of a node": (NodeSession, "handle_frame", of_left, "node left"),
     "ticks of a node": (NodeSession, "tick", of_left, "node left"),
     "bytes of a link": (LinkSession, "route_frames", of_left, "link left"),
     "ticks of a link": (LinkSession, "tick", of_left, "link left"),

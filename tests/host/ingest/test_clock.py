@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.node.clock import PERIOD_US, ClockEstimate, ClockSync, TickUnwrapper
+from hubodo.ingest.node.clock import TICK_PERIOD_US, ClockEstimate, ClockSync, TickUnwrapper
 from hubodo.units import NS_PER_S
 
 T0 = 1_700_000_000 * NS_PER_S
@@ -31,7 +31,7 @@ def run_exchanges(sync, clock, rng, *, seconds, request_delay, reply_delay, peri
         t += period * NS_PER_S
         there = t + request_delay(rng) * NS_PER_S
         back = there + 50e3 + reply_delay(rng) * NS_PER_S
-        sync.exchange(int(t), clock.us(there), clock.us(there + 50e3), int(back))
+        sync.add_exchange(int(t), clock.us(there), clock.us(there + 50e3), int(back))
         yield t
 
 
@@ -42,7 +42,7 @@ def last(times):
 
 def error_ns(sync, clock, device_us):
     device_ns = device_us * 1000
-    return float(sync.host_ns(np.array([device_ns], np.int64))[0]) - clock.host(device_ns)
+    return float(sync.to_host_ns(np.array([device_ns], np.int64))[0]) - clock.host(device_ns)
 
 
 def quick(rng):
@@ -90,13 +90,15 @@ def test_an_insignificant_drift_is_not_used_and_a_significant_one_is():
 def test_it_says_on_how_many_answers_it_rests_and_how_often_it_began_anew():
     sync = ClockSync()
     assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 0)
-    sync.arrival(1_000_000, T0)
+    sync.add_arrival(1_000_000, T0)
     assert (sync.source, sync.exchanges) == ("one way", 0)
     for k in range(1, 4):
-        assert sync.exchange(T0 + k * NS_PER_S, k * 1_000_000, k * 1_000_000, T0 + k * NS_PER_S + 1_000_000)
+        assert sync.add_exchange(
+            T0 + k * NS_PER_S, k * 1_000_000, k * 1_000_000, T0 + k * NS_PER_S + 1_000_000
+        )
         assert (sync.source, sync.exchanges) == ("two way", k)
         assert sync.estimate().exchanges == k
-    assert not sync.exchange(T0 + 4 * NS_PER_S, 4_000_000, 4_000_000, T0 + 4 * NS_PER_S - 1)
+    assert not sync.add_exchange(T0 + 4 * NS_PER_S, 4_000_000, 4_000_000, T0 + 4 * NS_PER_S - 1)
     assert sync.exchanges == 3
     sync.reset()
     assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 1)
@@ -105,8 +107,8 @@ def test_it_says_on_how_many_answers_it_rests_and_how_often_it_began_anew():
 def test_after_one_answer_the_node_read_its_clock_amid_the_round_trip_for_all_that_is_known():
     """A uniform law over the trip: an offset of its middle; its sigma, sqrt(1 / 12) of it, counts twice."""
     sync, trip = ClockSync(), 60_000_000
-    sync.exchange(T0, 5_000_000, 5_010_000, T0 + trip + 10_000_000)
-    assert sync.host_ns(np.array([5_005_000_000]))[0] == T0 + trip // 2 + 5_000_000
+    sync.add_exchange(T0, 5_000_000, 5_010_000, T0 + trip + 10_000_000)
+    assert sync.to_host_ns(np.array([5_005_000_000]))[0] == T0 + trip // 2 + 5_000_000
     assert sync.sigma_ns(5_005_000_000) == pytest.approx(trip / np.sqrt(12.0) * np.sqrt(2.0), rel=0.01)
 
 
@@ -148,7 +150,7 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
     rng, sync, clock = np.random.default_rng(2), ClockSync(), SimulatedClock(-70)
     for k in range(1, 60 * 26):
         t = T0 + k * NS_PER_S / 26
-        sync.arrival(clock.us(t), int(t + (0.004 + rng.exponential(0.003)) * NS_PER_S))
+        sync.add_arrival(clock.us(t), int(t + (0.004 + rng.exponential(0.003)) * NS_PER_S))
     estimate = sync.estimate()
     assert estimate.source == "one way"
     device_us = clock.us(t)
@@ -160,9 +162,9 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
 
 def test_an_answer_takes_over_from_arrivals():
     sync, clock = ClockSync(), SimulatedClock(0)
-    sync.arrival(clock.us(T0 + NS_PER_S), T0 + NS_PER_S + 15_000_000)
+    sync.add_arrival(clock.us(T0 + NS_PER_S), T0 + NS_PER_S + 15_000_000)
     t = T0 + 2 * NS_PER_S
-    assert sync.exchange(t, clock.us(t + 200_000), clock.us(t + 250_000), t + 450_000)
+    assert sync.add_exchange(t, clock.us(t + 200_000), clock.us(t + 250_000), t + 450_000)
     assert sync.source == "two way"
     assert abs(error_ns(sync, clock, clock.us(t))) < 200_000
 
@@ -175,7 +177,7 @@ def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
     for k in range(1, 6):
         at = t + k * NS_PER_S
         there = at + 300_000
-        used.append(sync.exchange(int(at), stepped.us(there), stepped.us(there), int(there + 300_000)))
+        used.append(sync.add_exchange(int(at), stepped.us(there), stepped.us(there), int(there + 300_000)))
     assert used[0] is False  # one odd exchange moves nothing
     assert used[-1] is True
     assert sync.estimate().resets == 1
@@ -191,12 +193,12 @@ def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
 )
 def test_stamps_that_contradict_each_other_are_refused(sent, received, replied, arrived):
     sync = ClockSync()
-    assert sync.exchange(sent, received, replied, arrived) is False
+    assert sync.add_exchange(sent, received, replied, arrived) is False
     assert sync.source == "none"
 
 
 @given(
-    st.integers(0, PERIOD_US - 1),
+    st.integers(0, TICK_PERIOD_US - 1),
     st.lists(st.integers(1, 3_000_000_000), max_size=30),
     st.integers(-400, 400),
 )
@@ -207,11 +209,11 @@ def test_ticks_are_unwrapped_across_any_silence(start, pauses_us, skew_ppm):
     for pause in pauses_us:
         true_us += pause
         host_us += pause / (1 + skew_ppm * 1e-6)
-        assert unwrapper.unwrap(true_us % PERIOD_US, T0 + int(host_us * 1000)) == true_us
+        assert unwrapper.unwrap(true_us % TICK_PERIOD_US, T0 + int(host_us * 1000)) == true_us
 
 
 def test_a_tick_a_little_older_than_the_newest_does_not_become_a_whole_period():
     unwrapper = TickUnwrapper()
-    unwrapper.unwrap(PERIOD_US - 10, T0)
-    assert unwrapper.unwrap(5, T0 + 15_000) == PERIOD_US + 5
-    assert unwrapper.unwrap(PERIOD_US - 3, T0 + 16_000) == PERIOD_US - 3
+    unwrapper.unwrap(TICK_PERIOD_US - 10, T0)
+    assert unwrapper.unwrap(5, T0 + 15_000) == TICK_PERIOD_US + 5
+    assert unwrapper.unwrap(TICK_PERIOD_US - 3, T0 + 16_000) == TICK_PERIOD_US - 3

@@ -16,9 +16,9 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.host_clock import ClockState, HostClock, clock_state
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.node.clock import PERIOD_US
+from hubodo.ingest.node.clock import TICK_PERIOD_US
 from hubodo.ingest.node.decoder import NodeDecoder
-from hubodo.ingest.node.gaps import DAMAGE, STANDSTILL, GapLedger, LinkCounts, WireGap
+from hubodo.ingest.node.gaps import DAMAGED_BYTES, HOST_SUSPENDED, GapClassifier, LinkCounts, WireGap
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode
@@ -37,7 +37,7 @@ LINK = LinkCounts()
 def batch(number, start_us):
     """A batch, by its number, of a node at 416 Hz, whose clock started at start_us."""
     index = number * BATCH
-    t_us = (start_us + index * PERIOD_NS // 1000) % PERIOD_US
+    t_us = (start_us + index * PERIOD_NS // 1000) % TICK_PERIOD_US
     message = ImuBatch(t_us, PERIOD_NS, index & 0xFFFF, 0, 0, ((1, 2, 3, 4, 5, 6),) * BATCH)
     return Frame(ImuBatch.type_id, 1, number & 0xFFFF, encode(message))
 
@@ -49,15 +49,15 @@ def decoded(start_us, frames_lost, host_jump_s):
         number = k + frames_lost * (k >= 6)
         arrived_ns = host_ns + number * BATCH * PERIOD_NS + round(host_jump_s * NS_PER_S) * (k >= 6)
         if decoder.wants_hello:
-            out += decoder.frame(HELLO_FRAME, arrived_ns, LINK)
-        out += decoder.frame(batch(number, start_us), arrived_ns, LINK)
-    out += decoder.frame(HELLO_FRAME, arrived_ns, LINK)
+            out += decoder.decode_frame(HELLO_FRAME, arrived_ns, LINK)
+        out += decoder.decode_frame(batch(number, start_us), arrived_ns, LINK)
+    out += decoder.decode_frame(HELLO_FRAME, arrived_ns, LINK)
     blocks = [block for block in out if hasattr(block, "device_ns")]
     return decoder, np.concatenate([block.device_ns for block in blocks])
 
 
 @given(
-    st.integers(0, PERIOD_US - 1),
+    st.integers(0, TICK_PERIOD_US - 1),
     st.sampled_from([0, 1, 26, 700, 15_000, 30_000]),
     st.floats(-20_000, 20_000),
 )
@@ -66,7 +66,7 @@ def decoded(start_us, frames_lost, host_jump_s):
 @example(0, 30_000, -1154.0)
 def test_no_jump_of_the_hosts_clock_adds_or_hides_a_lost_sample(start_us, frames_lost, host_jump_s):
     """A jump by whole periods of the node's clock, to 0.1 %, looks like a silence of that length."""
-    period_s = PERIOD_US * 1e-6
+    period_s = TICK_PERIOD_US * 1e-6
     assume(abs((host_jump_s + period_s / 2) % period_s - period_s / 2) > 30 or abs(host_jump_s) < 2)
     decoder, device_ns = decoded(start_us, frames_lost, host_jump_s)
     assert len(device_ns) == 12 * BATCH
@@ -137,11 +137,11 @@ def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
 
     left, _ = recorded(tmp_path / "ride.mcap", computer, 22.0, (3.0, suspend), node=node)
     assert left["samples_lost"] == 390 * 16
-    assert left["gaps"] == {STANDSTILL: 1}
+    assert left["gaps"] == {HOST_SUSPENDED: 1}
     again = tmp_path / "again.mcap"
     assert hubodo("import", tmp_path / "ride.mcap", "-o", again).code == 0
     gaps = [event.data for event in read_recording(again).events if event.kind == "gap"]
-    assert [(gap["samples_lost"], gap["cause"]) for gap in gaps] == [(390 * 16, STANDSTILL)]
+    assert [(gap["samples_lost"], gap["cause"]) for gap in gaps] == [(390 * 16, HOST_SUSPENDED)]
 
 
 def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_counted(tmp_path):
@@ -162,7 +162,7 @@ def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_
 
 
 def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_is_damaged():
-    ledger, before, now = GapLedger("left"), LinkCounts(), LinkCounts(damaged=1)
+    ledger, before, now = GapClassifier("left"), LinkCounts(), LinkCounts(damaged_frames=1)
     start_ns = 10 * NS_PER_S
     # What the line held is read, and stamped, when the computer goes on.
     long, short = (
@@ -170,13 +170,13 @@ def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_i
         for lasts_ns in (6 * NS_PER_S, NS_PER_S)
     )
     (event,) = ledger.add(short, before, now)
-    assert event.data["cause"] == DAMAGE
+    assert event.data["cause"] == DAMAGED_BYTES
     assert list(ledger.add(long, before, now)) == []
-    ledger.resumed(10 * NS_PER_S, 17 * NS_PER_S - 2)
-    assert [event.data["cause"] for event in ledger.close()] == [STANDSTILL]
+    ledger.note_host_suspension(10 * NS_PER_S, 17 * NS_PER_S - 2)
+    assert [event.data["cause"] for event in ledger.close()] == [HOST_SUSPENDED]
     assert list(ledger.add(long, before, now)) == []
-    ledger.resumed(100 * NS_PER_S, 107 * NS_PER_S)
-    assert [event.data["cause"] for event in ledger.close()] == [DAMAGE]
+    ledger.note_host_suspension(100 * NS_PER_S, 107 * NS_PER_S)
+    assert [event.data["cause"] for event in ledger.close()] == [DAMAGED_BYTES]
 
 
 @pytest.mark.parametrize("step", [3.0, -7200.0])

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from hubodo.ingest.node.bulk import BulkDecoder
 from hubodo.ingest.node.decoder import NodeDecoder
-from hubodo.ingest.node.gaps import GapsSeen, LinkCounts
-from hubodo.ingest.node.many_frames import by_node
-from hubodo.ingest.node.published import ArrivalOrder
-from hubodo.ingest.node.runs import RunDecoder
-from hubodo.ingest.node.samples import FilterSeen, ImuBlock, ImuRun
+from hubodo.ingest.node.gaps import GapGroup, LinkCounts
+from hubodo.ingest.node.node_frames import group_by_node
+from hubodo.ingest.node.outputs import BiasFilterReport, ImuBlock, ImuRun
+from hubodo.ingest.node.published import LogTimeSequence
+from hubodo.ingest.node.run_decoder import RunDecoder
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode, encode_frame
@@ -135,9 +135,9 @@ def one_by_one(outputs):
     for item in outputs:
         match item:
             case ImuRun():
-                flat += item.blocks()
-            case GapsSeen():
-                flat += item.events()
+                flat += item.split()
+            case GapGroup():
+                flat += item.to_events()
             case _:
                 flat.append(item)
     gaps = [item for item in flat if isinstance(item, Event) and item.kind == "gap"]
@@ -146,7 +146,7 @@ def one_by_one(outputs):
 
 def same(a, b):
     assert type(a) is type(b)
-    if not isinstance(a, ImuBlock | FilterSeen):
+    if not isinstance(a, ImuBlock | BiasFilterReport):
         return a == b
     pairs = [(getattr(a, item.name), getattr(b, item.name)) for item in fields(a)]
     return all(np.array_equal(x, y) and np.asarray(x).dtype == np.asarray(y).dtype for x, y in pairs)
@@ -163,23 +163,25 @@ def check(came, portions, *, datagrams=False, downs=2):
     for size in portions:
         part = came[at : at + size]
         at += size
-        expected = [item for frame, t, n in part for item in single.frame(frame, t, LinkCounts(n, downs))]
+        expected = [
+            item for frame, t, n in part for item in single.decode_frame(frame, t, LinkCounts(n, downs))
+        ]
         table, stream = [], b""
         for frame, t, n in part:
             stream += encode_frame(frame)
             table.append((end + len(stream), t, n))
         end += len(stream)
-        found = by_node(bulk.feed(stream), arrival(table))
-        outputs = [item for some in found.values() for item in many.many(some, downs)]
+        found = group_by_node(bulk.feed(stream), arrival(table))
+        outputs = [item for some in found.values() for item in many.decode_many(some, downs)]
         sizes = [len(item.device_ns) for item in outputs if isinstance(item, ImuRun)]
         runs, together = runs + len(sizes), together + sum(sizes)
         flat, expected = one_by_one(outputs), one_by_one(expected)
         assert len(flat) == len(expected)
         assert all(same(a, b) for a, b in zip(flat, expected, strict=True))
         assert many.counts == single.counts
-        assert (many.hello, many.refusal, many.wants_hello) == (
+        assert (many.hello, many.mismatch_text, many.wants_hello) == (
             single.hello,
-            single.refusal,
+            single.mismatch_text,
             single.wants_hello,
         )
     assert list(many.close()) == list(single.close())
@@ -246,17 +248,17 @@ def test_frames_of_two_nodes_are_told_apart():
         for frame, *told in ((a, t, n), (b, u, m)):
             stream += encode_frame(frame)
             table.append((len(stream), *told))
-    found = by_node(BulkDecoder().feed(stream), arrival(table))
+    found = group_by_node(BulkDecoder().feed(stream), arrival(table))
     assert set(found) == {1, 2}
     for number, some in found.items():
         sent = [row for row in nodes[number - 1].came if row[0].type_id == ImuBatch.type_id]
-        assert [some.batch(k) for k in range(len(some.batches))] == [
+        assert [some.batch_frame(k) for k in range(len(some.batches))] == [
             frame for frame, *_ in sent[: len(some.batches)]
         ]
 
 
 @given(st.lists(st.lists(st.integers(0, 50), min_size=1, max_size=8), max_size=6))
 def test_log_times_of_blocks_at_once_are_those_one_by_one(received):
-    single, many = ArrivalOrder(), ArrivalOrder()
+    single, many = LogTimeSequence(), LogTimeSequence()
     for times in received:
-        assert many.stamps(np.array(times, np.int64)).tolist() == [single.stamp(t) for t in times]
+        assert many.next_times(np.array(times, np.int64)).tolist() == [single.next_time(t) for t in times]

@@ -9,15 +9,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hubodo.ingest.node.decoder import NodeDecoder
-from hubodo.ingest.node.gaps import DAMAGE, DROPPED, LINK_DOWN, ON_THE_WAY, OVERRUN, RESTART, LinkCounts
-from hubodo.ingest.node.samples import (
-    FilterSeen,
-    HealthSeen,
-    HelloSeen,
+from hubodo.ingest.node.gaps import (
+    CHIP_OVERRUN,
+    DAMAGED_BYTES,
+    DROPPED_BY_NODE,
+    LINK_DOWN,
+    LOST_IN_TRANSIT,
+    NODE_RESTARTED,
+    LinkCounts,
+)
+from hubodo.ingest.node.outputs import (
+    BiasFilterReport,
+    HealthReceived,
+    HelloReceived,
     ImuBlock,
     MagSample,
-    Refused,
-    TimeReplySeen,
+    TimeReplyReceived,
+    WireMismatchReport,
 )
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
@@ -75,7 +83,7 @@ def gaps(outputs):
 
 def started(**kwargs):
     talker, decoder = Talker(**kwargs), NodeDecoder("left")
-    list(decoder.frame(talker.hello(), talker.host_ns(), QUIET))
+    list(decoder.decode_frame(talker.hello(), talker.host_ns(), QUIET))
     return talker, decoder
 
 
@@ -83,7 +91,7 @@ def feed(decoder, talker, count=1, link=QUIET, **kwargs):
     out = []
     for _ in range(count):
         frame = talker.batch(**kwargs)
-        out += decoder.frame(frame, talker.host_ns(), link)
+        out += decoder.decode_frame(frame, talker.host_ns(), link)
     return out
 
 
@@ -102,8 +110,8 @@ def test_frames_before_the_first_hello_are_kept_and_decoded_when_it_comes():
     talker, decoder = Talker(), NodeDecoder("left")
     assert feed(decoder, talker, 5) == []
     assert decoder.wants_hello
-    out = list(decoder.frame(talker.hello(), talker.host_ns(), QUIET))
-    assert isinstance(out[0], HelloSeen)
+    out = list(decoder.decode_frame(talker.hello(), talker.host_ns(), QUIET))
+    assert isinstance(out[0], HelloReceived)
     assert len(blocks(out)) == 5
     assert gaps(out) == []
     assert not decoder.wants_hello
@@ -112,16 +120,16 @@ def test_frames_before_the_first_hello_are_kept_and_decoded_when_it_comes():
 def test_what_is_kept_without_hello_is_bounded():
     talker, decoder = Talker(), NodeDecoder("left")
     feed(decoder, talker, 2100)
-    out = list(decoder.frame(talker.hello(), talker.host_ns(), QUIET))
+    out = list(decoder.decode_frame(talker.hello(), talker.host_ns(), QUIET))
     assert len(blocks(out)) == 2048
-    assert decoder.counts.frames_unread == 2100 - 2048
+    assert decoder.counts.frames_undecoded == 2100 - 2048
 
 
 @pytest.mark.parametrize("size", [1, 20])
 def test_a_hello_that_is_cut_off_counts_as_one_frame_that_was_not_read(size):
     decoder, hello = NodeDecoder("left"), Talker().hello()
-    assert list(decoder.frame(replace(hello, payload=hello.payload[:size]), T0, QUIET)) == []
-    assert decoder.counts.frames_unread == 1
+    assert list(decoder.decode_frame(replace(hello, payload=hello.payload[:size]), T0, QUIET)) == []
+    assert decoder.counts.frames_undecoded == 1
 
 
 @given(st.integers(1, 9000), st.integers(0, 65535))
@@ -138,10 +146,10 @@ def test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters(bat
 @pytest.mark.parametrize(
     ("link", "flags", "cause"),
     [
-        (LinkCounts(damaged=1), 0, DAMAGE),
+        (LinkCounts(damaged_frames=1), 0, DAMAGED_BYTES),
         (LinkCounts(disconnections=1), 0, LINK_DOWN),
-        (LinkCounts(damaged=3, disconnections=1), 0, LINK_DOWN),
-        (QUIET, BatchFlag.FIFO_OVERRUN, OVERRUN),
+        (LinkCounts(damaged_frames=3, disconnections=1), 0, LINK_DOWN),
+        (QUIET, BatchFlag.FIFO_OVERRUN, CHIP_OVERRUN),
     ],
 )
 def test_a_gap_names_its_cause_at_once_where_link_or_flags_tell(link, flags, cause):
@@ -161,16 +169,16 @@ def test_a_gap_names_its_cause_at_once_where_link_or_flags_tell(link, flags, cau
 
 def test_the_same_damage_does_not_explain_a_later_gap():
     talker, decoder = started()
-    damaged = LinkCounts(damaged=1)
+    damaged = LinkCounts(damaged_frames=1)
     feed(decoder, talker, link=damaged)
     feed(decoder, talker, link=damaged)
     talker.lose(1)
     out = feed(decoder, talker, link=damaged)
     assert gaps(out) == []
-    assert [gap.data["cause"] for gap in gaps(decoder.close())] == [ON_THE_WAY]
+    assert [gap.data["cause"] for gap in gaps(decoder.close())] == [LOST_IN_TRANSIT]
 
 
-@pytest.mark.parametrize(("dropped", "cause"), [(3, DROPPED), (0, ON_THE_WAY)])
+@pytest.mark.parametrize(("dropped", "cause"), [(3, DROPPED_BY_NODE), (0, LOST_IN_TRANSIT)])
 def test_an_unexplained_gap_waits_for_the_nodes_own_account(dropped, cause):
     talker, decoder = started()
     feed(decoder, talker, 2)
@@ -179,9 +187,9 @@ def test_an_unexplained_gap_waits_for_the_nodes_own_account(dropped, cause):
     out = []
     for _ in range(2):
         frame = talker.frame(replace(HEALTH, frames_dropped=dropped))
-        out += decoder.frame(frame, talker.host_ns(), QUIET)
+        out += decoder.decode_frame(frame, talker.host_ns(), QUIET)
     assert [gap.data["cause"] for gap in gaps(out)] == [cause]
-    assert sum(isinstance(item, HealthSeen) for item in out) == 2
+    assert sum(isinstance(item, HealthReceived) for item in out) == 2
 
 
 def test_an_unexplained_gap_is_named_even_when_no_report_comes():
@@ -190,7 +198,9 @@ def test_an_unexplained_gap_is_named_even_when_no_report_comes():
     talker.lose(1)
     feed(decoder, talker)
     assert gaps(decoder.tick(talker.host_ns() + NS_PER_S)) == []
-    assert [gap.data["cause"] for gap in gaps(decoder.tick(talker.host_ns() + 7 * NS_PER_S))] == [ON_THE_WAY]
+    assert [gap.data["cause"] for gap in gaps(decoder.tick(talker.host_ns() + 7 * NS_PER_S))] == [
+        LOST_IN_TRANSIT
+    ]
 
 
 def test_a_restart_is_an_event_and_the_new_start_counts_from_zero():
@@ -198,13 +208,13 @@ def test_a_restart_is_an_event_and_the_new_start_counts_from_zero():
     feed(decoder, talker, 10)
     host = talker.host_ns()
     again = Talker(replace(HELLO, boot_id=78, reset_cause=3))
-    out = list(decoder.frame(again.hello(), host + NS_PER_S, QUIET))
+    out = list(decoder.decode_frame(again.hello(), host + NS_PER_S, QUIET))
     assert [item.kind for item in out if isinstance(item, Event)] == ["reset", "gap"]
-    assert gaps(out)[0].data["cause"] == RESTART
+    assert gaps(out)[0].data["cause"] == NODE_RESTARTED
     assert gaps(out)[0].data["samples_lost"] is None
-    assert any(isinstance(item, HelloSeen) and item.restarted for item in out)
+    assert any(isinstance(item, HelloReceived) and item.restarted for item in out)
     assert "watchdog" in next(item.text for item in out if isinstance(item, Event))
-    (block,) = blocks(decoder.frame(again.batch(), host + 2 * NS_PER_S, QUIET))
+    (block,) = blocks(decoder.decode_frame(again.batch(), host + 2 * NS_PER_S, QUIET))
     assert block.device_ns[0] == 0
     assert decoder.counts.samples_lost == 0
 
@@ -215,11 +225,11 @@ def test_a_restart_whose_hello_was_lost_is_suspected_and_settled_by_the_next_hel
     host = talker.host_ns()
     again = Talker(replace(HELLO, boot_id=78))
     again.hello()
-    out = list(decoder.frame(again.batch(), host + NS_PER_S, QUIET))
-    out += decoder.frame(again.batch(), host + NS_PER_S, QUIET)
+    out = list(decoder.decode_frame(again.batch(), host + NS_PER_S, QUIET))
+    out += decoder.decode_frame(again.batch(), host + NS_PER_S, QUIET)
     assert out == []
     assert decoder.wants_hello
-    out = list(decoder.frame(again.hello(), host + 2 * NS_PER_S, QUIET))
+    out = list(decoder.decode_frame(again.hello(), host + 2 * NS_PER_S, QUIET))
     assert len(blocks(out)) == 2
     assert decoder.counts.restarts == 1
 
@@ -228,8 +238,8 @@ def test_a_pause_of_the_clocks_that_was_no_restart_loses_nothing():
     talker, decoder = started()
     feed(decoder, talker, 3)
     late = talker.host_ns() + 60 * NS_PER_S  # the host's process was stopped for a minute
-    assert list(decoder.frame(talker.batch(), late, QUIET)) == []
-    out = list(decoder.frame(talker.hello(), late, QUIET))
+    assert list(decoder.decode_frame(talker.batch(), late, QUIET)) == []
+    out = list(decoder.decode_frame(talker.hello(), late, QUIET))
     assert len(blocks(out)) == 1
     assert decoder.counts.restarts == 0
     assert decoder.counts.samples == 4 * BATCH
@@ -238,11 +248,11 @@ def test_a_pause_of_the_clocks_that_was_no_restart_loses_nothing():
 def test_another_wire_version_is_refused_by_name_and_nothing_is_decoded():
     talker, decoder = Talker(replace(HELLO, fingerprint=0xDEADBEEF)), NodeDecoder("left")
     feed(decoder, talker, 2)
-    (refused,) = decoder.frame(talker.hello(), T0, QUIET)
-    assert isinstance(refused, Refused)
+    (refused,) = decoder.decode_frame(talker.hello(), T0, QUIET)
+    assert isinstance(refused, WireMismatchReport)
     for part in ("'left'", "deadbeef", "1.2.3", f"{FINGERPRINT:08x}", "flash"):
         assert part in refused.text
-    assert list(decoder.frame(talker.hello(), T0, QUIET)) == []  # said once
+    assert list(decoder.decode_frame(talker.hello(), T0, QUIET)) == []  # said once
     assert feed(decoder, talker) == []
     assert not decoder.wants_hello
 
@@ -250,26 +260,26 @@ def test_another_wire_version_is_refused_by_name_and_nothing_is_decoded():
 def test_a_hello_of_another_version_may_be_shorter_or_longer_than_ours():
     for payload in (b"\xef\xbe\xad\xde\x01\x02\x03", b"\xef\xbe\xad\xde\x01\x02\x03" + bytes(200)):
         decoder = NodeDecoder("left")
-        (refused,) = decoder.frame(Frame(Hello.type_id, 1, 0, payload), T0, QUIET)
+        (refused,) = decoder.decode_frame(Frame(Hello.type_id, 1, 0, payload), T0, QUIET)
         assert "deadbeef" in refused.text
 
 
 def test_a_reflashed_node_is_taken_back():
     decoder = NodeDecoder("left")
     old = Talker(replace(HELLO, fingerprint=1))
-    list(decoder.frame(old.hello(), T0, QUIET))
+    list(decoder.decode_frame(old.hello(), T0, QUIET))
     new = Talker(replace(HELLO, boot_id=5))
-    list(decoder.frame(new.hello(), T0 + NS_PER_S, QUIET))
+    list(decoder.decode_frame(new.hello(), T0 + NS_PER_S, QUIET))
     assert len(blocks(feed(decoder, new))) == 1
 
 
 def test_late_datagrams_are_counted_and_do_not_turn_time_back():
     talker, decoder = Talker(), NodeDecoder("left", datagrams=True)
-    list(decoder.frame(talker.hello(), T0, QUIET))
+    list(decoder.decode_frame(talker.hello(), T0, QUIET))
     one, two, three = talker.batch(), talker.batch(), talker.batch()
     out = []
     for frame in (one, three, two):
-        out += decoder.frame(frame, talker.host_ns(), QUIET)
+        out += decoder.decode_frame(frame, talker.host_ns(), QUIET)
     assert len(blocks(out)) == 2
     assert decoder.counts.frames_late == 1
     assert not decoder.wants_hello
@@ -277,29 +287,33 @@ def test_late_datagrams_are_counted_and_do_not_turn_time_back():
 
 def test_small_messages_are_scaled_and_unwrapped():
     talker, decoder = started()
-    out = list(decoder.frame(talker.frame(Mag(1000, (100, -200, 300))), T0, QUIET))
+    out = list(decoder.decode_frame(talker.frame(Mag(1000, (100, -200, 300))), T0, QUIET))
     assert isinstance(out[0], MagSample)
     assert out[0].field == pytest.approx((1.4614e-6, -2.9228e-6, 4.3842e-6))
-    out = list(decoder.frame(talker.frame(TimeReply(b"12345678", 5, 9)), T0, QUIET))
-    assert isinstance(out[0], TimeReplySeen)
+    out = list(decoder.decode_frame(talker.frame(TimeReply(b"12345678", 5, 9)), T0, QUIET))
+    assert isinstance(out[0], TimeReplyReceived)
 
 
 def test_a_worsening_report_of_the_node_is_an_event():
     talker, decoder = started()
-    list(decoder.frame(talker.frame(HEALTH), T0, QUIET))
-    out = list(decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + NS_PER_S, QUIET))
+    list(decoder.decode_frame(talker.frame(HEALTH), T0, QUIET))
+    out = list(
+        decoder.decode_frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + NS_PER_S, QUIET)
+    )
     (event,) = [item for item in out if isinstance(item, Event)]
     assert event.kind == "health"
     assert "bus stuck" in event.text
     assert "i2c errors +2" in event.text
-    again = decoder.frame(talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + 2 * NS_PER_S, QUIET)
+    again = decoder.decode_frame(
+        talker.frame(replace(HEALTH, i2c_errors=2, faults=4)), T0 + 2 * NS_PER_S, QUIET
+    )
     assert not any(isinstance(item, Event) for item in again)
 
 
 @given(st.integers(0, 255), st.binary(max_size=80), st.integers(0, 65535))
 def test_no_payload_makes_it_raise(type_id, payload, seq):
     _, decoder = started()
-    list(decoder.frame(Frame(type_id, 1, seq, payload), T0, QUIET))
+    list(decoder.decode_frame(Frame(type_id, 1, seq, payload), T0, QUIET))
     list(decoder.close())
 
 
@@ -307,8 +321,8 @@ def test_the_nodes_own_bias_is_given_in_si_units_at_its_device_time():
     talker, decoder = started()
     step = 0.07 * math.pi / 180
     sent = Filter(5_000, 2, 3, 2000, (512, -256, 0), (4096, -2048, 1), (256, 1024, 0), (41, 0, 4096))
-    (seen,) = decoder.frame(talker.frame(sent), T0 + 7_000_000, QUIET)
-    assert isinstance(seen, FilterSeen)
+    (seen,) = decoder.decode_frame(talker.frame(sent), T0 + 7_000_000, QUIET)
+    assert isinstance(seen, BiasFilterReport)
     assert (seen.state, seen.samples, seen.saturations, seen.device_ns) == (2, 2000, 3, 5_000_000)
     np.testing.assert_allclose(seen.rate, (2 * step, -step, 0), rtol=1e-12)
     np.testing.assert_allclose(seen.bias, (step, -step / 2, step / 4096), rtol=1e-12)
@@ -319,4 +333,4 @@ def test_the_nodes_own_bias_is_given_in_si_units_at_its_device_time():
 def test_a_filter_of_a_node_without_an_imu_says_nothing():
     talker, decoder = started(hello=replace(HELLO, gyro_lsb_ndps=0))
     sent = Filter(5_000, 0, 0, 0, (0, 0, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0))
-    assert list(decoder.frame(talker.frame(sent), T0 + 7_000_000, QUIET)) == []
+    assert list(decoder.decode_frame(talker.frame(sent), T0 + 7_000_000, QUIET)) == []

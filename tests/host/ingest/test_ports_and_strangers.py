@@ -67,7 +67,7 @@ def test_a_missing_device_is_named_with_what_is_there_instead(tmp_path):
     finder = DeviceFinder(parse_port("E661"), lambda: [Device("/dev/ttyUSB3", "A900")])
     with pytest.raises(LinkError, match=r"'E661'.*/dev/ttyUSB3 \(A900\)"):
         finder.find_device()
-    with pytest.raises(LinkError, match="no serial port at all"):
+    with pytest.raises(LinkError, match="no serial port found"):
         DeviceFinder(parse_port(str(tmp_path / "nope")), list).find_device()
 
 
@@ -97,7 +97,7 @@ def test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_nam
         assert list(session.route_frames(chunk)) == []
     (event,) = session.tick(4_000_000_000)
     line = event.text
-    assert "4000 bytes, no frame; is the baud rate right" in line
+    assert "4000 bytes, no frame; is the baud rate correct" in line
     assert "921600" in line and "115200" in line and "/dev/ttyUSB0" in line
 
 

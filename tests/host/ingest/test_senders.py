@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from faults.line import HELLO, Line, Node
 from hubodo.ingest.link.link import Chunk
-from hubodo.ingest.node.naming import free_name, unique_name
-from hubodo.ingest.node.questions import identification_request
+from hubodo.ingest.node.naming import assign_name, unique_name
+from hubodo.ingest.node.request_encoder import identification_request
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, SenderTable
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
@@ -38,7 +38,7 @@ def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_b
         line.says(stranger(k).says_hello(), sender=f"10.0.0.{k} 5", seconds=0.001)
         line.says(node.batch(), sender="node 1", seconds=0.02)
     assert len(line.recorder.nodes) == MAX_NODES == 64
-    assert line.link().senders.refused == 298 - 64
+    assert line.link().senders.frames_refused == 298 - 64
     (event,) = refusals(line)
     assert "--key-file" in event.text and event in line.recorder.notices
     line.waits(11)
@@ -68,7 +68,7 @@ def test_twelve_thousand_addresses_take_no_memory_and_cost_the_known_node_nothin
     grown, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert grown < 1_500_000, "the samples of the known node among them"
-    assert line.link().senders.evicted > 11_000
+    assert line.link().senders.senders_evicted > 11_000
     assert line.close().numbers() == [k % 1000 for k in range(240 * 8)]
 
 
@@ -110,7 +110,7 @@ def test_senders_identified_by_a_serial_that_many_claim_are_bounded_too():
     (hello,) = FrameDecoder().feed(node.says_hello())
     for k in range(5 * MAX_SENDERS):
         assert table.route((hello, k, None), f"evil {k}").board == 0
-    assert not table.is_known("evil 0", 1) and table.is_known(f"evil {5 * MAX_SENDERS - 1}", 1)
+    assert not table.is_identified("evil 0", 1) and table.is_identified(f"evil {5 * MAX_SENDERS - 1}", 1)
     assert table.address(1, 0) == f"evil {5 * MAX_SENDERS - 1}"
 
 
@@ -121,7 +121,7 @@ def test_a_line_has_64_nodes_at_most_too():
     for node_id in ids:
         line.says(Node(node_id=node_id).says_hello(), seconds=0.01)
     assert len(line.recorder.nodes) == MAX_NODES
-    assert line.link().senders.refused == len(ids) - MAX_NODES
+    assert line.link().senders.frames_refused == len(ids) - MAX_NODES
 
 
 def test_what_asks_a_stranger_for_its_hello_is_computed_once_and_has_no_byte_that_stops_a_board():
@@ -133,7 +133,7 @@ def test_what_asks_a_stranger_for_its_hello_is_computed_once_and_has_no_byte_tha
 
 def test_names_never_run_out():
     taken = {"left", *(f"left_{k}" for k in range(2, 400))}
-    assert free_name(None, 1, taken) == ("left_400", True)
+    assert assign_name(None, 1, taken) == ("left_400", True)
     assert unique_name("a", {"a"}) == "a_2" and unique_name("a", {}) == "a"
 
 

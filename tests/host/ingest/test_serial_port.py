@@ -119,7 +119,7 @@ def test_a_port_closed_under_its_reader_is_the_same_error(opens):
 def test_what_cannot_be_opened_is_told_with_what_to_do(opens, tmp_path):
     with Terminal() as terminal:
         holder = serial.Serial(terminal.path, exclusive=True)
-        with pytest.raises(LinkError, match="busy: another program has it; close that program"):
+        with pytest.raises(LinkError, match="busy: another program has opened it; close that program"):
             opens(terminal.path)
         holder.close()
     with pytest.raises(LinkError, match="no such device; plug it in"):
@@ -142,7 +142,7 @@ def test_windows_words_for_a_missing_and_a_busy_port_are_understood(monkeypatch)
     monkeypatch.setattr(serial_port.serial, "serial_for_url", refuse)
     with pytest.raises(LinkError, match="COM7: no such device; plug it in"):
         open_serial("COM7", BAUD, portable=True)
-    with pytest.raises(LinkError, match="COM3: busy: another program has it"):
+    with pytest.raises(LinkError, match="COM3: busy: another program has opened it"):
         open_serial("COM3", BAUD, portable=True)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.ingest.node.steady_times import SteadyTimes
+from hubodo.ingest.node.slewed_times import SlewedTimes
 from hubodo.units import NS_PER_S
 
 PERIOD_NS = 2_403_846
@@ -18,15 +18,15 @@ class ToldClock:
     """A clock whose estimate a test sets."""
 
     offset: int = T0
-    changes: int = 0
+    revision: int = 0
     resets: int = 0
 
-    def host_ns(self, device_ns):
+    def to_host_ns(self, device_ns):
         return device_ns + self.offset
 
     def correct(self, by, *, reset=False):
         self.offset += by
-        self.changes += 1
+        self.revision += 1
         self.resets += reset
 
 
@@ -37,10 +37,10 @@ def samples(first, count):
 def test_a_correction_is_made_at_100_ppm_and_then_is_made():
     for by in (-900_000, 900_000):
         clock = ToldClock()
-        times = SteadyTimes(clock)
-        before = times.apply(samples(0, 10))
+        times = SlewedTimes(clock)
+        before = times.to_host_ns(samples(0, 10))
         clock.correct(by)
-        after = times.apply(samples(10, 5000))
+        after = times.to_host_ns(samples(10, 5000))
         np.testing.assert_array_equal(before, samples(0, 10) + T0)
         intervals = np.diff(np.concatenate([before, after])) / PERIOD_NS
         assert 0.9e-4 < np.abs(intervals - 1).max() <= 1.01e-4
@@ -51,19 +51,19 @@ def test_a_correction_is_made_at_100_ppm_and_then_is_made():
 
 def test_a_correction_that_two_nodes_cannot_wait_for_is_made_at_once():
     clock = ToldClock()
-    times = SteadyTimes(clock)
-    times.apply(samples(0, 10))
+    times = SlewedTimes(clock)
+    times.to_host_ns(samples(0, 10))
     clock.correct(5_000_000)
-    np.testing.assert_array_equal(times.apply(samples(10, 10)), samples(10, 10) + T0 + 5_000_000)
+    np.testing.assert_array_equal(times.to_host_ns(samples(10, 10)), samples(10, 10) + T0 + 5_000_000)
 
 
 def test_a_restart_takes_nothing_over():
     clock = ToldClock()
-    times = SteadyTimes(clock)
-    last = times.apply(samples(0, 1000))[-1]
+    times = SlewedTimes(clock)
+    last = times.to_host_ns(samples(0, 1000))[-1]
     # From 0 again, 1 ms after what the clock before would have said.
     clock.correct(1000 * PERIOD_NS + 1_000_000, reset=True)
-    again = times.apply(samples(0, 10))
+    again = times.to_host_ns(samples(0, 10))
     np.testing.assert_array_equal(again, last + PERIOD_NS + 1_000_000 + samples(0, 10))
 
 
@@ -73,12 +73,12 @@ def test_a_restart_takes_nothing_over():
 )
 def test_portions_do_not_matter_and_no_time_comes_twice(parts, size):
     whole_clock, part_clock = ToldClock(), ToldClock()
-    whole, part, number, seen = SteadyTimes(whole_clock), SteadyTimes(part_clock), 0, []
+    whole, part, number, seen = SlewedTimes(whole_clock), SlewedTimes(part_clock), 0, []
     for count, by in parts:
-        expected = whole.apply(samples(number, count)).tolist()
+        expected = whole.to_host_ns(samples(number, count)).tolist()
         made = []
         for begin in range(number, number + count, size):
-            made += part.apply(samples(begin, min(size, number + count - begin))).tolist()
+            made += part.to_host_ns(samples(begin, min(size, number + count - begin))).tolist()
         assert made == expected
         seen += made
         number += count

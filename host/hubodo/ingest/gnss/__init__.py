@@ -1,1 +1,1 @@
-"""A receiver's sentences to fixes."""
+"""GNSS receivers: NMEA decoding and logging of fixes."""

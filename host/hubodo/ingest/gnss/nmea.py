@@ -1,4 +1,4 @@
-"""NMEA sentences of a GNSS receiver to positions with the receiver's own time and sigmas."""
+"""Decoder of NMEA sentences to GNSS fixes with UTC time and standard deviations."""
 
 from __future__ import annotations
 
@@ -11,21 +11,29 @@ import pynmea2
 
 _SENTENCE = re.compile(rb"\$[^\r\n$]{5,120}\*[0-9A-Fa-f]{2}")
 _MAX_LINE_BYTES = 256
-_GPS_WEEK_ROLLOVER = timedelta(weeks=1024)  # the ten bits of the GPS week
-_NAV_SAT_STATUS = {1: 0, 2: 1, 3: 0, 4: 2, 5: 2}  # GGA quality to NavSatStatus; all else is no fix
+_GPS_WEEK_ROLLOVER = timedelta(weeks=1024)  # the GPS week number has ten bits
+_NAV_SAT_STATUS = {1: 0, 2: 1, 3: 0, 4: 2, 5: 2}  # GGA quality to NavSatStatus; any other quality is no fix
 _MAX_SIGMA_M, _MAX_HEIGHT_M = 1e5, 1e5
-"""m; what is beyond is a damaged sentence, though its checksum is valid."""
+"""m; a sentence beyond these bounds is damaged although its checksum is valid."""
 _HALF_DAY = timedelta(hours=12)
 
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """One position.
+    """One GNSS fix.
 
-    utc_ns: time of validity from the sentences, ns since 1970; None until a date has come. altitude: m
-    above the ellipsoid (mean sea level plus the receiver's geoid separation). sigma: m of east, north,
-    up from GST, None without one. status: NavSatStatus.
-    received_ns: host time of the first sentence of this epoch.
+    Attributes
+    ----------
+    utc_ns
+        Time of validity from the sentences, ns since 1970; None until a date was received.
+    altitude
+        m above the ellipsoid (mean sea level plus the receiver's geoid separation).
+    sigma
+        Standard deviation of east, north, up in m from GST; None without GST.
+    status
+        NavSatStatus.
+    received_ns
+        Host time of the first sentence of this epoch.
     """
 
     utc_ns: int | None
@@ -40,7 +48,7 @@ class Fix:
 
 @dataclass(slots=True)
 class NmeaCounts:
-    """What came on the line."""
+    """Numbers of sentences, errors and fixes of a receiver."""
 
     sentences: int = 0
     checksum_errors: int = 0
@@ -50,7 +58,7 @@ class NmeaCounts:
 
 @dataclass(slots=True)
 class _Epoch:
-    """Sentences that share one time of day."""
+    """Sentences with the same time of day."""
 
     time_of_day: time
     received_ns: int
@@ -62,10 +70,10 @@ class _Epoch:
 
 
 class NmeaDecoder:
-    """Bytes in any portions to fixes; sans-I/O. Reads GGA, RMC and GST of any talker; empty fields are legal.
+    """A sans-I/O decoder of GGA, RMC and GST sentences of any talker; empty fields are legal.
 
-    The sentences of one epoch come in an order of the receiver's own; a fix is given as soon as all
-    kinds seen in the epoch before are there, or when the next epoch begins.
+    The order of the sentences in one epoch depends on the receiver: a fix is returned as soon as all
+    kinds of sentence of the previous epoch were received, or when the next epoch begins.
     """
 
     def __init__(self) -> None:
@@ -77,7 +85,7 @@ class NmeaDecoder:
         self._date_time_of_day: time | None = None
 
     def feed(self, data: bytes, t_ns: int) -> Iterator[Fix]:
-        """Yields the fixes that the bytes received at host time `t_ns` complete."""
+        """Yield the fixes completed by the bytes received at host time `t_ns`."""
         self._buffer += data
         *lines, tail = self._buffer.split(b"\n")
         self._buffer = bytearray(tail[-_MAX_LINE_BYTES:])
@@ -87,7 +95,7 @@ class NmeaDecoder:
                 yield from self._parse_sentence(match[0].decode("ascii", "replace"), t_ns)
 
     def flush(self) -> Iterator[Fix]:
-        """The last epoch, though sentences of it may be missing."""
+        """Yield the fix of the last epoch, although sentences of it may be missing."""
         yield from self._close_epoch()
 
     def _parse_sentence(self, text: str, t_ns: int) -> Iterator[Fix]:
@@ -96,7 +104,7 @@ class NmeaDecoder:
         except pynmea2.ChecksumError:
             self.counts.checksum_errors += 1
             return
-        except Exception:  # noqa: BLE001 pynmea2 raises whatever a field with a valid checksum leads to
+        except Exception:  # noqa: BLE001 pynmea2 may raise anything for a malformed field
             self.counts.unparsed += 1
             return
         self.counts.sentences += 1
@@ -117,7 +125,7 @@ class NmeaDecoder:
             self._read_date(sentence, time_of_day, t_ns)
         elif kind == "GST":
             east, north, up = (_read_number(sentence, name, 0.0, _MAX_SIGMA_M) for name in _GST_FIELDS)
-            if east and north and up:  # some receivers write zeros for what they do not know
+            if east and north and up:  # some receivers send zeros for unknown values
                 epoch.sigma = (east, north, up)
         else:
             self._read_position(sentence, epoch)
@@ -143,7 +151,7 @@ class NmeaDecoder:
         utc_date = _read_field(sentence, "datestamp")
         if not isinstance(utc_date, date):
             return
-        # A receiver past its week rollover reports 1024 weeks too early: no recording is older than itself.
+        # After a GPS week rollover a receiver's dates are 1024 weeks early; none can precede the recording.
         today = datetime.fromtimestamp(t_ns * 1e-9, UTC).date()
         while utc_date + _GPS_WEEK_ROLLOVER / 2 < today:
             utc_date += _GPS_WEEK_ROLLOVER
@@ -154,7 +162,9 @@ class NmeaDecoder:
         if epoch is None:
             return
         self._expected_kinds = epoch.kinds
-        if epoch.position is None or epoch.quality == 0:  # without a fix some repeat the last position
+        if (
+            epoch.position is None or epoch.quality == 0
+        ):  # without a fix some receivers repeat the last position
             return
         self.counts.fixes += 1
         latitude, longitude, altitude = epoch.position
@@ -170,7 +180,7 @@ class NmeaDecoder:
         )
 
     def _utc_ns(self, time_of_day: time) -> int | None:
-        """Date of the newest RMC joined with a time of day that may lie on the other side of midnight."""
+        """Return a time of day as ns since 1970, with the date of the newest RMC or across midnight."""
         if self._date is None or self._date_time_of_day is None:
             return None
         moment = datetime.combine(self._date, time_of_day, UTC)
@@ -187,7 +197,7 @@ _GST_FIELDS = ("std_dev_longitude", "std_dev_latitude", "std_dev_altitude")
 
 
 def _read_field(sentence: pynmea2.NMEASentence, name: str) -> object:
-    """Return a field as pynmea2 reads it, None where it cannot."""
+    """Return a field as parsed by pynmea2; None where it cannot be parsed."""
     try:
         return getattr(sentence, name)
     except Exception:  # noqa: BLE001 as above: ValueError, decimal.InvalidOperation, IndexError, ...
@@ -195,7 +205,7 @@ def _read_field(sentence: pynmea2.NMEASentence, name: str) -> object:
 
 
 def _read_number(sentence: pynmea2.NMEASentence, name: str, minimum: float, maximum: float) -> float | None:
-    """Return a number of a sentence, None where it is missing, not a number, or out of bounds."""
+    """Return a number of a sentence; None where it is missing, not a number, or out of bounds."""
     try:
         value = float(_read_field(sentence, name))  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):

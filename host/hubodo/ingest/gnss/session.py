@@ -1,4 +1,4 @@
-"""A GNSS receiver's sentences into the log, on the host's clock."""
+"""Logging of a GNSS receiver's sentences and fixes on the host clock."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from hubodo.ingest.gnss.nmea import Fix, NmeaDecoder
 from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
-from hubodo.ingest.node.published import ArrivalOrder
+from hubodo.ingest.node.published import LogTimeSequence
 from hubodo.ingest.sink import Sink
 from hubodo.recording import Event
 
@@ -16,28 +16,28 @@ _MAX_CLOCK_DIFFERENCE_NS = 2_000_000_000
 
 
 class GnssSession:
-    """Logs the bytes as they came, then the fixes.
+    """One receiver: its bytes are logged as received, then its fixes.
 
-    A fix is stamped with the time of its sentences. Where the host's clock is not within 2 s of that,
-    the smallest difference seen puts it on the host's clock, late by the receiver's least delay, and
-    an event says so.
+    A fix carries the UTC time of its sentences. Where the host clock differs by more than 2 s, fixes are
+    shifted to the host clock by the smallest difference observed (late by the receiver's minimum delay), and
+    an event reports it.
     """
 
-    def __init__(self, label: str, sink: Sink, order: ArrivalOrder | None = None) -> None:
-        """order: of everything that goes into the log and the odometry; fixes are put into it."""
+    def __init__(self, label: str, sink: Sink, order: LogTimeSequence | None = None) -> None:
+        """Start without fixes; order: log times, shared with the samples of all nodes."""
         self.label = label
         self.connection = Connection(label, sink)
         self.decoder = NmeaDecoder()
         self.last_fix: Fix | None = None
         self._sink = sink
-        self._order = order or ArrivalOrder()
+        self._order = order or LogTimeSequence()
         self._channel: int | None = None
         self._shift_ns = 0
         self._first_delay_ns: int | None = None
         self._newest_ns = 0
 
     def handle_bytes(self, data: bytes, t_ns: int) -> list[FixSample]:
-        """Bytes from the receiver; the fixes that they complete, as a log gives them again."""
+        """Log bytes of the receiver and return the fixes they complete, as playback does."""
         if self._channel is None:
             self._channel = self._sink.add_channel(_NMEA_TOPIC, "", "", b"", "nmea")
         self._sink.write(self._channel, t_ns, t_ns, data)
@@ -48,7 +48,7 @@ class GnssSession:
         return fixes
 
     def close(self) -> list[FixSample]:
-        """The last epoch."""
+        """Log and return the fix of the last epoch."""
         return list(self._log_fixes(self.decoder.flush()))
 
     def _log_fixes(self, fixes: Iterable[Fix]) -> Iterator[FixSample]:
@@ -61,7 +61,7 @@ class GnssSession:
             sigma = None if fix.sigma is None else [fix.sigma]
             self._sink.write_gnss_fix(
                 t_ns,
-                self._order.stamp(fix.received_ns),
+                self._order.next_time(fix.received_ns),
                 fix.latitude_deg,
                 fix.longitude_deg,
                 fix.altitude,
@@ -83,8 +83,8 @@ class GnssSession:
             if not -_MAX_CLOCK_DIFFERENCE_NS < delay_ns < _MAX_CLOCK_DIFFERENCE_NS:
                 self._shift_ns = delay_ns
                 text = (
-                    f"{self.label}: the host's clock is {delay_ns * 1e-9:+.1f} s off GNSS time; fixes are put on "
-                    "the host's clock, late by the receiver's delay; set the host's clock for better"
+                    f"{self.label}: the host's clock is {delay_ns * 1e-9:+.1f} s off GNSS time; fixes are "
+                    "shifted to the host's clock, late by the receiver's delay; set the host's clock"
                 )
                 self._sink.write_event(
                     Event(fix.received_ns, "clock", self.label, text, {"offset": delay_ns * 1e-9})

@@ -1,1 +1,1 @@
-"""Ports and what comes over them: bytes, strangers, links that break."""
+"""Serial, TCP and UDP links: opening, reading, writing and reconnecting."""

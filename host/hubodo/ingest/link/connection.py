@@ -1,4 +1,4 @@
-"""A port that comes and goes, as events: each while they are rare, then with counts at growing intervals."""
+"""Events about the connection of one port, throttled while it keeps failing."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from hubodo.recording import Event
 
 
 class Connection:
-    """Whether a port is open, and how often it was lost.
+    """The state of one port's connection, with events for each time it opens and closes.
 
-    Of connections that are lost before anything valid came, one after the other, not each is an event.
+    Connections that are lost in a row before any valid data was received are reported at growing intervals.
     """
 
     def __init__(self, label: str, sink: Sink) -> None:
         self.label = label
         self.where: str | None = None
-        """The device of today, None while it is not open."""
+        """Current name of the device; None while the port is not open."""
         self.disconnections = 0
         self.faults = 0
         """Unexpected exceptions of the port's driver."""
         self.is_valid = False
-        """True once something valid has come since the port is open."""
+        """True once valid data was received since the port was opened."""
         self._sink = sink
         self._notices: list[Event] = []
         self._was_lost = False
@@ -31,7 +31,7 @@ class Connection:
         self._withheld_up: Event | None = None
 
     def handle_up(self, report: LinkUp) -> None:
-        """The port is open."""
+        """Handle the opening of the port."""
         self.where, self.is_valid = report.where, False
         text = f"{self.label}: connected at {report.where}"
         event = Event(report.t_ns, "connected", self.label, text, {"link": self.label, "where": report.where})
@@ -41,7 +41,7 @@ class Connection:
             self._report_up(event)
 
     def mark_valid(self) -> None:
-        """Something valid has come: the next loss is an event again."""
+        """Mark the connection as carrying valid data, so that its loss is reported at once."""
         if not self.is_valid:
             self.is_valid = True
             self._loss_throttle.reset()
@@ -50,7 +50,7 @@ class Connection:
                 self._withheld_up = None
 
     def handle_lost(self, report: LinkLost) -> None:
-        """The port has gone, or could not be opened."""
+        """Handle the loss of the port, or a failed attempt to open it."""
         was_open, self.where, self.is_valid = self.where is not None, None, False
         self.disconnections += was_open
         self.faults += report.unexpected
@@ -60,16 +60,15 @@ class Connection:
         if withheld is None:
             return
         withheld_text = f"; {withheld} more attempts failed since the last report" if withheld else ""
-        text = (
-            f"{self.label}: {'disconnected' if was_open else 'not there yet'}: {report.text}{withheld_text}"
-        )
+        state = "disconnected" if was_open else "not available yet"
+        text = f"{self.label}: {state}: {report.text}{withheld_text}"
         data = {"link": self.label, "attempts": withheld + 1, "faults": self.faults}
         self._sink.write_event(Event(report.t_ns, "disconnected", self.label, text, data))
-        text = f"{self.label}: {report.text} (waiting for it){withheld_text}"
+        text = f"{self.label}: {report.text} (waiting for the device){withheld_text}"
         self._notices.append(Event(report.t_ns, "disconnected", self.label, text))
 
     def take_notices(self) -> list[Event]:
-        """Return what the user should see since the last call."""
+        """Return the events to show to the user that were added since the last call."""
         notices, self._notices = self._notices, []
         return notices
 

@@ -1,4 +1,4 @@
-"""Bytes that are no frames: what they look like, in words a user can act on."""
+"""Identify the source of bytes that contain no frame, with advice for the user."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ _KNOWN_PATTERNS: tuple[tuple[re.Pattern[bytes], str, str], ...] = (
 
 
 def is_recognised(data: bytes) -> bool:
-    """Whether these bytes tell what they are, however few."""
+    """Return True if the bytes match a known pattern, such as NMEA or a boot message."""
     return any(pattern.search(data) for pattern, _, _ in _KNOWN_PATTERNS)
 
 
 def describe_foreign_bytes(data: bytes, count: int) -> str:
-    """What came and what to do about it, for `count` bytes in which no frame was found; data: the first."""
+    """Return what `count` bytes without a frame look like and what to do; `data`: the first of them."""
     for pattern, what, remedy in _KNOWN_PATTERNS:
         if pattern.search(data):
             return f"{what}; {remedy}"
     text = sum(32 <= byte < 127 or byte in b"\r\n\t" for byte in data)
     if data and text > 0.9 * len(data):
         sample = data.decode("ascii", "replace").strip().splitlines()
-        return f"text such as {sample[0][:40] if sample else ''!r}; this port is no wheel node"
+        return f"text such as {sample[0][:40] if sample else ''!r}; this is not a wheel node"
     return (
-        f"{count} bytes, no frame; is the baud rate right (--baud: a node's UART speaks {UART_BAUD}, the "
-        f"console of an ESP32 {CONSOLE_BAUD}), and is this the device?"
+        f"{count} bytes, no frame; is the baud rate correct (--baud: {UART_BAUD} for the UART of a node, "
+        f"{CONSOLE_BAUD} for the console of an ESP32), and is this the correct device?"
     )

@@ -1,4 +1,4 @@
-"""The keys of nodes on UDP: a file that `hubodo flash` adds to and `hubodo record` reads."""
+"""The key file of nodes on UDP, written by `hubodo flash` and read by `hubodo record`."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ _KEY = re.compile(rf"[0-9a-f]{{{2 * KEY_BYTES}}}")
 
 
 class KeyRing:
-    """Keys by the serial of a board, as its Hello tells it in hex; `path` holds ``[keys]`` serial = "hex"."""
+    """Keys by board serial (16 hexadecimal digits, as in its Hello), stored in a TOML file as ``[keys]``."""
 
     def __init__(self, path: Path, *, create: bool = False) -> None:
-        """create: whether a file that is not there is one without keys.
+        """Read the file; with `create`, a missing file counts as one without keys.
 
-        Raises InputError when it is not there, ConfigError for what is no key.
+        Raises InputError when the file is missing, ConfigError for an invalid key.
         """
         self.path = path
         self.keys: dict[str, bytes] = {}
         if not path.exists():
             if create:
                 return
-            raise InputError(f"{path}: no such file; `hubodo flash PORT --key-file {path}` makes it")
+            raise InputError(f"{path}: no such file; `hubodo flash PORT --key-file {path}` creates it")
         table = load_toml(path)
         check_private(path, "the keys")
         rows = table.get("keys", {})
         if set(table) - {"keys"} or not isinstance(rows, dict):
-            raise ConfigError(f'{path}: wants one table [keys] with SERIAL = "KEY" and nothing else')
+            raise ConfigError(f'{path}: must hold one table [keys] with SERIAL = "KEY" and nothing else')
         for serial, key in rows.items():
             if not _SERIAL.fullmatch(serial) or not isinstance(key, str) or not _KEY.fullmatch(key):
                 raise ConfigError(
@@ -45,14 +45,14 @@ class KeyRing:
             self.keys[serial] = bytes.fromhex(key)
 
     def get_or_create_key(self, serial: str) -> bytes:
-        """The key of a board; one that has none gets a fresh one, and the file has it before it is used."""
+        """Return the key of a board; a new key is stored in the file before it is returned."""
         if serial not in self.keys:
             self.keys[serial] = secrets.token_bytes(KEY_BYTES)
             self._write()
         return self.keys[serial]
 
     def _write(self) -> None:
-        """Whole or not at all, and for its owner alone."""
+        """Write the file atomically, readable by its owner only."""
         rows = "".join(f'{serial} = "{key.hex()}"\n' for serial, key in sorted(self.keys.items()))
         text = f"# Keys of nodes on UDP, by the serial of the board: as secret as a password.\n[keys]\n{rows}"
         with atomic_files(self.path) as (part,):

@@ -1,4 +1,4 @@
-"""One link kept alive by its own thread: opens, reads, survives unplugging, finds the device again."""
+"""One link with a thread of its own that opens, reads and reopens its port."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _REFUSAL_REPORT_INTERVAL_NS = 10_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class LinkUp:
-    """The link is open; `where` is the device's name of today."""
+    """Report that the link is open; `where`: current name of the device."""
 
     link: str
     t_ns: int
@@ -31,9 +31,9 @@ class LinkUp:
 
 @dataclass(frozen=True, slots=True)
 class LinkLost:
-    """The link has gone, or cannot be opened (reported once); `text` says how.
+    """Report that the link was lost, or cannot be opened (reported once); `text`: the cause.
 
-    unexpected: by an exception that no driver should raise, rather than because the device is gone.
+    unexpected: True for an exception that no driver should raise, False where the device is gone.
     """
 
     link: str
@@ -44,7 +44,7 @@ class LinkLost:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Bytes that arrived together at host time `t_ns`; `sender` tells the peers of a datagram port apart."""
+    """Bytes read together at host time `t_ns`; `sender`: peer address on a datagram port, else empty."""
 
     link: str
     t_ns: int
@@ -54,7 +54,7 @@ class Chunk:
 
 @dataclass(frozen=True, slots=True)
 class RefusedDatagrams:
-    """Datagrams came that were not let in: how many by cause, since this was last told."""
+    """Number of datagrams refused since the last report, by cause."""
 
     link: str
     t_ns: int
@@ -65,17 +65,19 @@ LinkReport = LinkUp | LinkLost | Chunk | RefusedDatagrams
 
 
 class Inbox(Protocol):
-    """Where links put their news."""
+    """A queue to which links add their reports."""
 
-    def put(self, item: LinkReport, /) -> None: ...
+    def put(self, item: LinkReport, /) -> None:
+        """Add a report; from any thread."""
+        ...
 
 
 class PortLink:
-    """Reads one port into a queue from a thread of its own, until `stop`.
+    """A port that is read into a queue by a thread of its own until `stop` is called.
 
-    A thread, because opening a device that is being enumerated, or connecting a socket, can block for
-    seconds, which must not hold up the other links; the time of arrival is taken right behind the read.
-    Whatever a driver raises ends the attempt, never the thread: the link is tried again.
+    A thread per link, because opening a device during enumeration, or connecting a socket, can block for
+    seconds without delaying the other links; the arrival time is read directly after each read. An
+    exception of a driver ends the attempt, never the thread: the link is opened again.
     """
 
     def __init__(
@@ -94,7 +96,9 @@ class PortLink:
         self._now_ns = now_ns
         self._baud = baud
         self._finder = DeviceFinder(port, lister)
-        self._transport_lock = threading.Lock()  # held while the transport is replaced, never while it works
+        self._transport_lock = (
+            threading.Lock()
+        )  # held while the transport is replaced, never during a read or write
         self._transport: Transport | None = None
         self._writer: LinkWriter | None = None
         self._check = ValidityCheck(0)
@@ -103,9 +107,9 @@ class PortLink:
         self._thread = threading.Thread(target=self._run, name=f"link {label}", daemon=True)
 
     def open_now(self) -> None:
-        """First attempt, in the caller's thread.
+        """Open the port in the caller's thread.
 
-        Raises LinkError with the reason, in one line.
+        Raises LinkError with a one-line reason.
         """
         try:
             self._open()
@@ -115,25 +119,25 @@ class PortLink:
             raise LinkError(f"{self.port.text}: cannot be opened: {_describe_error(error)}") from error
 
     def start(self) -> None:
-        """Starts reading; a link that is not open yet is waited for."""
+        """Start the reading thread, which waits for a port that is not open yet."""
         self._thread.start()
 
     def send(self, data: bytes, to: str = "") -> bool:
-        """Writes at once; False when the link is down or takes nothing in time."""
+        """Write at once; return False if the link is down or the write times out."""
         with self._transport_lock:
             writer = self._writer
         return writer is not None and writer.write(data, to)
 
     def request_stop(self) -> None:
-        """Tells the thread to end, without waiting for it."""
+        """Ask the thread to end, without waiting for it."""
         self._stopping.set()
 
     def stop(self, timeout_s: float = 2 * READ_TIMEOUT_S + 1) -> None:
-        """Ends the thread and closes the port; a thread that hangs in it is waited for that long."""
+        """End the thread, waiting up to `timeout_s` for it, and close the port."""
         self.request_stop()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
-        if self._thread.is_alive():  # a read that hangs may end when its port is closed, which may hang too
+        if self._thread.is_alive():  # closing the port may end a blocked read, but may block too
             threading.Thread(target=self._close, name=f"close {self.label}", daemon=True).start()
         else:
             self._close()
@@ -156,7 +160,7 @@ class PortLink:
         self._report_refused(transport)
         try:
             transport.close()
-        except Exception as error:  # noqa: BLE001 the link is tried again all the same
+        except Exception as error:  # noqa: BLE001 the link is opened again in any case
             self._report_loss(f"cannot be closed: {_describe_error(error)}", unexpected=True)
 
     def _run(self) -> None:
@@ -166,7 +170,7 @@ class PortLink:
         self._close()
 
     def _attempt(self, backoff: Backoff) -> float:
-        """Open the link unless it is open and read until it is lost; return the pause before the next, s."""
+        """Open the link if necessary and read until it is lost; return the pause before reopening, s."""
         try:
             if self._transport is None:
                 self._check = ValidityCheck(self._now_ns())
@@ -178,8 +182,8 @@ class PortLink:
                 self._report_loss(str(error))
             return backoff.pause_after_failed_open()
         except LinkDown as down:
-            # Closed before it is looked for: while the old descriptor lives, the kernel gives the device
-            # that comes back another name.
+            # Close before searching: while the old descriptor is open, the kernel gives the returning
+            # device another name.
             self._close()
             self._report_loss(str(down))
         except Exception as error:  # noqa: BLE001 a driver may raise anything

@@ -1,4 +1,4 @@
-"""What an open link is, and the one error when it is gone."""
+"""The interface of an open link and the error raised once it is closed or unplugged."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Protocol
 
 import serial
 
+MAX_READ_BYTES = 65536
+WRITE_TIMEOUT_S = 0.1
+
 try:
     import termios
 except ImportError:  # Windows
@@ -18,32 +21,45 @@ else:
 
 
 class LinkDown(Exception):
-    """An open link has gone; str() says how."""
+    """Raised when an open link is closed, unplugged or reset; the text gives the cause."""
 
 
 class Transport(Protocol):
-    """An open link. `read` and `write` raise LinkDown once it is gone."""
+    """An open link; `read` and `write` raise LinkDown once it is lost.
+
+    Attributes
+    ----------
+    where
+        Name of the device or address that is open.
+    datagrams
+        True where each read returns one datagram of one of several senders.
+    refused
+        Number of datagrams that were not accepted, by cause.
+    """
 
     where: str
     datagrams: bool
     refused: Counter[str]
-    """Datagrams that were not let in, by cause."""
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        """Bytes and who sent them ("" on a line with one sender); no bytes after `timeout` s of silence."""
+        """Return bytes and their sender ("" on a line with one sender); no bytes after `timeout` seconds."""
         ...
 
-    def write(self, data: bytes, to: str) -> None: ...
+    def write(self, data: bytes, to: str) -> None:
+        """Send bytes; `to`: the sender they are addressed to, as `read` returned it."""
+        ...
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        """Release the port."""
+        ...
 
 
 @contextlib.contextmanager
 def link_down_on_error(where: str) -> Iterator[None]:
-    """The one place where every way in which a port can die becomes LinkDown.
+    """Raise LinkDown for every exception by which a port reports that it is lost.
 
-    pyserial lets OSError (EIO from in_waiting), termios.error and TypeError (a port closed under the
-    reader) through beside its own SerialException.
+    Besides its own SerialException, pyserial raises OSError (EIO from in_waiting), termios.error, and
+    TypeError when another thread closes the port during a read.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""What a user calls a port, and which device that is right now."""
+"""Parsing of port names given by the user, and the search for the device behind one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WINDOWS_PORT = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
 
 class PortInfo(Protocol):
-    """The part of pyserial's ListPortInfo that is used."""
+    """The attributes of pyserial's ListPortInfo that are used."""
 
     device: str
     serial_number: str | None
@@ -34,17 +34,26 @@ DeviceLister = Callable[[], Iterable[PortInfo]]
 
 
 def list_devices() -> list[PortInfo]:
-    """The serial ports of this machine."""
+    """Return the serial ports of this machine."""
     return list(list_ports.comports())
 
 
 @dataclass(frozen=True, slots=True)
 class PortName:
-    """A port as the user wrote it: ``[NAME=]`` then a device, USB serial number, socket:// or udp:// address.
+    """A port as given by the user: ``[NAME=]`` and a device, USB serial number, socket:// or udp:// address.
 
-    name: what the node behind it is to be called, None to take it from the node id.
-    kind: "device", "serial number", "tcp" or "udp"; where: path, number, or "host:port". keys: of nodes on
-    UDP, whose datagrams then have to prove them.
+    Attributes
+    ----------
+    text
+        The argument as given.
+    name
+        Name of the node on this port; None to derive it from the node id.
+    kind
+        "device", "serial number", "tcp" or "udp".
+    where
+        Path, serial number, or "host:port".
+    keys
+        Keys that authenticate the datagrams of nodes on UDP; None to accept datagrams without keys.
     """
 
     text: str
@@ -55,7 +64,7 @@ class PortName:
 
     @property
     def label(self) -> str:
-        """A short name for status lines and topics: letters, digits, ``_`` and ``-``."""
+        """Short name for status lines and topics: letters, digits, ``_`` and ``-``."""
         if self.name:
             return self.name
         tail = re.split(r"[/\\]", self.where)[-1] if self.kind == "device" else self.where
@@ -63,13 +72,13 @@ class PortName:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of a tcp or udp name."""
+        """Host and port number of a tcp or udp address."""
         host, _, port = self.where.rpartition(":")
         return host, int(port)
 
 
 def parse_port(text: str) -> PortName:
-    """Reads a port argument.
+    """Parse a port argument.
 
     Raises InputError when it is none of the four kinds.
     """
@@ -100,10 +109,10 @@ def parse_port(text: str) -> PortName:
 
 
 def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:
-    """The port with the keys of its nodes, where it is one for UDP.
+    """Return the port, for UDP with the keys of its nodes.
 
-    Raises InputError for UDP from other machines without keys, unless that is wanted (insecure): anybody on
-    the network could send samples there.
+    Raises InputError for a UDP port that accepts datagrams from other machines without keys, unless
+    `insecure` is set: anybody on the network could send samples to it.
     """
     if port.kind != "udp":
         return port
@@ -112,7 +121,7 @@ def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> Por
     if not insecure and not _is_loopback(port.address[0]):
         raise InputError(
             f"port {port.text!r}: anybody on the network could send samples there; give the --key-file of "
-            "`hubodo flash`, or --insecure-udp to take them from anybody"
+            "`hubodo flash`, or --insecure-udp to accept samples from anybody"
         )
     return port
 
@@ -125,9 +134,9 @@ def _is_loopback(host: str) -> bool:
 
 
 class DeviceFinder:
-    """Finds the device of a port again after its name has changed.
+    """Search for the device of a port, also after its name has changed.
 
-    A port given by path is looked for by that path at first; the USB serial number seen then finds it later.
+    A port given by path is searched by that path first, later by the USB serial number read then.
     """
 
     def __init__(self, port: PortName, lister: DeviceLister = list_devices) -> None:
@@ -137,9 +146,9 @@ class DeviceFinder:
         self._listing_error = ""
 
     def find_device(self) -> str:
-        """The path to open now.
+        """Return the current path of the device.
 
-        Raises LinkError when the device is not there.
+        Raises LinkError when the device is not present.
         """
         if self._serial_number is not None:
             path = self._find_by_serial_number(self._serial_number)
@@ -148,19 +157,17 @@ class DeviceFinder:
             if self._port.kind == "serial number":
                 raise LinkError(
                     f"no device with serial number {self._serial_number!r}; plug it in, "
-                    f"or see what is there: {self._devices_text()}"
+                    f"or choose one of the devices present: {self._devices_text()}"
                 )
         path = self._port.where
         if not self._is_present(path):
-            raise LinkError(
-                f"{path}: no such device; plug it in, or see what is there: {self._devices_text()}"
-            )
+            raise LinkError(f"{path}: no such device; plug it in, or choose one of: {self._devices_text()}")
         if self._serial_number is None:
             self._serial_number = self._read_serial_number(path)
         return path
 
     def _is_present(self, path: str) -> bool:
-        if _WINDOWS_PORT.fullmatch(path):  # no file there
+        if _WINDOWS_PORT.fullmatch(path):  # not a file
             return any(
                 info.device.lower() == path.lower().removeprefix("\\\\.\\") for info in self._list_devices()
             )
@@ -171,7 +178,7 @@ class DeviceFinder:
             if info.serial_number and info.serial_number.lower() == number.lower():
                 return info.device
         if _BY_ID_FOLDER.is_dir():
-            with contextlib.suppress(OSError):  # the folder goes with its last device
+            with contextlib.suppress(OSError):  # the folder disappears with its last device
                 for link in sorted(_BY_ID_FOLDER.iterdir()):
                     if f"_{number}-".lower() in link.name.lower():
                         return str(link)
@@ -185,14 +192,14 @@ class DeviceFinder:
         return None
 
     def _list_devices(self) -> list[PortInfo]:
-        """Return the serial ports of this machine; none where the system cannot list them just now."""
+        """Return the serial ports of this machine; an empty list where the system fails to list them."""
         self._listing_error = ""
         try:
             return list(self._lister())
-        except Exception as error:  # noqa: BLE001 pyserial lets through what /sys and the registry raise
+        except Exception as error:  # noqa: BLE001 pyserial passes on any error of /sys or the registry
             self._listing_error = f"the serial ports cannot be listed: {type(error).__name__}: {error}"
             return []
 
     def _devices_text(self) -> str:
         devices = [f"{info.device} ({info.serial_number or 'no number'})" for info in self._list_devices()]
-        return ", ".join(devices) or self._listing_error or "no serial port at all"
+        return ", ".join(devices) or self._listing_error or "no serial port found"

@@ -1,4 +1,4 @@
-"""When a link is tried again: pauses that grow until a connection has carried something valid."""
+"""Pauses between attempts to open a link, growing until a connection has carried valid data."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from hubowire import FrameDecoder
 
 _INITIAL_PAUSE_S = 0.05
 _MAX_ABSENT_PAUSE_S = 1.0
-"""Longest pause for a device that is not there: what is plugged in again is opened within a second."""
+"""Maximum pause while the device is absent: a device plugged in again is opened within a second."""
 _MAX_USELESS_PAUSE_S = 8.0
-"""Longest pause after connections without a valid frame."""
+"""Maximum pause after connections without a valid frame."""
 _MIN_PROVEN_DURATION_NS = 10_000_000_000
 _MAX_SEARCHED_BYTES = 65536
 _NMEA_SENTENCE = re.compile(rb"\$([^\r\n$*]{5,120})\*([0-9A-Fa-f]{2})")
 
 
 class ValidityCheck:
-    """Tells whether a connection has carried a valid frame or NMEA sentence yet, in its first 64 kB."""
+    """A search for a valid frame or NMEA sentence in the first 64 kB of a connection."""
 
     def __init__(self, opened_ns: int) -> None:
         self._opened_ns = opened_ns
@@ -29,7 +29,7 @@ class ValidityCheck:
         self._text = b""
 
     def feed(self, data: bytes) -> None:
-        """Bytes as they came; costs nothing after the first valid frame."""
+        """Search further bytes; returns at once after the first valid frame."""
         if self._is_valid or self._searched_bytes >= _MAX_SEARCHED_BYTES:
             return
         self._searched_bytes += len(data)
@@ -41,14 +41,14 @@ class ValidityCheck:
         self._text = b"" if self._is_valid else self._text[-128:]
 
     def is_valid(self, now_ns: int) -> bool:
-        """Return True after a valid frame or sentence, or when the connection has lasted for 10 s."""
+        """Return True after a valid frame or sentence, or once the connection has lasted for 10 s."""
         return self._is_valid or now_ns - self._opened_ns >= _MIN_PROVEN_DURATION_NS
 
 
 class Backoff:
-    """The pauses before the next attempt, s, doubling from 0.05 s.
+    """Exponential back-off: pauses in s before the next attempt, doubling from 0.05 s.
 
-    A bridge that accepts and closes, or a port that opens and fails, is tried every eight seconds in the end.
+    A bridge that accepts and closes, or a port that opens and fails, is retried at most every 8 s.
     """
 
     def __init__(self) -> None:
@@ -57,16 +57,16 @@ class Backoff:
 
     @property
     def is_first(self) -> bool:
-        """True before the first attempt to open that failed since the last connection."""
+        """True until an attempt to open has failed since the last connection."""
         return not self._failed_opens
 
     def pause_after_failed_open(self) -> float:
-        """Return the pause after an attempt to open that failed."""
+        """Return the pause after a failed attempt to open."""
         self._failed_opens += 1
         return _pause_after(self._failed_opens, _MAX_ABSENT_PAUSE_S)
 
     def pause_after_loss(self, *, was_valid: bool) -> float:
-        """Return the pause after a connection; was_valid: whether it carried something valid."""
+        """Return the pause after a lost connection; was_valid: True if it carried valid data."""
         self._failed_opens = 1
         self._useless_connections = 0 if was_valid else self._useless_connections + 1
         return _pause_after(self._useless_connections, _MAX_USELESS_PAUSE_S)

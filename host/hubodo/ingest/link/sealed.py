@@ -1,9 +1,9 @@
-"""Sessions with nodes on UDP, without I/O: datagrams in, what they prove out; see protocol/README.md.
+"""Authenticated sessions with nodes on UDP, without I/O; see protocol/README.md.
 
-Nothing is stored for a datagram that has not proven a key. The host's answer to an opening carries a
-challenge, made of a secret of this process and of the time, and the node's proof brings it back: a session
-begins with the proof, and only a challenge newer than that of the session before counts. An opening or a
-proof that somebody recorded and sends again therefore changes nothing.
+Nothing is stored for a datagram that is not authenticated by a key. The host answers an opening with a
+challenge derived from a secret of this process and the time, and the node returns it in its proof. A session
+starts with the proof, and only if its challenge is newer than that of the previous session: a replayed
+opening or proof has no effect.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hubodo.ingest.link.keys import KeyRing
 
 FROM_NODE, FROM_HOST, DATA = 0xFE, 0xFD, 0xFF
 OPENING, ANSWER, PROOF = 0x21, 0x22, 0x23
-"""Second byte of the handshake: its version, then its step."""
+"""Second byte of the handshake: version (high nibble) and step (low nibble)."""
 ID_BYTES, NONCE_BYTES, TAG_BYTES = 4, 8, 8
 _DATA_HEADER = struct.Struct("<B4sI")
 _CHALLENGE_TIME = struct.Struct(">Q")
@@ -29,7 +29,7 @@ _CHALLENGE_BYTES = _CHALLENGE_TIME.size + TAG_BYTES
 _OPENING_BYTES = 2 + NONCE_BYTES + TAG_BYTES
 _PROOF_BYTES = 2 + NONCE_BYTES + _CHALLENGE_BYTES + TAG_BYTES
 _VERSION_1_OPENING_BYTES = 1 + ID_BYTES + NONCE_BYTES
-_REPLAY_WINDOW = 64
+_REPLAY_WINDOW = 64  # datagrams that may arrive out of order
 
 
 def _tag(key: bytes, *parts: bytes) -> bytes:
@@ -41,13 +41,13 @@ def _digest(key: bytes, *parts: bytes) -> bytes:
 
 
 def _version_1_id(key: bytes) -> bytes:
-    """Return by which a node of the first handshake, which showed it in clear, said whose it is."""
+    """Return the key id that a node with the first version of the handshake sends in clear."""
     return hashlib.sha256(b"hubodo key" + key).digest()[:ID_BYTES]
 
 
 @dataclass(frozen=True, slots=True)
 class OpenedDatagram:
-    """What a datagram brought. serial: of the board that has proven it; answer: what goes back at once."""
+    """Contents of a datagram; serial: the authenticated board; answer: the datagram to send back at once."""
 
     frames: bytes = b""
     serial: str = ""
@@ -55,7 +55,7 @@ class OpenedDatagram:
 
 
 class _Session:
-    """One key made of nonce and challenge, and the numbers seen; a node counts from 0, the host from 1."""
+    """A session key derived from nonce and challenge, with the datagram counters of both directions."""
 
     def __init__(self, key: bytes, nonce: bytes, challenge: bytes) -> None:
         self.key = _digest(key, b"session", nonce, challenge)
@@ -68,7 +68,7 @@ class _Session:
         return hmac.compare_digest(_tag(self.key, *parts), tag)
 
     def accept_count(self, count: int) -> bool:
-        """Return True when this number comes for the first time, within what may overtake."""
+        """Return True for the first datagram with this count, unless it is older than the replay window."""
         ahead = count - self._newest_count
         if ahead > 0:
             self._received_mask = (
@@ -90,7 +90,7 @@ class _Session:
 
 
 class _Peer:
-    """One board: its key, the session in use, and a proven one that the node has not used yet."""
+    """One board: its key, the session in use, and an accepted session that the node has not used yet."""
 
     def __init__(self, serial: str, key: bytes) -> None:
         self.serial, self.key = serial, key
@@ -100,7 +100,7 @@ class _Peer:
 
     @property
     def newest_challenge_ns(self) -> int:
-        """Time of the newest challenge that this board has proven; -1 before the first."""
+        """Time of the newest challenge that this board has answered, ns; -1 before the first."""
         return max(
             (
                 session.challenge_time_ns
@@ -112,7 +112,7 @@ class _Peer:
 
 
 class DatagramSealer:
-    """All sessions behind one port. refused: datagrams that were not let in, by cause."""
+    """All sessions of one port; refused: number of datagrams not accepted, by cause."""
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class DatagramSealer:
         random_bytes: Callable[[int], bytes] = secrets.token_bytes,
         now_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """clock: ns, the times in challenges; each is later than the one before."""
+        """Start without sessions; now_ns: monotonic time for challenges; random_bytes: source of secrets."""
         self.refused: Counter[str] = Counter()
         self._secret = random_bytes(32)
         self._now_ns, self._last_challenge_ns = now_ns, 0
@@ -129,7 +129,7 @@ class DatagramSealer:
         self._version_1_serials = {_version_1_id(peer.key): serial for serial, peer in self._peers.items()}
 
     def open(self, data: bytes, address: str) -> OpenedDatagram:
-        """A datagram that came from an address."""
+        """Authenticate a datagram from an address and return its contents."""
         kind = data[0] if data else 0
         if kind == DATA:
             return self._open_data(data, address)
@@ -146,14 +146,14 @@ class DatagramSealer:
         return self._refuse("malformed")
 
     def seal(self, frames: bytes, serial: str) -> tuple[bytes, str] | None:
-        """The datagram and its address for the board with that serial; None while it has no session."""
+        """Return the sealed datagram and the address of a board; None while it has no session."""
         peer = self._peers.get(serial)
         if peer is None or peer.session is None:
             return None
         return peer.session.seal(frames), peer.address
 
     def _answer_opening(self, nonce: bytes, tag: bytes) -> OpenedDatagram:
-        """Answer what one of the keys has proven, by a challenge; nothing is stored."""
+        """Answer an opening that is authenticated by one of the keys with a challenge; store nothing."""
         for peer in self._peers.values():
             if hmac.compare_digest(_tag(peer.key, b"opening", nonce), tag):
                 self._last_challenge_ns = max(self._now_ns(), self._last_challenge_ns + 1)
@@ -166,7 +166,7 @@ class DatagramSealer:
         return time_bytes + _tag(self._secret, peer.serial.encode(), nonce, time_bytes)
 
     def _accept_proof(self, nonce: bytes, challenge: bytes, tag: bytes) -> OpenedDatagram:
-        """Begin a session with who has brought a challenge of ours back, sealed with a key."""
+        """Start a session with the node that returned a challenge of this host, authenticated by its key."""
         time_bytes = challenge[: _CHALLENGE_TIME.size]
         for peer in self._peers.values():
             if hmac.compare_digest(self._make_challenge(peer, nonce, time_bytes), challenge):
@@ -189,7 +189,7 @@ class DatagramSealer:
         known = self._sessions.get(data[1 : 1 + ID_BYTES])
         body, tag = data[1 + ID_BYTES : -TAG_BYTES], data[-TAG_BYTES:]
         if known is None or not known[1].verifies(tag, b"n", body):
-            # Also what a node sends that does not know yet that this host was started.
+            # This includes datagrams of a node that has not noticed the restart of this host.
             return self._refuse("of no session")
         peer, session = known
         if not session.accept_count(struct.unpack_from("<I", body)[0]):

@@ -1,4 +1,4 @@
-"""A serial device: read as Linux and macOS read one, or as pyserial does on any system."""
+"""Serial ports: direct reads on Linux and macOS, reads by pyserial on other systems."""
 
 from __future__ import annotations
 
@@ -11,7 +11,13 @@ from collections.abc import Callable
 import serial
 
 from hubodo.errors import LinkError
-from hubodo.ingest.link.open_link import TerminalError, Transport, link_down_on_error
+from hubodo.ingest.link.open_link import (
+    MAX_READ_BYTES,
+    WRITE_TIMEOUT_S,
+    TerminalError,
+    Transport,
+    link_down_on_error,
+)
 from hubodo.ingest.readiness import can_read
 
 try:
@@ -19,20 +25,17 @@ try:
 except ImportError:  # Windows
     termios = None  # type: ignore[assignment]
 
-_READ_BYTES = 65536
-_WRITE_S = 0.1
-
 
 def open_serial(path: str, baud: int, *, portable: bool = termios is None) -> Transport:
-    """Opens a device for us alone; portable: by pyserial's own reading, which takes its URLs too.
+    """Open a serial device exclusively; portable: read by pyserial, which also accepts its URLs.
 
-    Raises LinkError when the device is missing, busy or not allowed.
+    Raises LinkError when the device is missing, busy or not permitted.
     """
     return PortableSerial(path, baud) if portable else SerialTransport(path, baud)
 
 
 class _SerialBase:
-    """What both ways of reading a port have in common."""
+    """Opening, writing and closing, shared by both ways of reading a port."""
 
     datagrams = False
     refused: Counter[str] = Counter()
@@ -40,7 +43,7 @@ class _SerialBase:
     def __init__(self, open_port: Callable[..., serial.Serial], where: str, baud: int) -> None:
         self.where = where
         try:
-            self._port = open_port(where, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
+            self._port = open_port(where, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, TerminalError, ValueError) as error:
             raise _open_error(where, error) from error
 
@@ -54,15 +57,15 @@ class _SerialBase:
 
 
 class SerialTransport(_SerialBase):
-    """A serial device, opened for us alone.
+    """A serial device, opened exclusively.
 
-    DTR and RTS stay as the kernel raises them on open, both set: a USB node takes DTR for "host is
-    there", and the two-transistor reset circuit of an ESP32 board acts only when they differ. They are
+    DTR and RTS stay set as the kernel raises them on open: a USB node interprets DTR as "host is
+    connected", and the two-transistor reset circuit of an ESP32 board acts only when they differ. They are
     not dropped on close either (HUPCL), so that neither open nor close restarts a node.
     """
 
     def __init__(self, path: str, baud: int) -> None:
-        """Raises LinkError when the device is missing, busy or not allowed."""
+        """Open the device; raise LinkError when it is missing, busy or not permitted."""
         super().__init__(serial.Serial, path, baud)
         self._fd = self._port.fileno()
         with contextlib.suppress(TerminalError):
@@ -77,28 +80,30 @@ class SerialTransport(_SerialBase):
             if not can_read(self._fd, timeout):
                 return b"", ""
             try:
-                data = os.read(self._fd, _READ_BYTES)
+                data = os.read(self._fd, MAX_READ_BYTES)
             except BlockingIOError:
                 return b"", ""
             if not data:
-                raise OSError(errno.EIO, "ready to read but no data: unplugged, or read by somebody else too")
+                raise OSError(
+                    errno.EIO, "ready to read but no data: unplugged, or read by another program too"
+                )
             return data, ""
 
 
 class PortableSerial(_SerialBase):
-    """The same by pyserial's own reading, which blocks until a byte has come: for systems without termios."""
+    """A serial device read by pyserial, blocking for the first byte: for systems without termios."""
 
     def __init__(self, url: str, baud: int) -> None:
-        """Raises LinkError when the device is missing, busy or not allowed."""
+        """Open the device; raise LinkError when it is missing, busy or not permitted."""
         super().__init__(serial.serial_for_url, url, baud)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         with link_down_on_error(self.where):
             if self._port.timeout != timeout:
-                self._port.timeout = timeout  # sets the whole port up again, so not each time
+                self._port.timeout = timeout  # reconfigures the port, so not on each read
             data = self._port.read(1)
             if data and (more := self._port.in_waiting):
-                data += self._port.read(min(more, _READ_BYTES))
+                data += self._port.read(min(more, MAX_READ_BYTES))
             return bytes(data), ""
 
 
@@ -106,8 +111,8 @@ _ADVICE = {
     errno.ENOENT: ("no such device", "plug it in"),
     errno.EACCES: ("no permission", "join the group dialout, or add a udev rule"),
     errno.EPERM: ("no permission", "join the group dialout, or add a udev rule"),
-    errno.EBUSY: ("busy: another program has it", "close that program"),
-    errno.EAGAIN: ("busy: another program has it", "close that program"),
+    errno.EBUSY: ("busy: another program has opened it", "close that program"),
+    errno.EAGAIN: ("busy: another program has opened it", "close that program"),
     errno.ENOTTY: ("not a serial port", "name a serial device, socket:// or udp://"),
     errno.EISDIR: ("a folder, not a serial port", "name a serial device, socket:// or udp://"),
 }
@@ -119,7 +124,7 @@ _PYSERIAL_PHRASES = {
     "PermissionError": errno.EBUSY,
     "not recognised": errno.ENOENT,
 }
-"""What pyserial says where it gives no number: of its lock, and of all that Windows refuses."""
+"""Phrases in errors of pyserial without an errno: its lock, and refusals by Windows."""
 
 
 def _open_error(path: str, error: Exception) -> LinkError:
@@ -131,7 +136,7 @@ def _open_error(path: str, error: Exception) -> LinkError:
 
 
 def _find_errno(error: BaseException | None) -> int | None:
-    """The system's number behind an error; pyserial wraps some of them into text."""
+    """Return the errno behind an error, following its causes; pyserial wraps some into text."""
     while error is not None:
         number = error.args[0] if isinstance(error, OSError | TerminalError) and error.args else None
         if isinstance(number, int):

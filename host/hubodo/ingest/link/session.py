@@ -1,4 +1,4 @@
-"""One link as the recorder knows it: bytes logged raw, frames split by node, damage and strangers noticed."""
+"""The recorder's state of one link: raw logging, routing of frames to nodes, damage and foreign data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hubodo.units import NS_PER_S
 from hubowire import Damage, FrameDecoder
 
 DAMAGED_SUFFIX = "/damaged"
-"""Behind a link's name in the log: pieces between delimiters that are no frame."""
+"""Suffix of a link's topic in the log for pieces between delimiters that are not valid frames."""
 
 _FOREIGN_TIMEOUT_NS = 3 * NS_PER_S
 _SILENCE_TIMEOUT_NS = 5 * NS_PER_S
@@ -31,11 +31,11 @@ _DAMAGE_CAUSES = ("crc", "cobs", "short", "oversize")
 
 
 class LinkSession:
-    """Counts and splits what comes over one link, across its interruptions.
+    """Counters, frame decoders and log topics of one link, kept across its interruptions.
 
-    The piece before the first delimiter and the one after the last, of each connection, are halves of
-    frames that were cut, not damaged: they are logged with the damaged ones but counted apart. Of damaged
-    ones at most 200 kB a second are logged: a port that babbles must not fill the disk.
+    In each connection, the piece before the first delimiter and the one after the last are parts of frames
+    that were cut, not damaged: they are logged with the damaged frames but counted separately. At most 200 kB
+    of damaged frames are logged per second, so that a port full of noise cannot fill the disk.
     """
 
     def __init__(self, label: str, sink: Sink) -> None:
@@ -46,9 +46,9 @@ class LinkSession:
         self.bytes = 0
         self.frames_cut = 0
         self.unlogged_bytes = 0
-        """Bytes of damaged frames that were too many to log."""
+        """Bytes of damaged frames beyond the limit of what is logged per second."""
         self.datagrams_refused = 0
-        """Datagrams that no key proved."""
+        """Number of datagrams that no key authenticated."""
         self.foreign: str | None = None
         self.damage = dict.fromkeys(_DAMAGE_CAUSES, 0)
         self._sink = sink
@@ -56,7 +56,7 @@ class LinkSession:
         self._decoders: OrderedDict[str, FrameDecoder] = OrderedDict()
         self._sender_topics: dict[str, int] = {}
         self._board_topics: dict[tuple[int, int], int] = {}
-        self._awaiting_delimiter: set[str] = set()  # senders of whom no delimiter has been seen yet
+        self._awaiting_delimiter: set[str] = set()  # senders from which no delimiter was received yet
         self._foreign_bytes = bytearray()
         self._foreign_count = 0
         self._foreign_since_ns: int | None = None
@@ -70,16 +70,16 @@ class LinkSession:
 
     @property
     def counts(self) -> LinkCounts:
-        """What gaps are explained by."""
+        """Counters that explain gaps: damaged frames and disconnections."""
         return LinkCounts(sum(self.damage.values()), self.connection.disconnections)
 
     @property
     def where(self) -> str | None:
-        """The device of today, None while the link is down."""
+        """Current name of the device; None while the link is down."""
         return self.connection.where
 
     def handle_up(self, report: LinkUp) -> None:
-        """The link is open."""
+        """Handle the opening of the link."""
         if self.datagrams != report.datagrams:
             self.datagrams = report.datagrams
             self.senders = SenderTable(datagrams=report.datagrams)
@@ -87,14 +87,14 @@ class LinkSession:
         self._last_received_ns, self._silence_reported = report.t_ns, False
 
     def handle_lost(self, report: LinkLost) -> None:
-        """The link has gone."""
+        """Handle the loss of the link."""
         self.connection.handle_lost(report)
-        self._foreign_since_ns = None  # nothing comes: nobody strange speaks
+        self._foreign_since_ns = None  # nothing is received, so no foreign data either
         for sender in list(self._decoders):
             self._close_sender(sender, report.t_ns)
 
     def route_frames(self, chunk: Chunk) -> Iterator[Route]:
-        """Log each piece between delimiters and yield where it goes if it is a frame."""
+        """Log each piece between delimiters and yield the route of each valid frame."""
         self._last_received_ns = chunk.t_ns
         self.bytes += len(chunk.data)
         decoder, has_frame = self._decoder_of(chunk.sender), False
@@ -120,7 +120,7 @@ class LinkSession:
             yield route
         self._count_damage(decoder)
         if has_frame:
-            return  # what came behind the last frame is the beginning of the next
+            return  # bytes after the last frame are the start of the next
         if self._foreign_since_ns is None:
             self._foreign_since_ns = chunk.t_ns
         self._foreign_count += len(chunk.data)
@@ -128,7 +128,7 @@ class LinkSession:
             self._foreign_bytes += chunk.data[: _FOREIGN_SAMPLE_BYTES - len(self._foreign_bytes)]
 
     def report_refused(self, report: RefusedDatagrams) -> Event:
-        """Count and report datagrams that no key proved."""
+        """Count and report datagrams that no key authenticated."""
         self.datagrams_refused += sum(report.refused.values())
         named = ", ".join(f"{count} {why}" for why, count in report.refused.items())
         text = f"{self.label}: datagrams refused: {named}"
@@ -137,7 +137,7 @@ class LinkSession:
         return event
 
     def log_undecoded(self, chunk: Chunk) -> int:
-        """Logs the pieces without looking into them; how many there were."""
+        """Log the pieces without decoding them; return their number."""
         self.bytes += len(chunk.data)
         pieces = self._decoder_of(chunk.sender).split(chunk.data)
         for stuffed in pieces:
@@ -145,7 +145,7 @@ class LinkSession:
         return len(pieces)
 
     def tick(self, now_ns: int) -> Iterator[Event]:
-        """Yields what the user should see: a stranger on the line, or silence."""
+        """Report foreign data, silence and damage; yield the events to show to the user."""
         if self.foreign is None and self._is_foreign(now_ns):
             self.foreign = describe_foreign_bytes(bytes(self._foreign_bytes), self._foreign_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
@@ -159,7 +159,7 @@ class LinkSession:
         )
         if is_silent and not self._silence_reported:
             self._silence_reported = True
-            text = f"{self.label} ({self.where}): open, but nothing has come for 5 s; is the node powered?"
+            text = f"{self.label} ({self.where}): open, but no data for 5 s; is the node powered?"
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.write_event(event)
             yield event
@@ -169,31 +169,35 @@ class LinkSession:
             self._report_damage(now_ns)
 
     def _report_refusals(self, now_ns: int) -> Iterator[Event]:
-        """Report frames of nodes beyond the limit, and senders that were dropped unidentified."""
+        """Report refused frames of nodes beyond the limit, and senders dropped before identification."""
         senders = self.senders
-        total = senders.refused + senders.evicted
+        total = senders.frames_refused + senders.senders_evicted
         if total == self._refusals_reported or self._refusal_throttle.admit(now_ns) is None:
             return
         self._refusals_reported = total
         text = (
-            f"{self.label}: in all {senders.refused} frames of nodes beyond the first {MAX_NODES} refused, "
-            f"{senders.evicted} senders dropped that did not identify themselves; give nodes keys "
-            f"(hubodo flash --key-file), or them another port"
+            f"{self.label}: {senders.frames_refused} frames of nodes beyond the first {MAX_NODES} refused in "
+            f"total, {senders.senders_evicted} senders dropped before identification; give nodes keys "
+            f"(hubodo flash --key-file), or move them to another port"
         )
-        data = {"link": self.label, "frames_refused": senders.refused, "senders_evicted": senders.evicted}
+        data = {
+            "link": self.label,
+            "frames_refused": senders.frames_refused,
+            "senders_evicted": senders.senders_evicted,
+        }
         event = Event(now_ns, "refused", self.label, text, data)
         self._sink.write_event(event)
         yield event
 
     def restart_timeouts(self, now_ns: int) -> None:
-        """Begin the waiting for bytes and for a frame again: the computer stood still until now."""
+        """Restart the time limits for bytes and frames after a suspension of the host until `now_ns`."""
         if self._last_received_ns is not None:
             self._last_received_ns = now_ns
         if self._foreign_since_ns is not None:
             self._foreign_since_ns = now_ns
 
     def _is_foreign(self, now_ns: int) -> bool:
-        """Whether only bytes that are no frame have come for a while; mere silence is not strange."""
+        """Return True if only bytes without a frame were received for 3 s; silence does not count."""
         if self._foreign_since_ns is None or self._last_received_ns is None:
             return False
         can_judge_now = not self.connection.is_valid or is_recognised(bytes(self._foreign_bytes))
@@ -211,15 +215,15 @@ class LinkSession:
         self._sink.write_raw_frame(topic + DAMAGED_SUFFIX, t_ns, piece)
 
     def close(self, now_ns: int) -> None:
-        """Accounts for what is left."""
+        """Log incomplete frames and report the remaining damage."""
         for sender in list(self._decoders):
             self._close_sender(sender, now_ns)
         self._report_damage(now_ns)
 
     def _topic_of(self, sender: str, route: Route | None = None) -> str:
-        """Return where in the log the pieces of a sender go: those of the second beside those of the first.
+        """Return the log topic for the pieces of a sender: the label, then label/2 for the second sender.
 
-        Where more have come than have places of their own, a board has one from its Hello on.
+        Beyond `_MAX_SENDER_TOPICS` senders, a board gets a topic of its own once its Hello was received.
         """
         if not self.datagrams:
             return self.label
@@ -264,7 +268,11 @@ class LinkSession:
             return
         new, self._damage_reported = total - self._damage_reported, total
         named = ", ".join(f"{cause} {count}" for cause, count in self.damage.items() if count)
-        text = f"{self.label}: {new} damaged frames since the last report; in all: {named}"
-        text += f"; {self.unlogged_bytes} bytes of them were too many to log" if self.unlogged_bytes else ""
+        text = f"{self.label}: {new} damaged frames since the last report; in total: {named}"
+        text += (
+            f"; {self.unlogged_bytes} bytes of them were not logged (limit per second)"
+            if self.unlogged_bytes
+            else ""
+        )
         data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged_bytes}
         self._sink.write_event(Event(now_ns, "damage", self.label, text, data))

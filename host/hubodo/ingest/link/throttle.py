@@ -1,4 +1,4 @@
-"""How often something that recurs is reported: at once, then at growing intervals."""
+"""A throttle for recurring events: the first is reported at once, later ones at growing intervals."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ _MAX_INTERVAL_NS = 3_600_000_000_000
 
 
 class EventThrottle:
-    """Admits the first event at once and later ones at intervals that double from 10 s to an hour.
+    """A throttle that admits the first event at once, later ones at intervals doubling from 10 s to 1 h.
 
-    After an interval without any event it starts again as if new.
+    An interval without any event resets it.
     """
 
     def __init__(self) -> None:
@@ -18,7 +18,7 @@ class EventThrottle:
         self._next_ns = 0
 
     def admit(self, t_ns: int) -> int | None:
-        """Return how many events were withheld since the last admitted one, None to withhold this one too."""
+        """Return the number of events withheld since the last admitted one; None to withhold this one too."""
         if t_ns < self._next_ns:
             self._withheld += 1
             return None

@@ -1,4 +1,4 @@
-"""Serial, TCP and UDP as one thing: bytes in, bytes out, and one error when it is gone."""
+"""Serial, TCP and UDP links with one interface."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from collections import Counter
 
 from hubodo.errors import LinkError
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.ingest.link.open_link import Transport, link_down_on_error
+from hubodo.ingest.link.open_link import MAX_READ_BYTES, WRITE_TIMEOUT_S, Transport, link_down_on_error
 from hubodo.ingest.link.ports import DeviceFinder, PortName
 from hubodo.ingest.link.sealed import DatagramSealer
 from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.readiness import can_read
 
-_READ_BYTES = 65536
-_WRITE_S = 0.1
 _CONNECT_TIMEOUT_S = 3.0
 
 
@@ -27,13 +25,13 @@ class TcpTransport:
     refused: Counter[str] = Counter()
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises LinkError when nobody answers there."""
+        """Connect to the server; raise LinkError when it does not answer."""
         self.where = f"socket://{host}:{port}"
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT_S)
         except (OSError, UnicodeError) as error:
             raise LinkError(
-                f"{self.where}: {_error_text(error)}; check host and port, and that it listens"
+                f"{self.where}: {_error_text(error)}; check host and port, and that the server is running"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -42,14 +40,14 @@ class TcpTransport:
         with link_down_on_error(self.where):
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
-            data = self._socket.recv(_READ_BYTES)
+            data = self._socket.recv(MAX_READ_BYTES)
             if not data:
                 raise OSError(errno.ECONNRESET, "closed by the other side")
             return data, ""
 
     def write(self, data: bytes, to: str = "") -> None:
         with contextlib.suppress(TimeoutError), link_down_on_error(self.where):
-            self._socket.settimeout(_WRITE_S)
+            self._socket.settimeout(WRITE_TIMEOUT_S)
             self._socket.sendall(data)
 
     def close(self) -> None:
@@ -57,13 +55,13 @@ class TcpTransport:
 
 
 class UdpTransport:
-    """Datagrams from any number of nodes to one port of this machine; each sender is its own stream."""
+    """A UDP port of this machine that receives from any number of nodes; each sender is a stream."""
 
     datagrams = True
     refused: Counter[str] = Counter()
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises LinkError when the address is taken or not ours."""
+        """Bind the address; raise LinkError when it is in use or not of this machine."""
         self.where = f"udp://{host}:{port}"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
@@ -83,14 +81,14 @@ class UdpTransport:
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             try:
-                data, sender = self._socket.recvfrom(_READ_BYTES)
+                data, sender = self._socket.recvfrom(MAX_READ_BYTES)
             except (ConnectionRefusedError, BlockingIOError):
-                # An earlier answer met a closed port, or a checksum was wrong: news about a sender, not us.
+                # An earlier answer reached a closed port, or a checksum was wrong: not an error of this port.
                 return b"", ""
             return data, f"{sender[0]} {sender[1]}"
 
     def write(self, data: bytes, to: str) -> None:
-        """Send one datagram; that it cannot reach an address says nothing about the port."""
+        """Send one datagram; an unreachable address is not an error of the port."""
         host, _, port = to.rpartition(" ")
         with contextlib.suppress(OSError):
             self._socket.sendto(data, (host, int(port)))
@@ -100,7 +98,7 @@ class UdpTransport:
 
 
 class SealedTransport:
-    """UDP of which only proven datagrams come through; a sender is the serial of its board."""
+    """A UDP port that passes on authenticated datagrams only; a sender is the serial of its board."""
 
     datagrams = True
 
@@ -131,7 +129,7 @@ def _error_text(error: OSError | UnicodeError) -> str:
 
 
 def open_transport(port: PortName, finder: DeviceFinder, baud: int) -> Transport:
-    """Opens what a port name stands for.
+    """Open the port that a name stands for.
 
     Raises LinkError with the reason and what to do.
     """

@@ -1,4 +1,4 @@
-"""Writes to one open link, where it can hang from a thread of its own that holds up no other link."""
+"""Writes to one open link from a thread of its own, so that a blocked write delays no other link."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from hubodo.ingest.link.open_link import LinkDown, Transport
 
 _MAX_WRITE_WAIT_S = 0.25
-"""Transports give up after 0.1 s by themselves."""
+"""Longer than WRITE_TIMEOUT_S, after which a transport gives up by itself."""
 
 
 @dataclass(slots=True, eq=False)
@@ -21,23 +21,23 @@ class _WriteJob:
 
 
 class LinkWriter:
-    """The only one who writes to a transport, in a thread that begins with the first write.
+    """The only writer of a transport, with a thread that starts with the first write.
 
-    Datagrams leave at once or not at all, so they are written in the caller's thread.
+    Sending a datagram does not block, so datagrams are written in the caller's thread.
     """
 
     def __init__(self, transport: Transport, label: str) -> None:
         self.error: Exception | None = None
-        """What the transport raised, other than that the link is down."""
+        """Exception of the transport other than LinkDown."""
         self._transport = transport
         self._jobs: queue.SimpleQueue[_WriteJob | None] = queue.SimpleQueue()
         self._last: _WriteJob | None = None
         self._thread = threading.Thread(target=self._run, name=f"writer {label}", daemon=True)
 
     def write(self, data: bytes, to: str) -> bool:
-        """Write and return True once that is done; False when it failed, or takes longer than 0.25 s.
+        """Write and return True; return False when the write fails or takes longer than 0.25 s.
 
-        While a write hangs, further ones are refused at once.
+        While a write is blocked, further ones are refused at once.
         """
         if self.error is not None or (self._last is not None and not self._last.done.is_set()):
             return False
@@ -52,7 +52,7 @@ class LinkWriter:
         return job.done.wait(_MAX_WRITE_WAIT_S) and job.is_written
 
     def request_stop(self) -> None:
-        """Let the thread end once it is through."""
+        """Let the thread end after the writes that wait."""
         self._jobs.put(None)
 
     def _run(self) -> None:
@@ -65,6 +65,6 @@ class LinkWriter:
             self._transport.write(job.data, job.to)
             job.is_written = True
         except LinkDown:
-            pass  # the reader meets the same end and reports it
+            pass  # the reader gets the same error and reports it
         except Exception as error:  # noqa: BLE001 the reader reports it, and ends this attempt
             self.error = error

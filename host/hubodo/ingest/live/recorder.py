@@ -21,10 +21,10 @@ from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.identity import firmware_difference, hello_metadata
-from hubodo.ingest.node.naming import free_name
-from hubodo.ingest.node.published import ArrivalOrder, Published
-from hubodo.ingest.node.questions import identification_request
+from hubodo.ingest.node.identity import describe_firmware_difference, hello_metadata
+from hubodo.ingest.node.naming import assign_name
+from hubodo.ingest.node.published import LogTimeSequence, Published
+from hubodo.ingest.node.request_encoder import identification_request
 from hubodo.ingest.node.senders import Route
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.sink import Sink
@@ -63,7 +63,7 @@ class Recorder:
     ) -> None:
         self.bulkheads = bulkheads or Bulkheads(now_ns)
         self.links = {label: LinkSession(label, sink) for label in links}
-        self._order = ArrivalOrder()
+        self._order = LogTimeSequence()
         self.gnss = {label: GnssSession(label, sink, self._order) for label in gnss}
         self.nodes: dict[tuple[str, int, int], NodeSession] = {}
         """By link, node id, and which board of that id: on a line there is one."""
@@ -173,7 +173,7 @@ class Recorder:
         for link in self.links.values():
             link.restart_timeouts(event.t_ns)
         for node in self.nodes.values():
-            node.resumed(begin_ns, event.t_ns)
+            node.note_host_suspension(begin_ns, event.t_ns)
 
     def keep(self, news: LinkReport | Answer) -> None:
         """One thing for which there is no time left: bytes of nodes go into the log as they are."""
@@ -189,7 +189,7 @@ class Recorder:
         """Another log has begun: it is told what the one before knew and no message will say again."""
         now_ns = self._now_ns()
         for node in self.nodes.values():
-            self.bulkheads.run(_part(node), node.tell_again, now_ns)
+            self.bulkheads.run(_part(node), node.repeat_state, now_ns)
         self.map.repeat_origin(now_ns)
 
     def report(self, event: Event) -> None:
@@ -236,7 +236,7 @@ class Recorder:
         if self._misfit is not None:
             return self._misfit
         nodes = list(self.nodes.values())
-        refusals = [node.decoder.refusal for node in nodes if node.decoder.refusal is not None]
+        refusals = [node.decoder.mismatch_text for node in nodes if node.decoder.mismatch_text is not None]
         if refusals and len(refusals) == len(nodes) and {node.link for node in nodes} == set(self.links):
             return WireMismatch("; ".join(refusals))
         strangers = [link for link in self.links.values() if link.foreign is not None and not link.frames]
@@ -252,7 +252,7 @@ class Recorder:
 
     def _frame(self, link: LinkSession, route: Route, news: Chunk) -> None:
         """Hand a frame to its node, behind those that waited for it."""
-        if route.ask:
+        if route.should_identify:
             self._transmit(link.label, identification_request(route.node_id), news.sender)
         if route.board is None:
             return
@@ -264,7 +264,7 @@ class Recorder:
         self._pass_on(link, node, news.t_ns)
 
     def _read(self, node: NodeSession, frame: Frame, t_ns: int, link: LinkCounts, arrived_ns: int) -> None:
-        self._fuse(node.frame(frame, t_ns, link), arrived_ns)
+        self._fuse(node.handle_frame(frame, t_ns, link), arrived_ns)
 
     def _transmit(self, label: str, data: bytes, to: str) -> bool:
         sent: list[bool] = []
@@ -275,11 +275,11 @@ class Recorder:
 
     def _pass_on(self, link: LinkSession, receiver: NodeSession, t_ns: int) -> None:
         """What a receiver says of the nodes behind it, to these."""
-        heard, receiver.heard = receiver.heard, []
+        heard, receiver.received_signals = receiver.received_signals, []
         for signal in heard:
             for node in self._on(link.label):
                 if node.node_id == signal.of_node:
-                    self._fuse(node.radio(signal), t_ns)
+                    self._fuse(node.update_signal(signal), t_ns)
 
     def _node(self, link: LinkSession, key: tuple[str, int, int]) -> NodeSession:
         node = self.nodes.get(key)
@@ -303,7 +303,7 @@ class Recorder:
 
     def _name(self, label: str, node_id: int) -> str:
         taken = {node.name for node in self.nodes.values()}
-        unique, clash = free_name(self._names[label], node_id, taken)
+        unique, clash = assign_name(self._names[label], node_id, taken)
         if not clash:
             return unique
         name = node_name(node_id)
@@ -353,7 +353,7 @@ class Recorder:
         }
         if versions != self._firmware:
             self._firmware = versions
-            difference = firmware_difference(versions)
+            difference = describe_firmware_difference(versions)
             if difference is not None:
                 self.warn("recorder", difference)
 

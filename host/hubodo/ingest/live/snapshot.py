@@ -251,13 +251,13 @@ def _link(link: LinkSession) -> LinkNow:
         link.connection.disconnections,
         link.foreign,
         link.connection.faults,
-        link.datagrams_refused + link.senders.refused,
-        link.senders.evicted,
+        link.datagrams_refused + link.senders.frames_refused,
+        link.senders.senders_evicted,
     )
 
 
 def _node(node: NodeSession, now_ns: int) -> NodeNow:
-    counts, clock, health, newest = node.decoder.counts, node.clock.estimate(), node.health, node.newest
+    counts, clock, health, newest = node.decoder.counts, node.clock.estimate(), node.health, node.newest_block
     return NodeNow(
         node.name,
         node.link,
@@ -274,10 +274,10 @@ def _node(node: NodeSession, now_ns: int) -> NodeNow:
         clock.sigma_ns / NS_PER_S if clock.source != "none" else None,
         newest.temperature if newest is not None else None,
         health.battery_mv / 1000 if health is not None and health.battery_mv else None,
-        node.filter.bias if node.filter is not None else None,
+        node.filter_report.bias if node.filter_report is not None else None,
         _mean(newest.gyro) if newest is not None else None,
         _mean(newest.accel) if newest is not None else None,
-        node.decoder.refusal,
+        node.decoder.mismatch_text,
     )
 
 

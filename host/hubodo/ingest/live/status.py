@@ -12,7 +12,7 @@ from rich.table import Table
 
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.node.bias_filter import filter_json
+from hubodo.ingest.node.bias_filter import filter_report_json
 from hubodo.log.log_series import LogSeries
 
 
@@ -151,15 +151,15 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
             "frames": counts.frames,
             "frames_lost": counts.frames_lost,
             "frames_late": counts.frames_late,
-            "frames_unread": counts.frames_unread,
+            "frames_unread": counts.frames_undecoded,
             "samples": counts.samples,
             "samples_lost": counts.samples_lost,
             "rate_hz": node.mean_rate(),
             "saturated_batches": counts.saturated_batches,
             "gaps": dict(node.gaps),
             "restarts": counts.restarts,
-            "refused": node.decoder.refusal,
-            "bias_filter": filter_json(node.filter),
+            "refused": node.decoder.mismatch_text,
+            "bias_filter": filter_report_json(node.filter_report),
             "battery_mv": health.battery_mv if health is not None else None,
             "clock": node.clock.estimate().as_json(),
         }
@@ -237,6 +237,6 @@ def _link_json(link: LinkSession) -> dict[str, Any]:
         "frames_cut": link.frames_cut,
         "disconnections": link.connection.disconnections,
         "faults": link.connection.faults,
-        "refused": link.datagrams_refused + link.senders.refused,
-        "senders_evicted": link.senders.evicted,
+        "refused": link.datagrams_refused + link.senders.frames_refused,
+        "senders_evicted": link.senders.senders_evicted,
     }

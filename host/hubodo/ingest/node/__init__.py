@@ -1,1 +1,1 @@
-"""A node's bytes to timed samples."""
+"""Decoding of a node's frames to samples with host times."""

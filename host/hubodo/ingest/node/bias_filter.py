@@ -1,4 +1,4 @@
-"""What a node's own bias filter says: from the wire, into the log, and in words and numbers for people."""
+"""Reports of a node's own bias filter: conversion from the wire, log columns, JSON and text."""
 
 from __future__ import annotations
 
@@ -6,73 +6,73 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from hubodo.ingest.node.identity import known_name
-from hubodo.ingest.node.samples import FilterSeen, Vector
+from hubodo.ingest.node.identity import code_name
+from hubodo.ingest.node.outputs import BiasFilterReport, Vector
 from hubodo.recording import BIAS_FILTER_COLUMNS
 from hubowire.messages import Filter, FilterState
 
 
-def filter_seen(message: Filter, device_ns: int, step: float, t_ns: int) -> FilterSeen:
-    """The node's numbers in rad/s; step: of its gyro, rad/s."""
+def decode_filter_report(message: Filter, device_ns: int, gyro_lsb: float, t_ns: int) -> BiasFilterReport:
+    """Return a filter report in SI units; gyro_lsb: rad/s per count of the gyro."""
 
     def vector(values: Iterable[float], factor: float) -> Vector:
         x, y, z = (value * factor for value in values)
         return x, y, z
 
-    return FilterSeen(
+    return BiasFilterReport(
         device_ns,
         message.state,
         message.samples,
-        vector(message.rate_q8, step / 256.0),
-        vector(message.bias_q12, step / 4096.0),
-        vector((math.sqrt(variance / 256.0) for variance in message.variance_q8), step),
-        vector((sigma or math.nan for sigma in message.bias_sigma_q12), step / 4096.0),
+        vector(message.rate_q8, gyro_lsb / 256.0),
+        vector(message.bias_q12, gyro_lsb / 4096.0),
+        vector((math.sqrt(variance / 256.0) for variance in message.variance_q8), gyro_lsb),
+        vector((sigma or math.nan for sigma in message.bias_sigma_q12), gyro_lsb / 4096.0),
         message.saturations,
         t_ns,
     )
 
 
-def filter_columns(seen: FilterSeen) -> dict[str, float]:
-    """One row of the channel, by column."""
+def filter_report_columns(report: BiasFilterReport) -> dict[str, float]:
+    """Return the report as one row of the log channel, by column."""
     values = (
-        seen.state,
-        seen.samples,
-        seen.saturations,
-        *seen.rate,
-        *seen.bias,
-        *seen.noise,
-        *seen.bias_sigma,
+        report.state,
+        report.samples,
+        report.saturations,
+        *report.rate,
+        *report.bias,
+        *report.noise,
+        *report.bias_sigma,
     )
     return dict(zip(BIAS_FILTER_COLUMNS[1:], map(float, values), strict=True))
 
 
-def seen_row(seen: FilterSeen) -> dict[str, float]:
-    """The same with its device time, s, as `filter_words` takes it."""
-    return {"t": seen.device_ns * 1e-9, **filter_columns(seen)}
+def filter_report_row(report: BiasFilterReport) -> dict[str, float]:
+    """Return the row with its device time t, s, for `describe_filter_row`."""
+    return {"t": report.device_ns * 1e-9, **filter_report_columns(report)}
 
 
-def filter_json(seen: FilterSeen | None) -> dict[str, Any] | None:
-    """For programs: rad/s; sigmas None where the node does not know them."""
-    if seen is None:
+def filter_report_json(report: BiasFilterReport | None) -> dict[str, Any] | None:
+    """Return the report as JSON: rad/s; sigmas are None where the node does not know them."""
+    if report is None:
         return None
     return {
-        "state": known_name(FilterState, seen.state),
-        "samples": seen.samples,
-        "bias": list(seen.bias),
-        "sigma": [None if math.isnan(sigma) else sigma for sigma in seen.bias_sigma],
+        "state": code_name(FilterState, report.state),
+        "samples": report.samples,
+        "bias": list(report.bias),
+        "sigma": [None if math.isnan(sigma) else sigma for sigma in report.bias_sigma],
     }
 
 
-def filter_words(row: Mapping[str, float]) -> str:
-    """A row of the channel in one line: the bias with its sigma, and what it rests on."""
+def describe_filter_row(row: Mapping[str, float]) -> str:
+    """Describe a row of the channel in one line: the bias with its sigma, and its origin."""
     if row["state"] != FilterState.TRACKING:
-        return f"{known_name(FilterState, int(row['state']))}, no bias is known"
-    bias = ", ".join(f"{axis} {_value_words(row, axis)}" for axis in "xyz")
+        return f"{code_name(FilterState, int(row['state']))}, bias unknown"
+    bias = ", ".join(f"{axis} {_format_bias(row, axis)}" for axis in "xyz")
     samples = int(row["samples"])
     origin = f"from {samples} samples" if samples else "from the node's settings"
     return f"{bias} °/s, {origin}"
 
 
-def _value_words(row: Mapping[str, float], axis: str) -> str:
+def _format_bias(row: Mapping[str, float], axis: str) -> str:
     bias, sigma = math.degrees(row[f"bias_{axis}"]), math.degrees(row[f"sigma_{axis}"])
     return f"{bias:+.3f}" if math.isnan(sigma) else f"{bias:+.3f} ± {sigma:.3f}"

@@ -1,4 +1,4 @@
-"""What a node's decoder keeps: counts, and of one start of it its scales and where each stream stands."""
+"""State of a node's decoder: counters, and for one boot the Hello and the position in each stream."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hubowire.messages import Health, Hello
 
 @dataclass(slots=True)
 class NodeCounts:
-    """What has come from a node, and what has not."""
+    """Numbers of frames and samples received from a node, lost, or not decoded."""
 
     frames: int = 0
     frames_lost: int = 0
     frames_late: int = 0
-    frames_unread: int = 0  # no Hello in time, refused, or a payload shorter than its message
+    frames_undecoded: int = 0  # no Hello in time, wire mismatch, or a payload shorter than its message
     samples: int = 0
     samples_lost: int = 0
     saturated_batches: int = 0
@@ -26,17 +26,17 @@ class NodeCounts:
 
 
 @dataclass(slots=True)
-class StreamPlace:
-    """Where one message type stood at its newest frame."""
+class StreamState:
+    """State of one message type at its newest frame: sequence number, arrival time and link counters."""
 
     seq: int
     t_ns: int
-    link: LinkCounts
+    link_counts: LinkCounts
 
 
 @dataclass(slots=True)
 class BatchTail:
-    """Where the samples stood after the newest batch."""
+    """Sample number and device time expected after the newest batch."""
 
     next_index: int
     next_device_ns: int
@@ -45,34 +45,36 @@ class BatchTail:
 
 
 @dataclass(slots=True)
-class Boot:
-    """What is true from one start of the node to its next."""
+class BootState:
+    """State of a node from one boot to the next."""
 
     hello: Hello
     ticks: TickUnwrapper = field(default_factory=TickUnwrapper)
-    streams: dict[int, StreamPlace] = field(default_factory=dict)
+    streams: dict[int, StreamState] = field(default_factory=dict)
     tail: BatchTail | None = None
     health: Health | None = None
 
 
-def first_sample_ns(boot: Boot, batch: WireBatch, t_ns: int, frames_lost: int) -> int:
-    """Return the device time of a batch's first sample, in ns on the unbroken scale.
+def unwrap_first_sample(boot: BootState, batch: WireBatch, t_ns: int, frames_lost: int) -> int:
+    """Return the unwrapped device time of a batch's first sample, ns.
 
-    The frames lost before the batch bound that time from below.
+    The number of frames lost before the batch bounds that time from below.
     """
     tail = boot.tail
     if tail is None:
         return boot.ticks.unwrap(batch.t_us, t_ns) * 1000
     period_ns = min(batch.period_ns or tail.period_ns, tail.period_ns)
-    counted_ns = tail.next_device_ns + frames_lost * batch.samples * period_ns
-    return boot.ticks.unwrap(batch.t_us, t_ns, counted_ns // 1000) * 1000
+    earliest_ns = tail.next_device_ns + frames_lost * batch.sample_count * period_ns
+    return boot.ticks.unwrap(batch.t_us, t_ns, earliest_ns // 1000) * 1000
 
 
-def samples_lost(tail: BatchTail, index: int, first_ns: int, period_ns: int, overrun: bool) -> int | None:
-    """Samples between two batches: exact by number, with the device time telling whole turns of 2^16.
+def count_lost_samples(
+    tail: BatchTail, index: int, first_ns: int, period_ns: int, overrun: bool
+) -> int | None:
+    """Return the number of samples lost between two batches.
 
-    None where the chip itself lost them for so long that the node began to count anew: then numbers and
-    time disagree.
+    The sample numbers give it modulo 2^16, the device time the multiple of 2^16. Return None where the two
+    disagree after an overrun of the chip's FIFO, because the node restarted its sample numbers.
     """
     by_index = (index - tail.next_index) & 0xFFFF
     by_time = (first_ns - tail.next_device_ns) / period_ns

@@ -1,4 +1,4 @@
-"""A talk with one node: who it is, what it is asked, and what it answers."""
+"""A dialogue with one node: identification, requests and answers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hubodo.ingest.link.foreign_bytes import describe_foreign_bytes
 from hubodo.ingest.link.open_link import LinkDown, Transport
 from hubodo.ingest.link.ports import DeviceFinder, PortName
 from hubodo.ingest.link.transport import open_transport
-from hubodo.ingest.node.questions import Questions, reason_words
+from hubodo.ingest.node.request_encoder import RequestEncoder, describe_reason
 from hubowire import (
     FINGERPRINT,
     Frame,
@@ -37,28 +37,31 @@ from hubowire.messages import (
     RebootMode,
 )
 
-_READ_S = 0.05
-_MEET_S = 4.0
-_OTHERS_S = 0.4
-_ANSWER_S = 1.0
-_TRIES = 3
-_REOPEN_S = 0.2
-_SAMPLE_BYTES = 512
+_POLL_TIMEOUT_S = 0.05
+_FIRST_FRAME_TIMEOUT_S = 4.0
+_OTHER_NODES_WAIT_S = 0.4
+_ANSWER_TIMEOUT_S = 1.0
+_MAX_REQUEST_ATTEMPTS = 3
+_REOPEN_INTERVAL_S = 0.2
+_FOREIGN_SAMPLE_BYTES = 512
 
 
 class NodeRefused(HubodoError):
-    """A node said no."""
+    """Raised when a node refuses a request."""
 
 
 class PortGone(LinkError):
-    """The port went away in the middle of a talk, as one does whose node starts anew."""
+    """Raised when the port is lost during the dialogue, as it is when the node restarts."""
 
 
 class Conversation:
-    """One node behind a port; a context manager. hello, health, filter: the newest that it said of itself."""
+    """A dialogue with one node on a port; a context manager.
+
+    hello, health, filter: the newest messages of these types from the node.
+    """
 
     def __init__(self, port: PortName, baud: int, node_id: int | None = None) -> None:
-        """node_id: which node where several share the line; None: the only one.
+        """Open the port; node_id: the node where several share the line, None for the only one.
 
         Raises LinkError when the port cannot be opened.
         """
@@ -70,11 +73,11 @@ class Conversation:
         self._finder = DeviceFinder(port)
         self._transport: Transport | None = open_transport(port, self._finder, baud)
         self._decoders: dict[str, FrameDecoder] = {}
-        self._questions = Questions(node_id or 0)
-        self._heard: set[int] = set()
+        self._request_encoder = RequestEncoder(node_id or 0)
+        self._received_ids: set[int] = set()
         self._sender = ""
-        self._strange = bytearray()
-        self._bytes = 0
+        self._first_bytes = bytearray()
+        self._byte_count = 0
 
     def __enter__(self) -> Self:
         return self
@@ -84,104 +87,114 @@ class Conversation:
     ) -> None:
         self._close()
 
-    def meet(self) -> Hello:
-        """Waits for the node to speak, then asks who it is.
+    def identify(self) -> Hello:
+        """Wait for a frame of the node, then request and return its Hello.
 
-        A node that boots must not be sent anything, so nothing is until it has spoken. Raises LinkError when
-        nothing comes, or no frames; InputError when several nodes speak and none was chosen; WireMismatch
-        when it was built from another message table.
+        Nothing must be sent to a node during its boot, so nothing is sent before its first frame. Raises
+        LinkError when no frame is received; InputError when several nodes are received and none was chosen;
+        WireMismatch when the node was built from another message table.
         """
-        self._wait(lambda: self._speaks(), _MEET_S)
+        self._wait(lambda: self._is_received(), _FIRST_FRAME_TIMEOUT_S)
         if self.node_id is None:
-            self._wait(lambda: len(self._heard) > 1, _OTHERS_S)
-            if len(self._heard) > 1:
-                ids = ", ".join(f"{number} ({node_name(number)})" for number in sorted(self._heard))
-                raise InputError(f"{self._port.text}: nodes {ids} are there; say which with --node-id")
-        if not self._speaks():
-            raise LinkError(f"{self._port.text}: {self._silence()}")
+            self._wait(lambda: len(self._received_ids) > 1, _OTHER_NODES_WAIT_S)
+            if len(self._received_ids) > 1:
+                ids = ", ".join(f"{number} ({node_name(number)})" for number in sorted(self._received_ids))
+                raise InputError(f"{self._port.text}: nodes {ids} are present; choose one with --node-id")
+        if not self._is_received():
+            raise LinkError(f"{self._port.text}: {self._describe_silence()}")
         if self.node_id is None:
-            self.node_id = next(iter(self._heard))
-            self._questions = Questions(self.node_id)
+            self.node_id = next(iter(self._received_ids))
+            self._request_encoder = RequestEncoder(self.node_id)
         hellos: list[Hello] = []
 
-        def told(frame: Frame, said: AnyMessage) -> None:
+        def collect_hello(frame: Frame, said: AnyMessage) -> None:
             if isinstance(said, Hello):
                 hellos.append(said)
 
-        for _ in range(_TRIES):
+        for _ in range(_MAX_REQUEST_ATTEMPTS):
             self._send(GetHello())
-            if self._wait(lambda: bool(hellos), _ANSWER_S, told):
+            if self._wait(lambda: bool(hellos), _ANSWER_TIMEOUT_S, collect_hello):
                 return hellos[-1]
-        raise LinkError(f"{self._port.text}: the node speaks but does not answer; unplug it, plug it in")
+        raise LinkError(
+            f"{self._port.text}: the node sends frames but does not answer; unplug it and plug it in again"
+        )
 
-    def ask(self, message: Message, *, seconds: float = _ANSWER_S, tries: int = _TRIES) -> None:
-        """Asks, and asks again after each silence of so many seconds.
+    def request(
+        self, message: Message, *, timeout_s: float = _ANSWER_TIMEOUT_S, attempts: int = _MAX_REQUEST_ATTEMPTS
+    ) -> None:
+        """Send a request, repeat it after each timeout, and return once it is acknowledged.
 
-        Raises InputError when the node finds a value bad, NodeRefused for its other reasons, LinkError when
-        it never answers.
+        Raises InputError when the node rejects a value, NodeRefused for its other reasons, LinkError when
+        it does not answer.
         """
         answers: list[Ack | Nack] = []
-        asked: set[int] = set()
+        request_seqs: set[int] = set()
 
-        def answered(frame: Frame, said: AnyMessage) -> None:
-            if isinstance(said, Ack | Nack) and said.request == message.type_id and said.request_seq in asked:
+        def collect_answer(frame: Frame, said: AnyMessage) -> None:
+            if (
+                isinstance(said, Ack | Nack)
+                and said.request == message.type_id
+                and said.request_seq in request_seqs
+            ):
                 answers.append(said)
 
-        for _ in range(tries):
-            asked.add(self._send(message))
-            if self._wait(lambda: bool(answers), seconds, answered):
+        for _ in range(attempts):
+            request_seqs.add(self._send(message))
+            if self._wait(lambda: bool(answers), timeout_s, collect_answer):
                 break
         name = type(message).__name__
         if not answers:
-            raise LinkError(f"{self._port.text}: no answer to {name}; is the node still there?")
+            raise LinkError(f"{self._port.text}: no answer to {name}; is the node still connected?")
         if isinstance(answers[0], Nack):
-            raise _refusal(self._port.text, name, answers[0])
+            raise _refusal_error(self._port.text, name, answers[0])
 
-    def now_called(self, node_id: int) -> None:
-        """The node has another id from here on."""
-        self.node_id, self._heard = node_id, set()
-        self._questions = Questions(node_id)
+    def set_node_id(self, node_id: int) -> None:
+        """Address the node by another id from now on."""
+        self.node_id, self._received_ids = node_id, set()
+        self._request_encoder = RequestEncoder(node_id)
 
-    def wait(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Listens until `done` or so many seconds have gone by; whether it is done."""
-        return self._wait(done, seconds)
+    def wait_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Receive until `done` returns True or the timeout; return whether it did."""
+        return self._wait(done, timeout_s)
 
-    def restart(self, mode: RebootMode) -> None:
-        """Has the node start anew; its port may go before the answer has been read. Raises as `ask` does."""
+    def restart_node(self, mode: RebootMode) -> None:
+        """Restart the node; its port may disappear before the answer is read. Raises as `request` does."""
         with contextlib.suppress(PortGone):
-            self.ask(Reboot(mode), tries=1)
+            self.request(Reboot(mode), attempts=1)
 
-    def again(self, seconds: float, boot_id: int) -> Hello:
-        """The Hello of the start after that: the port may go and come back meanwhile. Raises LinkError."""
-        end = time.monotonic() + seconds
+    def wait_for_restart(self, timeout_s: float, boot_id: int) -> Hello:
+        """Return the first Hello after a restart, reopening the port if necessary. Raises LinkError."""
+        end = time.monotonic() + timeout_s
         while time.monotonic() < end:
             try:
                 if self._transport is None:
                     self._transport = open_transport(self._port, self._finder, self._baud)
-                if self._wait(lambda: self._started_since(boot_id), _REOPEN_S):
+                if self._wait(lambda: self._has_restarted(boot_id), _REOPEN_INTERVAL_S):
                     assert self.hello is not None
                     return self.hello
             except LinkError:
                 self._close()
-                time.sleep(_REOPEN_S)
-        raise LinkError(f"{self._port.text}: no Hello {seconds:.0f} s after the restart; see `hubodo doctor`")
+                time.sleep(_REOPEN_INTERVAL_S)
+        raise LinkError(
+            f"{self._port.text}: no Hello {timeout_s:.0f} s after the restart; see `hubodo doctor`"
+        )
 
-    def _started_since(self, boot_id: int) -> bool:
+    def _has_restarted(self, boot_id: int) -> bool:
         return self.hello is not None and self.hello.boot_id != boot_id
 
-    def _speaks(self) -> bool:
-        return bool(self._heard) if self.node_id is None else self.node_id in self._heard
+    def _is_received(self) -> bool:
+        return bool(self._received_ids) if self.node_id is None else self.node_id in self._received_ids
 
-    def _silence(self) -> str:
-        if self._heard:
-            ids = ", ".join(map(str, sorted(self._heard)))
-            return f"node {self.node_id} does not speak; there: {ids}"
-        if not self._bytes:
-            return f"nothing came for {_MEET_S:.0f} s; is the node powered, and its program running?"
-        return describe_foreign_bytes(bytes(self._strange), self._bytes)
+    def _describe_silence(self) -> str:
+        if self._received_ids:
+            ids = ", ".join(map(str, sorted(self._received_ids)))
+            return f"node {self.node_id} is not received; received: {ids}"
+        if not self._byte_count:
+            return f"no data for {_FIRST_FRAME_TIMEOUT_S:.0f} s; is the node powered and its program running?"
+        return describe_foreign_bytes(bytes(self._first_bytes), self._byte_count)
 
     def _send(self, message: Message) -> int:
-        seq, data = self._questions.wire(message)
+        seq, data = self._request_encoder.encode_request(message)
         try:
             if self._transport is not None:
                 self._transport.write(data, self._sender)
@@ -192,30 +205,30 @@ class Conversation:
     def _wait(
         self,
         done: Callable[[], bool],
-        seconds: float,
-        watch: Callable[[Frame, AnyMessage], None] = lambda frame, message: None,
+        timeout_s: float,
+        on_message: Callable[[Frame, AnyMessage], None] = lambda frame, message: None,
     ) -> bool:
-        end = time.monotonic() + seconds
+        end = time.monotonic() + timeout_s
         while not done():
-            left = end - time.monotonic()
-            if left <= 0 or self._transport is None:
+            remaining_s = end - time.monotonic()
+            if remaining_s <= 0 or self._transport is None:
                 return False
             try:
-                data, sender = self._transport.read(min(left, _READ_S))
+                data, sender = self._transport.read(min(remaining_s, _POLL_TIMEOUT_S))
             except LinkDown as down:
                 raise PortGone(str(down)) from None
-            self._bytes += len(data)
-            self._strange += data[: _SAMPLE_BYTES - len(self._strange)]
+            self._byte_count += len(data)
+            self._first_bytes += data[: _FOREIGN_SAMPLE_BYTES - len(self._first_bytes)]
             for frame in self._decoders.setdefault(sender, FrameDecoder()).feed(data) if data else ():
-                self._heard.add(frame.node)
+                self._received_ids.add(frame.node)
                 if self.node_id in (None, frame.node):
                     self._sender = sender
-                    message = self._take(frame)
+                    message = self._decode_frame(frame)
                     if message is not None:
-                        watch(frame, message)
+                        on_message(frame, message)
         return True
 
-    def _take(self, frame: Frame) -> AnyMessage | None:
+    def _decode_frame(self, frame: Frame) -> AnyMessage | None:
         try:
             if frame.type_id == Hello.type_id and self.node_id is not None:
                 fingerprint, version = hello_identity(frame.payload)
@@ -242,7 +255,7 @@ class Conversation:
             self._transport = None
 
 
-def _refusal(port: str, name: str, answer: Nack) -> HubodoError:
+def _refusal_error(port: str, name: str, answer: Nack) -> HubodoError:
     detail = f" ({answer.detail})" if answer.detail else ""
-    text = f"{port}: the node refuses {name}: {reason_words(answer.reason)}{detail}"
+    text = f"{port}: the node refuses {name}: {describe_reason(answer.reason)}{detail}"
     return InputError(text) if answer.reason == Reason.BAD_VALUE else NodeRefused(text)

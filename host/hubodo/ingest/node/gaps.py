@@ -1,4 +1,4 @@
-"""Gaps of one node's streams: how much is missing, since when, and by which cause."""
+"""Gaps in the streams of one node: extent, time and cause."""
 
 from __future__ import annotations
 
@@ -11,38 +11,47 @@ from numpy.typing import NDArray
 
 from hubodo.recording import Event
 
-RESTART = "node restarted"
+NODE_RESTARTED = "node restarted"
 LINK_DOWN = "link down"
-OVERRUN = "chip overrun"
-DAMAGE = "damaged bytes"
-DROPPED = "node dropped frames"
-ON_THE_WAY = "lost on the way"
-ON_THE_AIR = "lost on the air"
-STANDSTILL = "the computer stood still"
+CHIP_OVERRUN = "chip overrun"
+DAMAGED_BYTES = "damaged bytes"
+DROPPED_BY_NODE = "node dropped frames"
+LOST_IN_TRANSIT = "lost on the way"
+LOST_BY_RADIO = "lost on the air"
+HOST_SUSPENDED = "the computer stood still"
 
-_HEALTHS_TO_WAIT = 2
-_WAIT_NS = 6_000_000_000
-_BACKLOG_NS = 1_000_000_000  # after a standstill, to read what the line has held
-_STANDSTILL_NS = 3_000_000_000  # shorter silences are not due to a standstill, which lasts 5 s
+_HEALTH_REPORTS_TO_WAIT = 2
+_MAX_WAIT_NS = 6_000_000_000
+_BACKLOG_NS = 1_000_000_000  # after a suspension, until the data buffered on the line is read
+_MIN_SUSPENSION_GAP_NS = 3_000_000_000  # shorter gaps are not due to a suspension, which lasts 5 s or more
 
 Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
 class LinkCounts:
-    """What had happened on the link until a moment; two of them tell what happened between."""
+    """Counters of a link at one time; the difference of two shows what happened between."""
 
-    damaged: int = 0
+    damaged_frames: int = 0
     disconnections: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class WireGap:
-    """Missing data of one stream.
+    """A gap in one stream.
 
-    stream: message name; start_ns, end_ns: host times of the frames on both sides; frames_lost by
-    sequence number; samples_lost by sample number, None where the count cannot be known. device_ns:
-    device times of the last sample before and the first one behind, where the node went on counting.
+    Attributes
+    ----------
+    stream
+        Message name.
+    start_ns, end_ns
+        Host times of the frames before and after the gap.
+    frames_lost
+        Number of frames by sequence number.
+    samples_lost
+        Number of samples by sample number; None where it cannot be known.
+    device_ns
+        Device times of the last sample before and the first after the gap; None across a restart.
     """
 
     stream: str
@@ -54,14 +63,14 @@ class WireGap:
 
     @property
     def duration_ns(self) -> int:
-        """Length by the node's clock where that is known, else by the times of arrival."""
+        """Duration by the node's clock where known, else by the times of arrival."""
         first, last = self.device_ns or (self.start_ns, self.end_ns)
         return last - first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WireGaps:
-    """Many gaps of a node's samples, (n,) each and as of `WireGap`; device_ns: (n, 2)."""
+class WireGapArrays:
+    """Gaps in a node's samples as arrays (n,) with the meaning of `WireGap`; device_ns: (n, 2)."""
 
     start_ns: Times
     end_ns: Times
@@ -72,10 +81,10 @@ class WireGaps:
     def __len__(self) -> int:
         return len(self.start_ns)
 
-    def take(self, rows: NDArray[np.bool_] | slice) -> WireGaps:
-        """Those of them."""
+    def select(self, rows: NDArray[np.bool_] | slice) -> WireGapArrays:
+        """Return the gaps at these rows."""
         columns = (self.start_ns, self.end_ns, self.frames_lost, self.samples_lost, self.device_ns)
-        return WireGaps(*(column[rows] for column in columns))
+        return WireGapArrays(*(column[rows] for column in columns))
 
     def __iter__(self) -> Iterator[WireGap]:
         times = zip(self.start_ns.tolist(), self.end_ns.tolist(), self.device_ns.tolist(), strict=True)
@@ -85,39 +94,39 @@ class WireGaps:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GapsSeen:
-    """Gaps of one cause."""
+class GapGroup:
+    """Gaps of one node with the same cause."""
 
     node: str
     cause: str
-    gaps: WireGaps
+    gaps: WireGapArrays
 
-    def events(self) -> Iterator[Event]:
-        """The event of each."""
-        return (_event(self.node, gap, self.cause) for gap in self.gaps)
+    def to_events(self) -> Iterator[Event]:
+        """Return the event of each gap."""
+        return (_gap_event(self.node, gap, self.cause) for gap in self.gaps)
 
 
 @dataclass(slots=True, eq=False)
-class _Waiting:
-    gaps: WireGaps | tuple[WireGap]
-    healths: int = 0
+class _PendingGaps:
+    gaps: WireGapArrays | tuple[WireGap]
+    health_reports: int = 0
     cause: str | None = None
-    """The cause unless the computer stood still; None while the node's reports are to decide."""
+    """Cause unless the host was suspended; None while the node's reports are to decide."""
 
 
-class GapLedger:
-    """Names the cause of each gap of one node.
+class GapClassifier:
+    """Assigns a cause to each gap of one node.
 
-    A gap that neither the link nor the node's flags explain waits for the node's own account: its
-    second `Health` from then on has counted every frame given up before the gap was seen.
+    A gap that neither the link nor the node's flags explain waits for the node's own counters: its second
+    `Health` after the gap includes every frame dropped before the gap was detected.
     """
 
     def __init__(self, node: str) -> None:
         self._node = node
-        self._waiting: deque[_Waiting] = deque()
-        self._dropped: int | None = None
-        self._on_air: int | None = None
-        self._standstill = (0, 0)  # host times of the newest one
+        self._pending: deque[_PendingGaps] = deque()
+        self._frames_dropped: int | None = None
+        self._radio_losses: int | None = None
+        self._suspension_ns = (0, 0)  # start and end of the newest suspension of the host
 
     def add(
         self,
@@ -128,89 +137,90 @@ class GapLedger:
         overrun: bool = False,
         restart: bool = False,
     ) -> Iterator[Event]:
-        """A gap has been seen; yields its event once the cause is plain."""
+        """Add a gap and yield its event if the cause is already known."""
         if restart:
-            yield _event(self._node, gap, RESTART)
+            yield _gap_event(self._node, gap, NODE_RESTARTED)
         elif now.disconnections != before.disconnections:
-            yield _event(self._node, gap, LINK_DOWN)
-        elif now.damaged != before.damaged and gap.frames_lost:
-            cause = f"{DAMAGE}, {OVERRUN}" if overrun else DAMAGE
-            if gap.duration_ns < _STANDSTILL_NS:
-                yield _event(self._node, gap, cause)
+            yield _gap_event(self._node, gap, LINK_DOWN)
+        elif now.damaged_frames != before.damaged_frames and gap.frames_lost:
+            cause = f"{DAMAGED_BYTES}, {CHIP_OVERRUN}" if overrun else DAMAGED_BYTES
+            if gap.duration_ns < _MIN_SUSPENSION_GAP_NS:
+                yield _gap_event(self._node, gap, cause)
             else:
-                # A line that runs over while the computer stands still cuts a frame in two.
-                self._waiting.append(_Waiting((gap,), cause=cause))
+                # A line that overflows during a suspension of the host cuts a frame in two.
+                self._pending.append(_PendingGaps((gap,), cause=cause))
         elif overrun:
-            yield _event(self._node, gap, OVERRUN)
+            yield _gap_event(self._node, gap, CHIP_OVERRUN)
         else:
-            self._waiting.append(_Waiting((gap,)))
+            self._pending.append(_PendingGaps((gap,)))
 
-    def add_many(self, gaps: WireGaps, before: Times, now: Times) -> Iterator[GapsSeen]:
-        """Gaps with frames lost, none overrun; before, now: (n,) damaged pieces at the frames beside each."""
+    def add_many(self, gaps: WireGapArrays, before: Times, now: Times) -> Iterator[GapGroup]:
+        """Add gaps without overrun; before, now: (n,) damaged frames of the link before, after each gap."""
         damaged = now != before
         if damaged.any():
-            yield GapsSeen(self._node, DAMAGE, gaps.take(damaged))
+            yield GapGroup(self._node, DAMAGED_BYTES, gaps.select(damaged))
         if not damaged.all():
-            self._waiting.append(_Waiting(gaps.take(~damaged)))
+            self._pending.append(_PendingGaps(gaps.select(~damaged)))
 
-    def health(self, frames_dropped: int) -> Iterator[Event]:
-        """The node's counter of frames it gave up."""
-        grew = self._dropped is not None and frames_dropped > self._dropped
-        grew = grew or (self._dropped is None and frames_dropped > 0)
-        self._dropped = frames_dropped
-        for waiting in list(self._waiting):
-            waiting.healths += 1
-            if grew:
-                yield from self._settle(waiting, DROPPED)
-            elif waiting.healths >= _HEALTHS_TO_WAIT:
-                yield from self._settle(waiting, ON_THE_WAY)
+    def update_dropped(self, frames_dropped: int) -> Iterator[Event]:
+        """Update the node's counter of dropped frames and yield the events of gaps resolved by it."""
+        has_grown = self._frames_dropped is not None and frames_dropped > self._frames_dropped
+        has_grown = has_grown or (self._frames_dropped is None and frames_dropped > 0)
+        self._frames_dropped = frames_dropped
+        for waiting in list(self._pending):
+            waiting.health_reports += 1
+            if has_grown:
+                yield from self._resolve(waiting, DROPPED_BY_NODE)
+            elif waiting.health_reports >= _HEALTH_REPORTS_TO_WAIT:
+                yield from self._resolve(waiting, LOST_IN_TRANSIT)
 
-    def radio(self, frames_lost: int) -> Iterator[Event]:
-        """The counter of a receiver, of frames that did not come whole by radio."""
-        grew = frames_lost > (self._on_air or 0)
-        self._on_air = frames_lost
-        if grew:
-            for waiting in list(self._waiting):
-                yield from self._settle(waiting, ON_THE_AIR)
+    def update_radio_losses(self, frames_lost: int) -> Iterator[Event]:
+        """Update a radio receiver's counter of incomplete frames; yield the events of gaps resolved by it."""
+        has_grown = frames_lost > (self._radio_losses or 0)
+        self._radio_losses = frames_lost
+        if has_grown:
+            for waiting in list(self._pending):
+                yield from self._resolve(waiting, LOST_BY_RADIO)
 
-    def resumed(self, begin_ns: int, end_ns: int) -> None:
-        """The computer stood still between these host times: it is the cause of gaps that wait for one."""
-        self._standstill = begin_ns, end_ns
+    def note_host_suspension(self, start_ns: int, end_ns: int) -> None:
+        """Note a suspension of the host between these host times as the cause of pending gaps."""
+        self._suspension_ns = start_ns, end_ns
 
-    def restarted(self) -> None:
-        """The node's counters have started anew."""
-        self._dropped = 0
+    def note_restart(self) -> None:
+        """Note that the node's counters were reset by a restart."""
+        self._frames_dropped = 0
 
     def tick(self, now_ns: int) -> Iterator[Event]:
-        """Names what has waited too long for a `Health`."""
-        while self._waiting:
-            first = self._waiting[0]
-            if isinstance(first.gaps, WireGaps):
-                young = np.flatnonzero(now_ns - first.gaps.end_ns <= _WAIT_NS)
+        """Resolve the gaps whose `Health` is overdue."""
+        while self._pending:
+            first = self._pending[0]
+            if isinstance(first.gaps, WireGapArrays):
+                young = np.flatnonzero(now_ns - first.gaps.end_ns <= _MAX_WAIT_NS)
                 if len(young):
                     yield from (
-                        _event(self._node, gap, ON_THE_WAY) for gap in first.gaps.take(slice(young[0]))
+                        _gap_event(self._node, gap, LOST_IN_TRANSIT)
+                        for gap in first.gaps.select(slice(young[0]))
                     )
-                    first.gaps = first.gaps.take(slice(young[0], None))
+                    first.gaps = first.gaps.select(slice(young[0], None))
                     return
-            elif now_ns - first.gaps[0].end_ns <= _WAIT_NS:
+            elif now_ns - first.gaps[0].end_ns <= _MAX_WAIT_NS:
                 return
-            yield from self._settle(first, ON_THE_WAY)
+            yield from self._resolve(first, LOST_IN_TRANSIT)
 
     def close(self) -> Iterator[Event]:
-        """Names all that still waits."""
-        while self._waiting:
-            yield from self._settle(self._waiting[0], ON_THE_WAY)
+        """Resolve all pending gaps."""
+        while self._pending:
+            yield from self._resolve(self._pending[0], LOST_IN_TRANSIT)
 
-    def _settle(self, waiting: _Waiting, cause: str) -> Iterator[Event]:
-        self._waiting.remove(waiting)
-        begin_ns, end_ns = self._standstill
+    def _resolve(self, waiting: _PendingGaps, cause: str) -> Iterator[Event]:
+        self._pending.remove(waiting)
+        begin_ns, end_ns = self._suspension_ns
         for gap in waiting.gaps:
-            stood_still = gap.start_ns < end_ns + _BACKLOG_NS and gap.end_ns > begin_ns
-            yield _event(self._node, gap, STANDSTILL if stood_still else waiting.cause or cause)
+            was_suspended = gap.start_ns < end_ns + _BACKLOG_NS and gap.end_ns > begin_ns
+            yield _gap_event(self._node, gap, HOST_SUSPENDED if was_suspended else waiting.cause or cause)
 
 
-def _event(node: str, gap: WireGap, cause: str) -> Event:
+def _gap_event(node: str, gap: WireGap, cause: str) -> Event:
     seconds = gap.duration_ns * 1e-9
     if gap.stream == "ImuBatch":
         lost = "an unknown number of samples" if gap.samples_lost is None else f"{gap.samples_lost} samples"

@@ -1,4 +1,4 @@
-"""What a node says about itself, as text for the log."""
+"""Identification of a node as text: log metadata, firmware versions, names of codes."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from hubowire.messages import Hello, Part
 
 
 def hello_metadata(hello: Hello) -> dict[str, str]:
-    """What a node said about itself, as text for the log."""
-    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part(part)}" for at, who, part in hello.parts]
+    """Return the fields of a Hello as text for the log metadata."""
+    parts = [f"0x{at:02x} who_am_i 0x{who:02x} {_part_name(part)}" for at, who, part in hello.parts]
     return {
         "fingerprint": f"{hello.fingerprint:08x}",
         "firmware": ".".join(map(str, hello.firmware)),
@@ -28,18 +28,18 @@ def hello_metadata(hello: Hello) -> dict[str, str]:
     }
 
 
-def firmware_difference(versions: Mapping[str, tuple[int, ...]]) -> str | None:
-    """Return a line where nodes run different firmware; versions: by node name. None where all are alike."""
+def describe_firmware_difference(versions: Mapping[str, tuple[int, ...]]) -> str | None:
+    """Return a warning if nodes run different firmware; None if all run the same. versions: by node name."""
     if len(set(versions.values())) < 2:
         return None
     named = ", ".join(f"{node} {'.'.join(map(str, version))}" for node, version in sorted(versions.items()))
-    return f"nodes run different firmware: {named}; bring them to one version with hubodo flash"
+    return f"nodes run different firmware: {named}; update them to one version with hubodo flash"
 
 
-def known_name(codes: type[IntEnum], number: int) -> str:
-    """A code's name in lower case; one that this version does not know as its number."""
+def code_name(codes: type[IntEnum], number: int) -> str:
+    """Return the name of a code in lower case; an unknown code as its number."""
     return codes(number).name.lower() if number in set(codes) else str(number)
 
 
-def _part(number: int) -> str:
+def _part_name(number: int) -> str:
     return Part(number).name if number in set(Part) else "unknown"

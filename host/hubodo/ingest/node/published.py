@@ -1,4 +1,4 @@
-"""Samples of a node as they went into the log, and the order of their log times over all nodes."""
+"""Samples with host times as written to the log, and strictly increasing log times over all nodes."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.ingest.node.samples import ImuBlock
+from hubodo.ingest.node.outputs import ImuBlock
 
 _RATE_WINDOW_NS = 2_000_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Published:
-    """Samples of a node as they went into the log.
+    """Samples of a node as written to the log.
 
-    t_ns: (N,) host time of measurement. power_on_ns: host time at which the node was switched on.
-    supply: V, as the node last measured it before, None where it has not.
+    t_ns: (N,) host time of measurement. power_on_ns: host time of power-on. supply: newest supply voltage
+    before the samples, V; None where unknown.
     """
 
     node: str
@@ -28,23 +28,23 @@ class Published:
     supply: float | None
 
 
-class ArrivalOrder:
-    """Log times of blocks of samples: strictly increasing over all nodes of a recorder.
+class LogTimeSequence:
+    """Log times of blocks of samples, strictly increasing over all nodes of a recorder.
 
-    A log read by log time then gives the blocks in the order in which the recorder took them, which is that
-    of arrival but for what was held back and for links that were read at the same moment.
+    Sorted by log time, a log returns the blocks in the order in which the recorder processed them: the order
+    of arrival, except for held samples and for links that were read at the same time.
     """
 
     def __init__(self) -> None:
         self._last_ns = 0
 
-    def stamp(self, received_ns: int) -> int:
-        """The log time of a block received at that time."""
+    def next_time(self, received_ns: int) -> int:
+        """Return the log time of a block received at `received_ns`."""
         self._last_ns = max(received_ns, self._last_ns + 1)
         return self._last_ns
 
-    def stamps(self, received_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The same for blocks (B,) one after the other."""
+    def next_times(self, received_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the log times (B,) of consecutive blocks."""
         steps = np.arange(len(received_ns))
         level = received_ns - steps
         level[0] = max(int(level[0]), self._last_ns + 1)
@@ -54,17 +54,17 @@ class ArrivalOrder:
 
 
 class RateWindow:
-    """Samples a second over the last two seconds."""
+    """Mean sample rate over the last two seconds."""
 
     def __init__(self) -> None:
         self._recent: deque[tuple[int, int]] = deque()
 
     def add(self, t_ns: int, samples: int) -> None:
-        """So many came at t_ns."""
+        """Add a number of samples received at `t_ns`."""
         self._recent.append((t_ns, samples))
 
     def rate(self, now_ns: int) -> float:
-        """Hz."""
+        """Return the sample rate, Hz."""
         while self._recent and self._recent[0][0] < now_ns - _RATE_WINDOW_NS:
             self._recent.popleft()
         return sum(count for _, count in self._recent) / (_RATE_WINDOW_NS / 1_000_000_000)

@@ -1,4 +1,4 @@
-"""Which board a frame comes from: on a datagram port by address and serial, in tables of bounded size."""
+"""Identification of the board that sent a frame, by address and serial, with tables of bounded size."""
 
 from __future__ import annotations
 
@@ -12,126 +12,132 @@ from hubowire import Frame
 from hubowire.messages import Hello
 
 MAX_NODES = 64
-"""Nodes on one link; Hellos of further ones are refused."""
+"""Maximum number of nodes on one link; Hellos of further nodes are refused."""
 MAX_SENDERS = 256
-"""Addresses that speak for identified nodes, and as many that have not identified themselves."""
-_MAX_HELD = 2048  # frames of unidentified senders, which is about 1 MB
-_ASK_EVERY_NS = 500_000_000
-_HELLO_HEAD_BYTES = 7
-_SERIAL = slice(7, 15)
-Held = tuple[Frame, int, LinkCounts]
+"""Maximum number of addresses of identified nodes, and separately of unidentified senders."""
+_MAX_HELD_FRAMES = 2048  # frames of unidentified senders, about 1 MB
+_IDENTIFY_INTERVAL_NS = 500_000_000
+_HELLO_HEADER_BYTES = 7
+_SERIAL_BYTES = slice(7, 15)
+HeldFrame = tuple[Frame, int, LinkCounts]
 Sender = tuple[str, int]
 """An address and a node id."""
 
 
 class Route(NamedTuple):
-    """Where a frame goes.
+    """The board a frame belongs to.
 
-    board: which of the boards with its node id, None while that is not known or where it is refused.
-    frames: what can be decoded now, in order. ask: whether its sender is to be asked for its Hello.
+    Attributes
+    ----------
+    board
+        Number of the board among those with this node id; None while unidentified or refused.
+    frames
+        Frames that can be decoded now, in order of arrival.
+    should_identify
+        True if the sender's Hello is to be requested.
     """
 
     node_id: int
     board: int | None = None
-    frames: Sequence[Held] = ()
-    ask: bool = False
+    frames: Sequence[HeldFrame] = ()
+    should_identify: bool = False
 
 
 @dataclass(slots=True)
-class _Stranger:
-    """A sender that has not identified itself yet."""
+class _UnidentifiedSender:
+    """A sender whose Hello was not received yet, with its held frames."""
 
-    ask_ns: int = 0
-    frames: list[Held] = field(default_factory=list)
+    next_request_ns: int = 0
+    frames: list[HeldFrame] = field(default_factory=list)
 
 
-def serial_of(frame: Frame) -> bytes | None:
+def read_serial(frame: Frame) -> bytes | None:
     """Return the serial in a Hello; None for other frames, and for a Hello too short for any version."""
-    if frame.type_id != Hello.type_id or len(frame.payload) < _HELLO_HEAD_BYTES:
+    if frame.type_id != Hello.type_id or len(frame.payload) < _HELLO_HEADER_BYTES:
         return None
-    return frame.payload[_SERIAL]
+    return frame.payload[_SERIAL_BYTES]
 
 
 class SenderTable:
-    """The boards behind one link, and the addresses they send from.
+    """The boards on one link and the addresses they send from.
 
-    A board is identified by the serial in its Hello and keeps its number when it comes back from another
-    address, as after a restart; frames that came before that Hello wait for it. On a line with one sender the
-    node id alone tells nodes apart. Addresses that have not identified themselves have a table of their own,
-    from which the longest silent one is evicted first, so that they never cost an identified board anything.
+    A board is identified by the serial in its Hello and keeps its number when its address changes, as after a
+    restart; frames received before that Hello are held. On a line with one sender the node id alone
+    identifies a node. Unidentified senders have a table of their own, from which the least recently received
+    is evicted first, so that they never displace an identified board.
     """
 
     def __init__(self, *, datagrams: bool) -> None:
-        self.refused = 0
-        """Frames of nodes beyond MAX_NODES."""
-        self.evicted = 0
-        """Unidentified senders that were dropped with the frames that waited."""
+        self.frames_refused = 0
+        """Number of frames of nodes beyond MAX_NODES."""
+        self.senders_evicted = 0
+        """Number of unidentified senders dropped with their held frames."""
         self._datagrams = datagrams
         self._boards: dict[tuple[int, bytes], int] = {}
-        self._counts: dict[int, int] = {}
+        self._board_counts: dict[int, int] = {}
         self._addresses: dict[tuple[int, int], str] = {}
-        self._known: OrderedDict[Sender, int] = OrderedDict()
-        self._strangers: OrderedDict[Sender, _Stranger] = OrderedDict()
-        self._held = 0
+        self._identified: OrderedDict[Sender, int] = OrderedDict()
+        self._unidentified: OrderedDict[Sender, _UnidentifiedSender] = OrderedDict()
+        self._held_count = 0
 
     def address(self, node_id: int, board: int) -> str:
-        """Return where a board sent from last."""
+        """Return the address from which a board sent last; empty if unknown."""
         return self._addresses.get((node_id, board), "")
 
-    def is_known(self, sender: str, node_id: int) -> bool:
-        """Return True when this address speaks for an identified board."""
-        return (sender, node_id) in self._known
+    def is_identified(self, sender: str, node_id: int) -> bool:
+        """Return True if this address belongs to an identified board."""
+        return (sender, node_id) in self._identified
 
-    def route(self, held: Held, sender: str) -> Route:
-        """Return where a frame goes and which frames that waited for it go there first."""
+    def route(self, held: HeldFrame, sender: str) -> Route:
+        """Return the board of a frame, with the held frames that precede it."""
         frame, t_ns, _ = held
         key = (sender, frame.node)
-        serial = serial_of(frame) if self._datagrams else b""
-        board = self._known.get(key) if serial is None else self._board(frame.node, serial)
+        serial = read_serial(frame) if self._datagrams else b""
+        board = self._identified.get(key) if serial is None else self._board_number(frame.node, serial)
         if serial is None and board is None:
-            return Route(frame.node, ask=self._hold(key, held, t_ns))
+            return Route(frame.node, should_identify=self._hold(key, held, t_ns))
         waited = self._release(key)
         if board is None:
-            self.refused += 1
+            self.frames_refused += 1
             return Route(frame.node)
-        self._known[key] = board
-        self._known.move_to_end(key)
-        if len(self._known) > MAX_SENDERS:
-            self._known.popitem(last=False)
+        self._identified[key] = board
+        self._identified.move_to_end(key)
+        if len(self._identified) > MAX_SENDERS:
+            self._identified.popitem(last=False)
         self._addresses[frame.node, board] = sender
         return Route(frame.node, board, [*waited, held])
 
-    def _board(self, node_id: int, serial: bytes) -> int | None:
-        """Return the number of a board among those of its node id; None for one too many."""
+    def _board_number(self, node_id: int, serial: bytes) -> int | None:
+        """Return the number of a board among those of its node id; None beyond MAX_NODES."""
         board = self._boards.get((node_id, serial))
         if board is None and len(self._boards) < MAX_NODES:
-            board = self._counts.get(node_id, 0)
-            self._counts[node_id] = board + 1
+            board = self._board_counts.get(node_id, 0)
+            self._board_counts[node_id] = board + 1
             self._boards[node_id, serial] = board
         return board
 
-    def _hold(self, key: Sender, held: Held, t_ns: int) -> bool:
-        """Keep a frame until its sender says Hello; return whether that is to be asked for now."""
-        stranger = self._strangers.setdefault(key, _Stranger())
-        self._strangers.move_to_end(key)
-        stranger.frames.append(held)
-        self._held += 1
-        while self._held > _MAX_HELD or len(self._strangers) > MAX_SENDERS:
-            oldest = next(iter(self._strangers))
-            if oldest == key:  # alone with all that may wait
-                stranger.frames.pop(0)
-                self._held -= 1
+    def _hold(self, key: Sender, held: HeldFrame, t_ns: int) -> bool:
+        """Hold a frame until its sender's Hello; return True if the Hello is to be requested now."""
+        sender = self._unidentified.setdefault(key, _UnidentifiedSender())
+        self._unidentified.move_to_end(key)
+        sender.frames.append(held)
+        self._held_count += 1
+        while self._held_count > _MAX_HELD_FRAMES or len(self._unidentified) > MAX_SENDERS:
+            oldest = next(iter(self._unidentified))
+            if oldest == key:  # the only sender, with the maximum of held frames
+                sender.frames.pop(0)
+                self._held_count -= 1
                 continue
             self._release(oldest)
-            self.evicted += 1
-        if t_ns < stranger.ask_ns:
+            self.senders_evicted += 1
+        if t_ns < sender.next_request_ns:
             return False
-        stranger.ask_ns = t_ns + _ASK_EVERY_NS
+        sender.next_request_ns = t_ns + _IDENTIFY_INTERVAL_NS
         return True
 
-    def _release(self, key: Sender) -> list[Held]:
-        stranger = self._strangers.pop(key, None)
-        if stranger is None:
+    def _release(self, key: Sender) -> list[HeldFrame]:
+        sender = self._unidentified.pop(key, None)
+        if sender is None:
             return []
-        self._held -= len(stranger.frames)
-        return stranger.frames
+        self._held_count -= len(sender.frames)
+        return sender.frames

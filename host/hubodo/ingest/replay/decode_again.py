@@ -15,9 +15,9 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED_SUFFIX
 from hubodo.ingest.node.bulk import BulkDecoder
-from hubodo.ingest.node.many_frames import by_node
-from hubodo.ingest.node.naming import free_name
-from hubodo.ingest.node.published import ArrivalOrder
+from hubodo.ingest.node.naming import assign_name
+from hubodo.ingest.node.node_frames import group_by_node
+from hubodo.ingest.node.published import LogTimeSequence
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import Messages
@@ -76,7 +76,7 @@ def decode_again(path: Path, out: Path, *, progress: Progress | None = None) -> 
             nodes = again.finish()
         if not again.links:
             raise InputError(f"{path}: holds no raw frames; only what `hubodo record` wrote does")
-        refused = [text for session in again.sessions() if (text := session.decoder.refusal)]
+        refused = [text for session in again.sessions() if (text := session.decoder.mismatch_text)]
         if refused and len(refused) == len(nodes):
             raise WireMismatch("; ".join(refused))
         warnings = log.warnings()
@@ -142,10 +142,10 @@ class _Again:
                 "node_id": session.node_id,
                 "frames": session.decoder.counts.frames,
                 "frames_lost": session.decoder.counts.frames_lost,
-                "frames_unread": session.decoder.counts.frames_unread,
+                "frames_unread": session.decoder.counts.frames_undecoded,
                 "samples": session.decoder.counts.samples,
                 "samples_lost": session.decoder.counts.samples_lost,
-                "refused": session.decoder.refusal,
+                "refused": session.decoder.mismatch_text,
                 "clock": session.clock.estimate().as_json(),
             }
             for session in self.sessions()
@@ -252,7 +252,7 @@ class _Link:
         """The computer stood still between these host times."""
         self.decode()
         for session in self.sessions.values():
-            session.decoder.resumed(begin_ns, end_ns)
+            session.decoder.note_host_suspension(begin_ns, end_ns)
 
     def lost(self) -> None:
         """The link has gone, if it was there."""
@@ -284,18 +284,18 @@ class _Link:
             rows = np.searchsorted(ends, end)
             return times[rows], damaged[rows]
 
-        found = by_node(self._decoder.feed(b"".join(self._pieces)), arrival)
+        found = group_by_node(self._decoder.feed(b"".join(self._pieces)), arrival)
         for node_id in found:
             if node_id not in self.sessions:
                 self.sessions[node_id] = self._session(node_id)
         for token, t_ns in self._asked:
             for session in self.sessions.values():
-                session.asked(token, t_ns)
+                session.add_clock_request(token, t_ns)
         self.last_ns, self._damaged = int(times[-1]), int(damaged[-1])
         for node_id, some in found.items():
-            self.sessions[node_id].many(some, self._downs)
+            self.sessions[node_id].handle_frames(some, self._downs)
         for session in self.sessions.values():
-            _ = list(session.settle(self.last_ns))
+            _ = list(session.resolve_gaps(self.last_ns))
         self._pieces, self._times, self._marks, self._asked = [], [], [], []
 
     def _session(self, node_id: int) -> NodeSession:
@@ -307,7 +307,7 @@ class _Link:
         return self._known[key]
 
     def _made(self, node_id: int) -> NodeSession:
-        name, _ = free_name(self._wanted, node_id, self._names)
+        name, _ = assign_name(self._wanted, node_id, self._names)
         self._names.add(name)
         return NodeSession(
             name,
@@ -318,5 +318,5 @@ class _Link:
             lambda: self.last_ns,
             datagrams=self._datagrams,
             clock_period=1.0,
-            order=ArrivalOrder(),
+            order=LogTimeSequence(),
         )

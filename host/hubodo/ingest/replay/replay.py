@@ -12,8 +12,9 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.errors import InputError
-from hubodo.ingest.node.scale import RAD_PER_NANO_DEG, G
+from hubodo.ingest.node.wire_batch import RAD_PER_NANO_DEG
 from hubodo.log.hubodo_messages import decode_bytes_message
 from hubodo.log.logfile import Log
 from hubodo.log.topics import RAW_PREFIX
@@ -131,8 +132,8 @@ class _Maker:
         self._t = table.t[inside]
         gyro, accel = table.gyro[inside], table.accel[inside]
         gyro_ndps = max(1, math.ceil(_peak(gyro) / RAD_PER_NANO_DEG / _STEPS))
-        accel_ng = max(1, math.ceil(_peak(accel) / (1e-9 * G) / _STEPS))
-        gyro_step, accel_step = gyro_ndps * RAD_PER_NANO_DEG, accel_ng * 1e-9 * G
+        accel_ng = max(1, math.ceil(_peak(accel) / (1e-9 * STANDARD_GRAVITY) / _STEPS))
+        gyro_step, accel_step = gyro_ndps * RAD_PER_NANO_DEG, accel_ng * 1e-9 * STANDARD_GRAVITY
         self._raw = np.rint(np.hstack([gyro / gyro_step, accel / accel_step])).astype(np.int16)
         self._temperature = _temperature(table, inside)
         self._ends = _batches(self._t)
