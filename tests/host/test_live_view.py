@@ -76,7 +76,7 @@ def test_what_happens_scrolls_by_as_a_line_that_stays(tmp_path):
     trouble = ((1.0, lambda node: node.unplug()),)
     shown = plain(recorded(tmp_path, trouble=trouble))
     (line,) = re.findall("hubodo record: left: .*", shown)
-    assert line.endswith("(waiting for it)")
+    assert line.endswith("(waiting for the device)")
     assert re.search(r"● left +down", shown.split("● recording ")[-1])
 
 
@@ -134,7 +134,7 @@ def test_a_journal_gets_a_line_every_ten_seconds_and_quiet_nothing_but_notices(t
         folder.mkdir()
         quiet = recorded(folder, terminal=terminal, quiet=True, trouble=trouble, seconds=1.5)
         line, *_ = quiet.splitlines()
-        assert "waiting for it" in line and "\x1b" not in line
+        assert "waiting for the device" in line and "\x1b" not in line
 
 
 def test_json_is_an_object_a_line_with_time_level_event_and_fields(tmp_path):

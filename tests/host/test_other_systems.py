@@ -108,7 +108,7 @@ def test_a_node_is_recorded_its_log_described_and_fused_without_anything_of_posi
 def test_a_serial_port_is_refused_in_words_there_too(tmp_path):
     done = run("record COM3 -o a.mcap", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("hubodo record: COM3: no such device; plug it in, or see what is there:")
+    assert done.stderr.startswith("hubodo record: COM3: no such device; plug it in, or choose one of:")
     assert not list(tmp_path.iterdir())
 
 

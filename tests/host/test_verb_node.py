@@ -136,7 +136,7 @@ def test_a_silent_port_a_stranger_and_another_version_are_named(capsys):
         assert code == 2 and "the node speaks deadbeef" in lines[0] and "hubodo flash" in lines[0]
     with FakeNode() as node:
         code, _, lines = asked(capsys, node.path, "info", "--node-id", "9")
-        assert code == 1 and "node 9 does not speak; there: 1" in lines[0]
+        assert code == 1 and "node 9 is not received; received: 1" in lines[0]
     with FakeNode() as node:
         node._streaming, node._next_health, node._next_hello = False, math.inf, math.inf
         time.sleep(0.1)

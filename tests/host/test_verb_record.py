@@ -369,7 +369,7 @@ def test_a_serial_number_that_nothing_has_is_refused(tmp_path):
 def test_a_busy_port_is_refused(tmp_path):
     master, slave = pty.openpty()
     holder = serial.Serial(os.ttyname(slave), exclusive=True)
-    assert "busy: another program has it" in refused(tmp_path, os.ttyname(slave))
+    assert "busy: another program has opened it" in refused(tmp_path, os.ttyname(slave))
     holder.close()
     os.close(master)
     os.close(slave)

@@ -98,7 +98,7 @@ def test_a_mark_and_a_wish_and_what_the_node_said_to_it_are_events_of_page_and_l
     recorded = read_recording(folder / "ride.mcap").events
     for events in ([(e["kind"], e["text"]) for e in told], [(e.kind, e.text) for e in recorded]):
         assert ("mark", "a bump") in events
-        assert ("request", "left: bias initialisation over 2000 samples: asked") in events
+        assert ("request", "left: bias initialisation over 2000 samples: sent") in events
         refused = next(text for kind, text in events if kind == "answer")
         assert refused.startswith("left: bias initialisation over 2000 samples: refused: the wheel turns")
     assert [m for m in nodes["left"].requests if isinstance(m, BiasInit)] == [BiasInit(2000)]

@@ -188,10 +188,7 @@ class NodeSession:
         self._exchanges.start_burst()
 
     def mute(self) -> None:
-        """Send nothing until the next frame of the node, because the link is new.
-
-        Nothing must be sent to a booting node, nor to a device that is not a node.
-        """
+        """Send nothing until the next frame: a new link may lead to a booting node or to another device."""
         self._is_muted = True
 
     def repeat_state(self, now_ns: int) -> None:
@@ -340,10 +337,7 @@ class NodeSession:
             yield from self._release_held()
 
     def _stamp_without_samples(self, item: MagSample | BiasFilterReport | HealthReceived) -> None:
-        """Initialise the clock from a report of a node that has sent no sample and no clock reply.
-
-        Otherwise the node's own time, which starts near zero, would date the report to 1970.
-        """
+        """Initialise the clock from a report if it has no other data, so that it is not dated to 1970."""
         if self.clock.source == "none":
             self.clock.add_arrival(item.device_ns // 1000, item.received_ns)
 
